@@ -1,0 +1,102 @@
+"""The robots' arms, as their firmware makes them behave: impedance about a moving reference, plus feed-forward.
+
+Both parts are engine actuators on the grasp site, so the wrench on the payload is exactly their force:
+
+- *spring*: six actuators between the grasp frame ``F_i`` and the robot's home frame, in the axes of the home frame:
+  ``f = k_t (x_ref - x) + d_t (dx_ref - dx)`` and alike for the rotation vector and the torque;
+- *motor*: six actuators that put the feed-forward wrench onto the payload, in the axes of ``F_i``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import mujoco
+import numpy as np
+
+from coheft.estimation.spatial import Array
+from coheft.wire.messages import Reference
+from coheft.wire.scenario import PHYSICS_RATE, Scenario
+
+_SPRING, _MOTOR = 0, 1
+
+
+def add_arm(
+    spec: mujoco.MjSpec, site: str, home_site: str, stiffness: tuple[float, float], damping: tuple[float, float]
+) -> None:
+    """Add one robot's twelve actuators: spring force and torque, then motor force and torque."""
+    for axis, gear in enumerate(np.eye(6)):
+        part = 0 if axis < 3 else 1
+        spring = spec.add_actuator(
+            name=f"{site}_spring{axis}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site, refsite=home_site, gear=gear
+        )
+        spring.set_to_position(kp=stiffness[part], kv=damping[part])
+    for axis, gear in enumerate(np.eye(6)):
+        motor = spec.add_actuator(name=f"{site}_motor{axis}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site, gear=gear)
+        motor.set_to_motor()
+
+
+class Arms:
+    """Turns the robots' references into actuator controls, and actuator forces into wrenches.
+
+    A robot that sends no reference for a block holds its last displacement at rest and pushes with no feed-forward.
+
+    Attributes:
+        controls_per_robot: Number of actuators of one robot.
+    """
+
+    controls_per_robot: int = 12
+
+    def __init__(self, scenario: Scenario, robots: Sequence[str]) -> None:
+        self._robots = tuple(robots)
+        count, samples = len(self._robots), scenario.sensors.block
+        self._steps_per_sample = PHYSICS_RATE // scenario.sensors.rate
+        (k_t, k_r), (d_t, d_r) = scenario.robots.stiffness, scenario.robots.damping
+        rate_gain = np.repeat([d_t / k_t, d_r / k_r], 3)
+        # The reference goes on at its rate until the next sample; the spring's damping acts against that rate too.
+        since_sample = np.arange(self._steps_per_sample) / PHYSICS_RATE
+        self._rate_gains = since_sample[:, None, None] + rate_gain
+        self._displacement = np.zeros((samples, count, 6))
+        self._rate = np.zeros((samples, count, 6))
+        self._controls = np.zeros((samples, self._steps_per_sample, count, 2, 6))
+
+    def controls(self, references: Mapping[str, Reference]) -> Array:
+        """Controls of all actuators at every physics step of a block.
+
+        Args:
+            references: By robot, see ``Reference``.
+
+        Returns:
+            Shape (B * steps per sample, 12 N), valid until the next call.
+        """
+        for i, robot in enumerate(self._robots):
+            reference = references.get(robot)
+            if reference is None:
+                self._displacement[:, i] = self._displacement[-1, i]
+                self._rate[:, i] = 0.0
+                self._controls[..., i, _MOTOR, :] = 0.0
+                continue
+            # References name the rotation first, actuators (like wrenches) the translation.
+            motion = reference.motion
+            self._displacement[:, i, :3], self._displacement[:, i, 3:] = motion[:, 3:6], motion[:, :3]
+            self._rate[:, i, :3], self._rate[:, i, 3:] = motion[:, 9:], motion[:, 6:9]
+            self._controls[..., i, _MOTOR, :] = reference.wrench
+        self._controls[..., _SPRING, :] = self._displacement[:, None] + self._rate[:, None] * self._rate_gains
+        return self._controls.reshape(-1, self.controls_per_robot * len(self._robots))
+
+    def wrenches(self, forces: Array, rotations: Array, home_rotations: Array) -> Array:
+        """Wrenches on the payload that the actuators' forces are.
+
+        Args:
+            forces: Actuator forces at B samples, shape (B, 12 N) [N, N·m].
+            rotations: Of the grasp frames in the world, shape (B, N, 3, 3).
+            home_rotations: Of the home frames in the world, shape (N, 3, 3).
+
+        Returns:
+            Shape (B, N, 6): ``(f, t)`` of each robot in its own ``F_i``.
+        """
+        samples, count = rotations.shape[:2]
+        parts = forces.reshape(samples, count, 2, 2, 3)
+        home_in_grasp = rotations.swapaxes(-1, -2) @ home_rotations
+        wrenches = parts[:, :, _SPRING] @ home_in_grasp.swapaxes(-1, -2) + parts[:, :, _MOTOR]
+        return wrenches.reshape(samples, count, 6)

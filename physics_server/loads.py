@@ -1,0 +1,166 @@
+"""Loads that are put onto the payload and taken away while it moves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from coheft.errors import LoadError
+from coheft.estimation.rigid_body import Inertia, combined
+from coheft.estimation.spatial import Pose, rotation_from_quaternion
+from coheft.wire.messages import LoadState
+from coheft.wire.scenario import Vector
+
+_LOAD_COLOUR = (0.85, 0.35, 0.15, 1.0)
+
+
+def _slot_name(slot: int) -> str:
+    return f"slot{slot}"
+
+
+def add_slots(payload: mujoco.MjsBody, count: int) -> None:
+    """Add massless, invisible bodies fixed to the payload, each of which can become a load later.
+
+    Editing a slot's mass, place and inertia is exact: the engine derives nothing from them when it compiles, while
+    an edit of the payload's own body would need its inertia frame to be derived anew.
+    """
+    for slot in range(count):
+        body = payload.add_body(name=_slot_name(slot))
+        body.add_geom(
+            name=_slot_name(slot),
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[0.05, 0.05, 0.05],
+            mass=0.0,
+            rgba=[0.0, 0.0, 0.0, 0.0],
+            contype=0,
+            conaffinity=0,
+        )
+
+
+class Loads:
+    """The loads on the payload; edits the running simulation.
+
+    Loads are homogeneous boxes in the axes of the payload's frame, numbered from 1 as they come.
+
+    Attributes:
+        inertia: Mass properties of payload and loads together, in the payload's frame.
+    """
+
+    inertia: Inertia
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, payload_body: int, payload: Inertia, slots: int):
+        self._model = model
+        self._data = data
+        self._payload_body = payload_body
+        self._payload = payload
+        self._slots: list[LoadState | None] = [None] * slots
+        self._next_id = 1
+        self.inertia = payload
+
+    @property
+    def states(self) -> list[LoadState]:
+        """Loads that lie on the payload, oldest first."""
+        return sorted((load for load in self._slots if load is not None), key=lambda load: load.id)
+
+    @property
+    def slots_free(self) -> int:
+        """How many more loads the payload can take."""
+        return self._slots.count(None)
+
+    def put(self, mass: float, position: Vector, size: Vector) -> LoadState:
+        """Fix a load, at rest in the world until then, to the moving payload.
+
+        The impact keeps the momentum of both together, ``M_new xi_new = M_old xi_old`` with the payload's twist
+        ``xi`` and the spatial inertias ``M`` before and after.
+
+        Args:
+            mass: [kg].
+            position: Of its centre in the payload's frame [m].
+            size: Its edge lengths [m].
+
+        Raises:
+            LoadError: There can be no such load, or no slot is free.
+        """
+        _check(mass, position, size)
+        if not self.slots_free:
+            raise LoadError(
+                f"all {len(self._slots)} load slots of the payload are taken: remove one of the loads "
+                f"{_ids(self.states)}, or give the scenario more 'payload.load_slots'"
+            )
+        load = LoadState(self._next_id, float(mass), _vector(position), _vector(size))
+        with np.errstate(over="ignore", invalid="ignore"):
+            together = combined([self.inertia, _inertia_of(load)])
+        if not np.isfinite(together.spatial()).all():
+            raise LoadError(f"inertia of a load of {mass} kg at {tuple(position)} m overflows: give smaller numbers")
+        self._keep_momentum(self.inertia, together)
+        self._next_id += 1
+        self._fill(self._slots.index(None), load)
+        return load
+
+    def take(self, load_id: int) -> LoadState:
+        """Let a load go. The twist of the payload stays: the load leaves with the velocity that it has.
+
+        Raises:
+            LoadError: There is no such load.
+        """
+        for slot, load in enumerate(self._slots):
+            if load is not None and load.id == load_id:
+                self._fill(slot, None)
+                return load
+        there = f"the loads are {_ids(self.states)}" if self.states else "there are no loads"
+        raise LoadError(f"there is no load {load_id}: {there}")
+
+    def _keep_momentum(self, before: Inertia, after: Inertia) -> None:
+        """Set the twist with which the heavier body has the momentum of the lighter one."""
+        # A free joint has the velocity of its origin in the world's axes, then the angular velocity in its own.
+        qvel = self._data.qvel
+        rotation = rotation_from_quaternion(self._data.qpos[3:7])
+        twist = np.concatenate([qvel[3:6], rotation.T @ qvel[:3]])
+        twist = np.linalg.solve(after.spatial(), before.spatial() @ twist)
+        qvel[:3], qvel[3:6] = rotation @ twist[3:], twist[:3]
+
+    def _fill(self, slot: int, load: LoadState | None) -> None:
+        """Put a load, or nothing, into a slot, here and in the engine's model."""
+        self._slots[slot] = load
+        self.inertia = combined([self._payload, *map(_inertia_of, self.states)])
+        model = self._model
+        body, geom = model.body(_slot_name(slot)).id, model.geom(_slot_name(slot)).id
+        if load is None:
+            model.body_mass[body] = 0.0
+            model.body_inertia[body] = 0.0
+            model.geom_rgba[geom] = 0.0
+        else:
+            model.body_mass[body] = load.mass
+            model.body_inertia[body] = np.diag(Inertia.of_box(load.mass, load.size, Pose.identity()).tensor)
+            model.body_pos[body] = load.position
+            model.geom_size[geom] = np.array(load.size) / 2.0
+            model.geom_rbound[geom] = np.linalg.norm(model.geom_size[geom])
+            model.geom_rgba[geom] = _LOAD_COLOUR
+        model.body_subtreemass[body] = model.body_mass[body]
+        model.body_subtreemass[[0, self._payload_body]] = model.body_mass.sum()
+
+
+def _inertia_of(load: LoadState) -> Inertia:
+    """Mass properties of a load in the payload's frame."""
+    return Inertia.of_box(load.mass, load.size, Pose(np.eye(3), np.array(load.position)))
+
+
+def _check(mass: float, position: Vector, size: Vector) -> None:
+    if not (math.isfinite(mass) and mass > 0.0):
+        raise LoadError(f"mass of a load is {mass} kg but expected a finite number greater than 0")
+    if len(position) != 3 or not all(map(math.isfinite, position)):
+        raise LoadError(f"position of a load is {tuple(position)} m but expected three finite numbers")
+    if len(size) != 3 or not all(math.isfinite(edge) and edge > 0.0 for edge in size):
+        raise LoadError(f"size of a load is {tuple(size)} m but expected three finite numbers greater than 0")
+
+
+def _vector(values: Sequence[float]) -> Vector:
+    x, y, z = map(float, values)
+    return x, y, z
+
+
+def _ids(loads: Sequence[LoadState]) -> str:
+    return ", ".join(str(load.id) for load in loads)

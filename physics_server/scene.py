@@ -1,0 +1,93 @@
+"""The scene: a free payload, the robots' grasps on it, and what the engine needs to simulate both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from coheft.estimation.spatial import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
+from coheft.wire.scenario import PHYSICS_RATE, Payload, Perimeter, Scenario
+from physics_server.impedance import add_arm
+from physics_server.loads import add_slots
+from physics_server.sensors import add_sensors
+
+PAYLOAD_HOME = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]))
+"""Pose of the payload's frame in the world at the start; the robots' home frames lie where their grasps are then."""
+
+PAYLOAD = "payload"
+
+
+def home_name(robot: str) -> str:
+    """Name of the site that is the robot's home frame; the grasp site has the robot's own name."""
+    return f"{robot}_home"
+
+
+def place_grasps(scenario: Scenario) -> tuple[Pose, ...]:
+    """True pose of each robot's grasp frame ``F_i`` in the payload's frame, in the order of the robots' names."""
+    perimeter = scenario.robots.perimeter
+    if perimeter is None:
+        return tuple(grasp.pose() for grasp in scenario.robots.grasps)
+    return _around(perimeter)
+
+
+def build_model(scenario: Scenario, grasps: Sequence[Pose]) -> mujoco.MjModel:
+    """Compile the scene. Nothing in it collides, and nothing is constrained: the robots act through forces alone."""
+    spec = mujoco.MjSpec()
+    spec.modelname = scenario.name
+    spec.option.timestep = 1.0 / PHYSICS_RATE
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    disable = mujoco.mjtDisableBit
+    # Without the automatic reset a payload that runs away is seen, instead of starting anew in silence.
+    spec.option.disableflags = disable.mjDSBL_CONSTRAINT | disable.mjDSBL_CONTACT | disable.mjDSBL_AUTORESET
+    payload = _add_payload(spec, scenario.payload)
+    add_slots(payload, scenario.payload.load_slots)
+    for robot, grasp in zip(scenario.robot_names, grasps, strict=True):
+        _add_site(payload, robot, grasp)
+        _add_site(spec.worldbody, home_name(robot), PAYLOAD_HOME @ grasp)
+        add_arm(spec, robot, home_name(robot), scenario.robots.stiffness, scenario.robots.damping)
+        add_sensors(spec, robot)
+    return spec.compile()
+
+
+def _add_payload(spec: mujoco.MjSpec, payload: Payload) -> mujoco.MjsBody:
+    body = spec.worldbody.add_body(name=PAYLOAD, pos=PAYLOAD_HOME.translation)
+    body.add_freejoint()
+    for box in payload.boxes:
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=np.array(box.size) / 2.0,
+            pos=box.position,
+            quat=quaternion_from_rotation(box.pose().rotation),
+            mass=box.mass,
+            contype=0,
+            conaffinity=0,
+        )
+    return body
+
+
+def _add_site(body: mujoco.MjsBody, name: str, pose: Pose) -> None:
+    body.add_site(name=name, pos=pose.translation, quat=quaternion_from_rotation(pose.rotation), size=[0.02] * 3)
+
+
+def _around(perimeter: Perimeter) -> tuple[Pose, ...]:
+    """Grasps at equal distances along the rim, counter-clockwise; orientations uniform over all rotations."""
+    rng = np.random.default_rng(perimeter.seed)
+    distances = (np.arange(perimeter.count) + 0.5) / perimeter.count * 2.0 * sum(perimeter.extent)
+    grasps = []
+    for distance in distances:
+        x, y = _rim_point(perimeter.extent, float(distance))
+        quaternion = rng.standard_normal(4)
+        height = rng.uniform(-perimeter.height, perimeter.height)
+        rotation = rotation_from_quaternion(quaternion / np.linalg.norm(quaternion))
+        grasps.append(Pose(rotation, np.array([x, y, height])))
+    return tuple(grasps)
+
+
+def _rim_point(extent: tuple[float, float], distance: float) -> Array:
+    """Point (2,) of a centred rectangle's rim at a distance from the corner ``(-, -)``, counter-clockwise."""
+    width, depth = extent
+    corners = np.array([[-width, -depth], [width, -depth], [width, depth], [-width, depth], [-width, -depth]]) / 2.0
+    along = np.cumsum([0.0, width, depth, width, depth])
+    return np.array([np.interp(distance, along, corners[:, 0]), np.interp(distance, along, corners[:, 1])])

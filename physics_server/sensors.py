@@ -1,0 +1,73 @@
+"""The robots' sensors: exact readings of the engine, plus white noise and constant offsets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, WRENCH
+from coheft.estimation.spatial import Array
+from coheft.wire.scenario import Scenario, SensorOffset
+
+# Exactly w, v and the proper acceleration a of the grasp frame in its own axes; the order of a sample's columns.
+_KINDS = {
+    "gyro": mujoco.mjtSensor.mjSENS_GYRO,
+    "velocity": mujoco.mjtSensor.mjSENS_VELOCIMETER,
+    "acceleration": mujoco.mjtSensor.mjSENS_ACCELEROMETER,
+}
+READINGS = 3 * len(_KINDS)
+"""Numbers that the engine's sensors read per robot."""
+
+
+def add_sensors(spec: mujoco.MjSpec, site: str) -> None:
+    """Add one robot's gyro, velocity sensor and accelerometer at its grasp site."""
+    for name, kind in _KINDS.items():
+        spec.add_sensor(name=f"{site}_{name}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site)
+
+
+class Sensors:
+    """Turns exact readings into what the robots' sensors say.
+
+    Each robot draws from a random stream of its own, so what it reads does not depend on how many others there are
+    nor on how many samples travel in a block.
+
+    Attributes:
+        offsets: Constant errors of each robot, shape (N, 15), columns as in ``MeasurementBlock``.
+    """
+
+    offsets: Array
+
+    def __init__(self, scenario: Scenario, robots: Sequence[str]) -> None:
+        seeds = np.random.SeedSequence(scenario.seed).spawn(len(robots))
+        self._streams = [np.random.default_rng(seed) for seed in seeds]
+        bounds = _offset_per_column(scenario.sensors.offset)
+        self.offsets = np.array([stream.uniform(-bounds, bounds) for stream in self._streams])
+        self._deviation = scenario.noise.per_column()
+
+    def measure(self, kinematics: Array, wrenches: Array) -> Array:
+        """One block of measurements; draws the noise of the robots' next B samples.
+
+        Args:
+            kinematics: Exact ``(w, v, a)``, shape (B, N, 9).
+            wrenches: Exact ``(f, t)``, shape (B, N, 6).
+
+        Returns:
+            Shape (N, B, 15), columns as in ``MeasurementBlock``.
+        """
+        samples, count = kinematics.shape[:2]
+        measured = np.empty((count, samples, SAMPLE_SIZE))
+        for stream, rows in zip(self._streams, measured, strict=True):
+            stream.standard_normal(out=rows)
+        measured *= self._deviation
+        measured += self.offsets[:, None]
+        measured[..., KINEMATICS] += kinematics.swapaxes(0, 1)
+        measured[..., WRENCH] += wrenches.swapaxes(0, 1)
+        return measured
+
+
+def _offset_per_column(offset: SensorOffset) -> Array:
+    """Bound of each column's offset, shape (15,)."""
+    bounds = [offset.gyro, offset.velocity, offset.acceleration, offset.force, offset.torque]
+    return np.repeat(np.array(bounds, dtype=np.float64), 3)

@@ -1,0 +1,277 @@
+"""The simulation: payload, arms, sensors and loads, advanced by one block of samples at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from coheft.errors import LoadError, ScenarioError, SimulationError
+from coheft.estimation.measurement import WRENCH
+from coheft.estimation.spatial import Array
+from coheft.wire.messages import LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
+from coheft.wire.scenario import PHYSICS_RATE, LoadChange, Scenario, Vector
+from physics_server.impedance import Arms
+from physics_server.loads import Loads
+from physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name, place_grasps
+from physics_server.sensors import READINGS, Sensors
+
+SETTLING_TIME = 2.0
+"""Time that the payload has to sag into the robots' springs before a run [s]."""
+MAX_DISTANCE = 5.0
+"""Farther than this [m] from its home the payload has run away."""
+MAX_ANGLE = 2.5
+"""Turned by more than this [rad] the payload tumbles: near pi the rotation springs push the wrong way round."""
+
+
+@dataclass(frozen=True, eq=False)
+class BlockResult:
+    """One simulated block.
+
+    Attributes:
+        measurements: Of each robot, by name.
+        truth: What no robot knows.
+        problems: Load changes of the scenario that could not be made at the start of this block, and why.
+    """
+
+    measurements: dict[str, Measurements]
+    truth: Truth
+    problems: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Readings:
+    """What the engine knew at the B samples of a block.
+
+    Attributes:
+        positions: Generalised position of the payload, shape (B, 7): position, quaternion.
+        kinematics: ``(w, v, a)`` of each grasp frame, shape (B, N, 9).
+        forces: Of all actuators, shape (B, 12 N).
+        rotations: Of the grasp frames in the world, shape (B, N, 3, 3).
+    """
+
+    positions: Array
+    kinematics: Array
+    forces: Array
+    rotations: Array
+
+
+class Simulation:
+    """A payload held by N robots.
+
+    The same scenario, the same references and the same calls between blocks give the same numbers, bit for bit.
+
+    Attributes:
+        scene: Who holds the payload, and where.
+        block: Index of the next block.
+        model: The engine's model, for views.
+        data: The engine's state, for views.
+    """
+
+    scene: Scene
+    block: int
+    model: mujoco.MjModel
+    data: mujoco.MjData
+
+    def __init__(self, scenario: Scenario, neighbours: Mapping[str, Sequence[str]] | None = None) -> None:
+        """Build the scene, with the payload at rest where the robots hold it.
+
+        Args:
+            scenario: What to simulate.
+            neighbours: The graph, for ``scene`` only.
+
+        Raises:
+            ScenarioError: The scenario's load changes cannot all be made.
+        """
+        grasps = place_grasps(scenario)
+        names = scenario.robot_names
+        self._scenario = scenario
+        self._names = names
+        self.scene = Scene(
+            robots=list(names),
+            rotations=np.array([grasp.rotation for grasp in grasps]),
+            translations=np.array([grasp.translation for grasp in grasps]),
+            neighbours={name: list(others) for name, others in (neighbours or {}).items()},
+        )
+        self.block = 0
+        self.model = build_model(scenario, grasps)
+        self.data = mujoco.MjData(self.model)
+        self._settle()
+        self._sites = np.array([self.model.site(name).id for name in names])
+        homes = [self.model.site(home_name(name)).id for name in names]
+        self._home_rotations = self.data.site_xmat[homes].reshape(-1, 3, 3)
+        self._adjoints = np.array([grasp.adjoint() for grasp in grasps])
+        self._arms = Arms(scenario, names)
+        self._sensors = Sensors(scenario, names)
+        payload_body = self.model.body(PAYLOAD).id
+        self._loads = Loads(
+            self.model, self.data, payload_body, scenario.payload.inertia(), scenario.payload.load_slots
+        )
+        self._changes = sorted(scenario.load_changes, key=lambda change: change.at)
+        _check_changes(self._changes, scenario.payload.load_slots)
+
+    def _settle(self) -> None:
+        """Let the robots take up the weight, then stop: the run starts at rest, with no drop that excites anything."""
+        mujoco.mj_step(self.model, self.data, nstep=int(SETTLING_TIME * PHYSICS_RATE))
+        self.data.qvel[:] = 0.0
+        self.data.time = 0.0
+
+    @property
+    def loads(self) -> list[LoadState]:
+        """Loads that lie on the payload, oldest first."""
+        return self._loads.states
+
+    @property
+    def slots_free(self) -> int:
+        """How many more loads the payload can take."""
+        return self._loads.slots_free
+
+    def inject(self, mass: float, position: Vector, size: Vector = (0.1, 0.1, 0.1)) -> LoadState:
+        """Put a load onto the payload, before the next block; see ``Loads.put``.
+
+        Raises:
+            LoadError: There can be no such load, or no slot is free.
+        """
+        return self._loads.put(mass, position, size)
+
+    def remove(self, load_id: int) -> LoadState:
+        """Take a load away, before the next block; see ``Loads.take``.
+
+        Raises:
+            LoadError: There is no such load.
+        """
+        return self._loads.take(load_id)
+
+    def advance(self, references: Mapping[str, Reference]) -> BlockResult:
+        """Simulate one block.
+
+        Sample b of block k was taken at ``(k B + b) / rate`` seconds: the engine senses the state before a step.
+
+        Args:
+            references: What the robots' arms shall do during the block, by robot. A robot that is missing holds its
+                last displacement.
+
+        Raises:
+            SimulationError: The payload ran away.
+        """
+        problems = self._change_loads()
+        readings = self._step(self._arms.controls(references))
+        wrenches = self._arms.wrenches(readings.forces, readings.rotations, self._home_rotations)
+        self._check(readings)
+        samples = self._sensors.measure(readings.kinematics, wrenches)
+        measurements = {
+            name: Measurements(robot=name, block=self.block, samples=rows)
+            for name, rows in zip(self._names, samples, strict=True)
+        }
+        truth = self._truth(readings.positions[-1], samples[:, -1, WRENCH])
+        self.block += 1
+        return BlockResult(measurements, truth, problems)
+
+    def _change_loads(self) -> tuple[str, ...]:
+        """Make the scenario's load changes that are due; what cannot be made is told, and skipped."""
+        problems = []
+        while self._changes and self._changes[0].at <= self.block * self._scenario.block_duration + 1e-9:
+            change = self._changes.pop(0)
+            try:
+                if change.remove is not None:
+                    self.remove(change.remove)
+                elif change.mass is not None:
+                    self.inject(change.mass, change.position, change.size)
+            except LoadError as error:
+                problems.append(f"the load change at {change.at} s was skipped: {error}")
+        return tuple(problems)
+
+    def _step(self, controls: Array) -> _Readings:
+        """Step the engine through one block, controls of shape (steps, 12 N)."""
+        model, data = self.model, self.data
+        count, samples = len(self._names), self._scenario.sensors.block
+        positions = np.empty((samples, model.nq))
+        kinematics = np.empty((samples, model.nsensordata))
+        forces = np.empty((samples, model.nu))
+        rotations = np.empty((samples, count, 9))
+        steps_per_sample = len(controls) // samples
+        for step, control in enumerate(controls):
+            sample, is_between = divmod(step, steps_per_sample)
+            data.ctrl[:] = control
+            if is_between:
+                mujoco.mj_step(model, data)
+                continue
+            positions[sample] = data.qpos
+            mujoco.mj_step(model, data)
+            # All that the engine derives belongs to the state before the step.
+            kinematics[sample] = data.sensordata
+            forces[sample] = data.actuator_force
+            data.site_xmat.take(self._sites, axis=0, out=rotations[sample])
+        return _Readings(
+            positions,
+            kinematics.reshape(samples, count, READINGS),
+            forces,
+            rotations.reshape(samples, count, 3, 3),
+        )
+
+    def _truth(self, position: Array, wrenches: Array) -> Truth:
+        """Truth at the block's last sample, from the payload's position (7,) and measured wrenches (N, 6)."""
+        payload = self._loads.inertia
+        return Truth(
+            block=self.block,
+            time=(self.block + 1) * self._scenario.block_duration,
+            payload=PayloadTruth(payload.mass, payload.com, payload.tensor),
+            loads=self.loads,
+            position=position[:3],
+            quaternion=position[3:],
+            total_wrench=np.einsum("nij,nj->i", self._adjoints, wrenches),
+            wrenches=wrenches,
+        )
+
+    def _check(self, readings: _Readings) -> None:
+        """Check that the payload is still held.
+
+        Raises:
+            SimulationError: It is not.
+        """
+        position = readings.positions[-1]
+        distance = float(np.linalg.norm(position[:3] - PAYLOAD_HOME.translation))
+        angle = 2.0 * math.atan2(np.linalg.norm(position[4:]), abs(position[3]))
+        finite = all(np.isfinite(values).all() for values in (position, readings.kinematics, readings.forces))
+        if finite and distance < MAX_DISTANCE and angle < MAX_ANGLE:
+            return
+        time = (self.block + 1) * self._scenario.block_duration
+        found = (
+            f"{distance:.1f} m away from its home and turned by {math.degrees(angle):.0f} degrees"
+            if finite
+            else "where numbers are no longer finite"
+        )
+        raise SimulationError(
+            f"at {time:.3f} s the payload is {found}: the robots have lost it. Likely causes: references too large, "
+            f"not finite or too unlike each other, a load too heavy or too far out, or damping too strong for a "
+            f"payload so light at {PHYSICS_RATE} steps a second"
+        )
+
+
+def _check_changes(changes: Sequence[LoadChange], slots: int) -> None:
+    """Check that a scenario's load changes, in order of time, can be made.
+
+    Raises:
+        ScenarioError: One needs a slot or a load that there will not be.
+    """
+    loads: list[int] = []
+    total = 0
+    for change in changes:
+        if change.remove is None:
+            total += 1
+            loads.append(total)
+        elif change.remove in loads:
+            loads.remove(change.remove)
+        else:
+            raise ScenarioError(
+                f"key 'load_changes': found remove = {change.remove} at {change.at} s, expected one of the loads that "
+                f"will be there then: {loads or 'none'}"
+            )
+        if len(loads) > slots:
+            raise ScenarioError(
+                f"key 'load_changes': found {len(loads)} loads at a time from {change.at} s on, but "
+                f"'payload.load_slots' is {slots}"
+            )
