@@ -1,0 +1,245 @@
+"""How good any unbiased estimator can be: the joint Cramér-Rao bound of all poses and of the load's inertia.
+
+Model. Unknown are the poses of all robots but the first, the ten inertial parameters, and for every sample the motion
+of the body (12 numbers) and the true wrench of every robot (6 numbers each). Measured with white noise are every
+robot's gyro, velocity, accelerometer, force and torque. Physics ties the true wrenches together: carried to the body
+frame with the poses, they add up to what Newton and Euler ask for. Eliminating the individual wrenches leaves one
+measurement per sample of ``sum_i Ad(g_i) u_i - W(motion, inertia) = 0`` with covariance
+``sum_i Ad(g_i) Sigma Ad(g_i)^T`` (noise with lever arms). It **does depend on the poses**, through the wrenches that
+they carry: a pose that is off spoils the total. Conversely wrenches tell about poses, the more the harder the robots
+push against each other. Estimators that take poses from kinematics alone, and carry wrenches with them, forgo that: ask
+for their bound with ``poses_from_wrenches=False``. The body motion is eliminated by a Schur complement per sample.
+
+Not used, so the bound is that of estimators that do not use it either: that consecutive samples belong to one smooth
+motion (the gyro's change tells about alpha, the velocity's about a).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.body_motion import (
+    BODY_A,
+    BODY_ALPHA,
+    BODY_W,
+    MOTION_SIZE,
+    centripetal_derivative,
+    grasp_derivatives,
+    relative_pose_derivative,
+)
+from coheft.estimation.measurement import KINEMATICS, WRENCH, SensorNoise
+from coheft.estimation.rigid_body import Inertia, inertia_operator, pack_symmetric, unpack_symmetric
+from coheft.estimation.spatial import Array, Pose, skew
+
+INERTIA_SIZE = 10
+_CHUNK = 256
+_NO_PRIOR = 1e-6
+"""Added to the information on each body motion, whose unit is SI: nothing, but two robots alone do not see all of
+alpha."""
+_UNSEEN = 1e-13
+"""Eigenvalues of the scaled information below this share of the largest are rounding: nothing is known there."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointBound:
+    """Smallest covariance that an unbiased estimator can have; enormous (not infinite) where nothing is observable.
+
+    Attributes:
+        poses: Of the robots in the body frame, N of them.
+        inertia: Of the body, in the body frame.
+        covariance: Of the stacked errors, shape (6 N + 10, 6 N + 10): each pose's perturbation (zero for the first,
+            which defines the body frame), then ``(m, h, J)`` with ``J`` packed, at the centre of mass.
+    """
+
+    poses: tuple[Pose, ...]
+    inertia: Inertia
+    covariance: Array
+
+    def relative_pose(self, i: int, j: int) -> Array:
+        """Covariance (6, 6) of ``pose_j_in_i``: rotation vector [rad], translation [m], in the axes of ``F_i``."""
+        derivative = relative_pose_derivative(self.poses[i], self.poses[j])
+        rows = np.r_[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
+        result: Array = derivative @ self.covariance[np.ix_(rows, rows)] @ derivative.T
+        return result
+
+    def inertia_seen_from(self, i: int) -> Array:
+        """Covariance (10, 10) of ``(m, h_i, J_i)`` [kg, m, kg·m²], ``J_i`` packed, in the frame of robot i."""
+        derivative = seen_inertia_derivative(self.poses[i], self.inertia)
+        rows = np.r_[6 * i : 6 * i + 6, 6 * len(self.poses) : len(self.covariance)]
+        result: Array = derivative @ self.covariance[np.ix_(rows, rows)] @ derivative.T
+        return result
+
+
+def joint_bound(
+    poses_in_reference: Sequence[Pose],
+    inertia_in_reference: Inertia,
+    motion: Array,
+    wrenches: Array,
+    noise: SensorNoise,
+    wrench_from: int = 0,
+    poses_from_wrenches: bool = True,
+) -> JointBound:
+    """Joint Cramér-Rao bound of the model above, at the truth.
+
+    Without ``poses_from_wrenches`` it is the bound for two steps: the poses from all kinematics, ``cov_g``, then the
+    inertia from all sensors given those poses, ``I_ff^-1 + I_ff^-1 I_fg cov_g I_gf I_ff^-1`` with the blocks of the
+    joint information (the errors of the two steps are independent: the second one's score is orthogonal to the
+    residuals of the first).
+
+    Args:
+        poses_in_reference: Pose of every ``F_i`` in the body frame; the first is taken as known, usually identity.
+        inertia_in_reference: Of the body, in the body frame.
+        motion: True body motion ``(w, v, a, alpha)``, shape (n, 12).
+        wrenches: True wrench of every robot, each in its own frame, shape (n, N, 6).
+        noise: Of every robot's sensors.
+        wrench_from: Wrenches of samples before this one are not used: the bound for the load after a change, for an
+            estimator that is told the moment.
+        poses_from_wrenches: Whether what the wrenches tell about the poses may be used.
+
+    Raises:
+        ValueError: Shapes do not fit each other.
+    """
+    poses = tuple(poses_in_reference)
+    if motion.shape[1:] != (MOTION_SIZE,) or wrenches.shape != (len(motion), len(poses), 6):
+        raise ValueError(f"{motion.shape=} and {wrenches.shape=} but expected (n, 12) and (n, {len(poses)}, 6)")
+    data = (poses, inertia_in_reference, motion, wrenches, noise)
+    information = _information(*data, wrench_from)[6:, 6:]
+    covariance = np.zeros((6 * len(poses) + INERTIA_SIZE,) * 2)
+    if poses_from_wrenches:
+        covariance[6:, 6:] = _inverse(information)
+    else:
+        f, g = slice(-INERTIA_SIZE, None), slice(0, -INERTIA_SIZE)
+        pose_covariance = _inverse(_information(*data, len(motion))[6:, 6:][g, g])
+        given_poses = _inverse(information[f, f])
+        by_poses = -given_poses @ information[f, g]
+        stacked = np.vstack([np.eye(len(pose_covariance)), by_poses])
+        covariance[6:, 6:] = stacked @ pose_covariance @ stacked.T
+        covariance[f, f] += given_poses
+    return JointBound(poses, inertia_in_reference, covariance)
+
+
+def _information(
+    poses: tuple[Pose, ...], inertia: Inertia, motion: Array, wrenches: Array, noise: SensorNoise, wrench_from: int
+) -> Array:
+    """Fisher information of all poses (6 each) and the inertia (10), the motions eliminated."""
+    information = np.zeros((6 * len(poses) + INERTIA_SIZE,) * 2)
+    for start in range(0, len(motion), _CHUNK):
+        rows = slice(start, start + _CHUNK)
+        information += _information_of_chunk(
+            poses, inertia, motion[rows], wrenches[rows], noise, max(0, wrench_from - start)
+        )
+    return information
+
+
+def _information_of_chunk(
+    poses: tuple[Pose, ...], inertia: Inertia, motion: Array, wrenches: Array, noise: SensorNoise, wrench_from: int
+) -> Array:
+    """The same for few samples: all Jacobians, whitened, at once."""
+    n, count = len(motion), len(poses)
+    size = 6 * count + INERTIA_SIZE
+    deviation = noise.per_column()
+    by_parameters = np.zeros((n, 9 * count + 6, size))
+    by_motion = np.empty((n, 9 * count + 6, MOTION_SIZE))
+    total_covariance = np.zeros((6, 6))
+    for i, pose in enumerate(poses):
+        rows, columns = slice(9 * i, 9 * i + 9), slice(6 * i, 6 * i + 6)
+        pose_part, motion_part = grasp_derivatives(pose, motion)
+        by_parameters[:, rows, columns] = pose_part / deviation[KINEMATICS, None]
+        by_motion[:, rows] = motion_part / deviation[KINEMATICS, None]
+        by_parameters[:, -6:, columns] = -carried_wrench_derivative(pose, wrenches[:, i])
+        scaled_adjoint = pose.adjoint() * deviation[WRENCH]
+        total_covariance += scaled_adjoint @ scaled_adjoint.T
+    by_parameters[:, -6:, -INERTIA_SIZE:] = wrench_regressor(motion) @ barycentric_derivative(inertia)
+    by_motion[:, -6:] = wrench_derivative(inertia, motion)
+    whitening = np.linalg.inv(np.linalg.cholesky(total_covariance))
+    for jacobian in (by_parameters, by_motion):
+        jacobian[:, -6:] = whitening @ jacobian[:, -6:]
+        jacobian[:wrench_from, -6:] = 0.0
+    flat = by_parameters.reshape(-1, size)
+    coupling = by_motion.transpose(0, 2, 1) @ by_parameters
+    nuisance = by_motion.transpose(0, 2, 1) @ by_motion + _NO_PRIOR * np.eye(MOTION_SIZE)
+    explained = np.linalg.solve(nuisance, coupling).reshape(-1, size)
+    result: Array = flat.T @ flat - coupling.reshape(-1, size).T @ explained
+    return result
+
+
+def _inverse(information: Array) -> Array:
+    """Inverse; enormous where the information is nothing but rounding."""
+    diagonal = np.diag(information)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
+    values = np.maximum(values, _UNSEEN * max(values[-1], 1.0))
+    scaled = scale[:, None] * vectors
+    result: Array = (scaled / values) @ scaled.T
+    return result
+
+
+def wrench_regressor(motion: Array) -> Array:
+    """``Y`` with total wrench ``W = Y(motion) (m, m h, I_o)``, for body motions (n, 12): shape (n, 6, 10)."""
+    w, a, alpha = motion[:, BODY_W], motion[:, BODY_A], motion[:, BODY_ALPHA]
+    spin = skew(w)
+    regressor = np.zeros((len(motion), 6, INERTIA_SIZE))
+    regressor[:, :3, 0] = a
+    regressor[:, :3, 1:4] = skew(alpha) + spin @ spin
+    regressor[:, 3:, 1:4] = -skew(a)
+    regressor[:, 3:, 4:] = inertia_operator(alpha) + spin @ inertia_operator(w)
+    return regressor
+
+
+def wrench_derivative(inertia: Inertia, motion: Array) -> Array:
+    """Derivative of the total wrench ``inertia.wrench(w, a, alpha)`` by the body motion, shape (n, 6, 12)."""
+    w = motion[:, BODY_W]
+    moment = inertia.mass * inertia.com
+    about_origin = unpack_symmetric(inertia.barycentric()[4:])
+    derivative = np.zeros((len(motion), 6, MOTION_SIZE))
+    derivative[:, :3, BODY_W] = centripetal_derivative(w, moment)
+    derivative[:, :3, BODY_A] = inertia.mass * np.eye(3)
+    derivative[:, :3, BODY_ALPHA] = -skew(moment)
+    derivative[:, 3:, BODY_W] = skew(w) @ about_origin - skew(w @ about_origin)
+    derivative[:, 3:, BODY_A] = skew(moment)
+    derivative[:, 3:, BODY_ALPHA] = about_origin
+    return derivative
+
+
+def carried_wrench_derivative(pose_i: Pose, wrenches: Array) -> Array:
+    """Derivative of ``Ad(pose_i) (f, t)`` by the pose's perturbation, for wrenches (n, 6) of ``F_i``: (n, 6, 6)."""
+    force = skew(wrenches[:, :3] @ pose_i.rotation.T)
+    derivative = np.zeros((len(wrenches), 6, 6))
+    derivative[:, :3, :3] = derivative[:, 3:, 3:] = -force
+    derivative[:, 3:, :3] = -skew(wrenches[:, 3:] @ pose_i.rotation.T) - skew(pose_i.translation) @ force
+    return derivative
+
+
+def barycentric_derivative(inertia: Inertia) -> Array:
+    """Derivative (10, 10) of ``(m, m h, I_o)`` by ``(m, h, J)``, with ``J`` packed, at the centre of mass."""
+    m, h = inertia.mass, inertia.com
+    derivative = np.eye(INERTIA_SIZE)
+    derivative[1:4, 0] = h
+    derivative[1:4, 1:4] = m * np.eye(3)
+    derivative[4:, 0] = pack_symmetric(-skew(h) @ skew(h))
+    for k, axis in enumerate(np.eye(3)):
+        derivative[4:, 1 + k] = -m * pack_symmetric(skew(axis) @ skew(h) + skew(h) @ skew(axis))
+    return derivative
+
+
+def seen_inertia_derivative(pose_i: Pose, inertia: Inertia) -> Array:
+    """How ``(m, h_i, J_i)`` follows when ``F_i`` and ``(m, h, J)``, both given in the body frame, are perturbed.
+
+    Returns:
+        Shape (10, 16): by the perturbation of ``pose_i``, then by ``(m, h, J)``.
+    """
+    to_i = pose_i.rotation.T
+    derivative = np.zeros((INERTIA_SIZE, 6 + INERTIA_SIZE))
+    derivative[0, 6] = 1.0
+    derivative[1:4, 0:3] = to_i @ skew(inertia.com - pose_i.translation)
+    derivative[1:4, 3:6] = -to_i
+    derivative[1:4, 7:10] = to_i
+    for k, axis in enumerate(np.eye(3)):
+        turned = inertia.tensor @ skew(axis) - skew(axis) @ inertia.tensor
+        derivative[4:, k] = pack_symmetric(to_i @ turned @ to_i.T)
+    for k, packed in enumerate(np.eye(6)):
+        derivative[4:, 10 + k] = pack_symmetric(to_i @ unpack_symmetric(packed) @ to_i.T)
+    return derivative

@@ -1,0 +1,231 @@
+"""The joint bound against finite differences, against the full problem, and against maximum likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from coheft.estimation import bounds
+from coheft.estimation.body_motion import (
+    grasp_derivatives,
+    grasp_measurements,
+    perturbation_between,
+    perturbed,
+    relative_pose_derivative,
+)
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.rigid_body import Inertia, pack_symmetric, unpack_symmetric
+from coheft.estimation.spatial import Array, Pose
+from tests.estimation.team import Team, make_team, random_pose
+
+
+def finite_difference(function: Callable[[Array], Array], size: int, step: float = 1e-6) -> Array:
+    """Central differences at zero; the derivative's last axis is the argument's."""
+    columns = [(function(step * e) - function(-step * e)) / (2 * step) for e in np.eye(size)]
+    return np.stack(columns, axis=-1)
+
+
+def inertia_vector(inertia: Inertia) -> Array:
+    return np.concatenate([[inertia.mass], inertia.com, pack_symmetric(inertia.tensor)])
+
+
+def moved_inertia(inertia: Inertia, change: Array) -> Inertia:
+    m, h, packed = np.split(inertia_vector(inertia) + change, [1, 4])
+    return Inertia(float(m[0]), h, unpack_symmetric(packed))
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(3)
+
+
+@pytest.fixture
+def inertia() -> Inertia:
+    return make_team(0, duration=0.1).inertia
+
+
+def test_grasp_derivatives(rng: np.random.Generator) -> None:
+    pose, motion = random_pose(rng), rng.normal(size=(5, 12))
+    by_pose, by_motion = grasp_derivatives(pose, motion)
+    numeric = finite_difference(lambda d: grasp_measurements(perturbed(pose, d), motion), 6)
+    np.testing.assert_allclose(by_pose, numeric, atol=1e-8)
+    numeric = finite_difference(lambda d: grasp_measurements(pose, motion + d), 12)
+    np.testing.assert_allclose(by_motion, numeric, atol=1e-8)
+
+
+def test_relative_pose_derivative(rng: np.random.Generator) -> None:
+    pose_i, pose_j = random_pose(rng), random_pose(rng)
+    nominal = pose_i.inverse() @ pose_j
+
+    def relative(d: Array) -> Array:
+        return perturbation_between(nominal, perturbed(pose_i, d[:6]).inverse() @ perturbed(pose_j, d[6:]))
+
+    np.testing.assert_allclose(relative_pose_derivative(pose_i, pose_j), finite_difference(relative, 12), atol=1e-8)
+
+
+def test_wrench_derivatives(rng: np.random.Generator, inertia: Inertia) -> None:
+    pose, wrenches, motion = random_pose(rng), rng.normal(size=(5, 6)), rng.normal(size=(5, 12))
+    numeric = finite_difference(lambda d: wrenches @ perturbed(pose, d).adjoint().T, 6)
+    np.testing.assert_allclose(bounds.carried_wrench_derivative(pose, wrenches), numeric, atol=1e-8)
+
+    def total(moved: Inertia, motion: Array) -> Array:
+        return moved.wrench(motion[:, :3], motion[:, 6:9], motion[:, 9:])
+
+    np.testing.assert_allclose(
+        bounds.wrench_regressor(motion) @ inertia.barycentric(), total(inertia, motion), atol=1e-11
+    )
+    numeric = finite_difference(lambda d: total(inertia, motion + d), 12)
+    np.testing.assert_allclose(bounds.wrench_derivative(inertia, motion), numeric, atol=1e-6)
+    numeric = finite_difference(lambda d: moved_inertia(inertia, d).barycentric(), 10)
+    np.testing.assert_allclose(bounds.barycentric_derivative(inertia), numeric, atol=1e-6)
+
+
+def test_seen_inertia_derivative(rng: np.random.Generator, inertia: Inertia) -> None:
+    pose = random_pose(rng)
+
+    def seen(d: Array) -> Array:
+        return inertia_vector(moved_inertia(inertia, d[6:]).carried(perturbed(pose, d[:6]).inverse()))
+
+    np.testing.assert_allclose(bounds.seen_inertia_derivative(pose, inertia), finite_difference(seen, 16), atol=1e-7)
+
+
+class FullProblem:
+    """Everything unknown at once, nothing eliminated: poses, inertia, motions, all wrenches but the first robot's.
+
+    The first robot's wrench is what the others leave to do. Whitened residuals; unknowns are changes from the truth.
+    """
+
+    def __init__(self, team: Team) -> None:
+        self.team = team
+        self.n, self.count = team.exact.shape[:2]
+        self.parameters = 6 * (self.count - 1) + 10
+        self.size = self.parameters + 12 * self.n + 6 * self.n * (self.count - 1)
+
+    def model(self, change: Array) -> Array:
+        """Noise-free samples (n, N, 15), and with them ``change`` (size,) of all unknowns."""
+        team, n = self.team, self.n
+        poses, inertia = self.moved(change[: self.parameters])
+        motion_change, wrench_change = np.split(change[self.parameters :], [12 * n])
+        motion = team.motion + motion_change.reshape(n, 12)
+        samples = np.empty_like(team.exact)
+        samples[:, 1:, 9:] = team.exact[:, 1:, 9:] + wrench_change.reshape(n, -1, 6)
+        missing = inertia.wrench(motion[:, :3], motion[:, 6:9], motion[:, 9:])
+        for i, pose in enumerate(poses):
+            samples[:, i, :9] = grasp_measurements(pose, motion)
+            if i > 0:
+                missing = missing - samples[:, i, 9:] @ pose.adjoint().T
+        samples[:, 0, 9:] = missing
+        return samples
+
+    def moved(self, change: Array) -> tuple[list[Pose], Inertia]:
+        steps = np.vstack([np.zeros(6), change[:-10].reshape(-1, 6)])
+        poses = [perturbed(pose, step) for pose, step in zip(self.team.poses, steps, strict=True)]
+        return poses, moved_inertia(self.team.inertia, change[-10:])
+
+    def whitened(self, change: Array) -> Array:
+        return (self.model(change) / self.team.noise.per_column()).ravel()
+
+    def jacobian(self) -> Array:
+        return finite_difference(self.whitened, self.size, 1e-5)
+
+
+@pytest.fixture(scope="module")
+def small() -> tuple[Team, FullProblem, Array]:
+    """Three robots, twelve samples, and noise small enough for second-order effects not to count."""
+    team = make_team(5, count=3, rate=8.0, duration=1.5, noise=SensorNoise().scaled(0.01), squeeze=20.0)
+    problem = FullProblem(team)
+    return team, problem, problem.jacobian()
+
+
+def test_bound_is_the_inverse_information_of_the_full_problem(small: tuple[Team, FullProblem, Array]) -> None:
+    team, problem, jacobian = small
+    bound = bounds.joint_bound(team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise)
+    triangle = np.linalg.qr(jacobian, mode="r")
+    full = np.linalg.inv(triangle)
+    expected = (full @ full.T)[: problem.parameters, : problem.parameters]
+    scale = 1.0 / np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        bound.covariance[6:, 6:] * np.outer(scale, scale), expected * np.outer(scale, scale), atol=1e-4
+    )
+    assert not bound.covariance[:6].any()
+
+
+def test_maximum_likelihood_reaches_the_bound(small: tuple[Team, FullProblem, Array]) -> None:
+    team, problem, jacobian = small
+    bound = bounds.joint_bound(team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise)
+    solve = np.linalg.pinv(jacobian)
+    rng = np.random.default_rng(0)
+    runs = 400
+    pose_errors, inertia_errors = [], []
+    for _ in range(runs):
+        data = (team.measured(rng) / team.noise.per_column()).ravel()
+        change = np.zeros(problem.size)
+        for _ in range(4):
+            change = change + solve @ (data - problem.whitened(change))
+        poses, inertia = problem.moved(change[: problem.parameters])
+        true_pose = team.poses[1].inverse() @ team.poses[2]
+        pose_errors.append(perturbation_between(true_pose, poses[1].inverse() @ poses[2]))
+        seen = [body.carried(pose.inverse()) for body, pose in ((inertia, poses[2]), (team.inertia, team.poses[2]))]
+        inertia_errors.append(inertia_vector(seen[0]) - inertia_vector(seen[1]))
+    for errors, covariance in (
+        (np.array(pose_errors), bound.relative_pose(1, 2)),
+        (np.array(inertia_errors), bound.inertia_seen_from(2)),
+    ):
+        nees = np.einsum("ri,ij,rj->", errors, np.linalg.inv(covariance), errors)
+        low, high = chi2.ppf([1e-4, 1 - 1e-4], errors.size)
+        assert low < nees < high
+        np.testing.assert_allclose(errors.std(axis=0), np.sqrt(np.diag(covariance)), rtol=0.16)
+
+
+def test_two_steps_bound(small: tuple[Team, FullProblem, Array]) -> None:
+    """Poses from kinematics, then inertia given these poses, in the full problem linearised at the truth."""
+    team, problem, jacobian = small
+    wrenches = team.exact[:, :, 9:]
+    bound = bounds.joint_bound(team.poses, team.inertia, team.motion, wrenches, team.noise, poses_from_wrenches=False)
+    poses = 6 * (problem.count - 1)
+    kinematic = np.tile(np.arange(15) < 9, problem.n * problem.count)
+    first = np.r_[0:poses, problem.parameters : problem.parameters + 12 * problem.n]
+    pose_step = np.zeros((poses, len(jacobian)))
+    pose_step[:, kinematic] = np.linalg.pinv(jacobian[kinematic][:, first])[:poses]
+    given = np.linalg.pinv(jacobian[:, poses:])[:10]
+    inertia_step = given @ (np.eye(len(jacobian)) - jacobian[:, :poses] @ pose_step)
+    steps = np.vstack([pose_step, inertia_step])
+    expected = steps @ steps.T
+    scale = 1.0 / np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        bound.covariance[6:, 6:] * np.outer(scale, scale), expected * np.outer(scale, scale), atol=1e-4
+    )
+
+
+def test_knowing_more_never_hurts() -> None:
+    team = make_team(2, duration=2.0)
+    data = (team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise)
+    joint = bounds.joint_bound(*data)
+    for other in (
+        bounds.joint_bound(*data, wrench_from=100),
+        bounds.joint_bound(*data, poses_from_wrenches=False),
+    ):
+        for worse, better in (
+            (other.relative_pose(2, 4), joint.relative_pose(2, 4)),
+            (other.inertia_seen_from(3), joint.inertia_seen_from(3)),
+        ):
+            scale = 1.0 / np.sqrt(np.diag(worse))
+            assert np.linalg.eigvalsh((worse - better) * np.outer(scale, scale)).min() > -1e-9
+
+
+def test_wrench_from_the_end_leaves_the_load_unknown() -> None:
+    team = make_team(2, duration=2.0)
+    data = (team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise)
+    blind = bounds.joint_bound(*data, wrench_from=len(team.motion))
+    assert np.diag(blind.inertia_seen_from(0)).min() > 1e6
+    two_steps = bounds.joint_bound(*data, poses_from_wrenches=False)
+    np.testing.assert_allclose(blind.relative_pose(1, 5), two_steps.relative_pose(1, 5), rtol=1e-6)
+
+
+def test_shapes_are_checked() -> None:
+    team = make_team(2, duration=0.5)
+    with pytest.raises(ValueError, match=r"expected \(n, 12\)"):
+        bounds.joint_bound(team.poses, team.inertia, team.motion[:, :9], team.exact[:, :, 9:], team.noise)
