@@ -1,0 +1,51 @@
+"""Reference motions that let the robots find out what they hold."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.estimation.spatial import Array
+from coheft.wire.scenario import Motion
+
+
+class Excitation:
+    """Two sinusoids of incommensurate frequencies per axis, drawn by this robot alone, with a smooth start.
+
+    All six degrees of freedom move, at frequencies at which the payload's inertia matters: identification needs
+    acceleration, and slow motions are all gravity.
+
+    Args:
+        motion: Amplitudes, frequencies, ramp.
+        seed: Of this robot's choice.
+        rate: Samples per second.
+        block: Samples per block.
+    """
+
+    def __init__(self, motion: Motion, seed: int, rate: int, block: int) -> None:
+        rng = np.random.default_rng(seed)
+        self._amplitudes = 0.5 * np.repeat([motion.rotation, motion.translation], 3)
+        self._omegas = 2.0 * np.pi * rng.uniform(*motion.frequency, size=(2, 6))
+        self._phases = rng.uniform(0.0, 2.0 * np.pi, size=(2, 6))
+        self._ramp = motion.ramp
+        self._rate = rate
+        self._block = block
+
+    def reference(self, block: int) -> Array:
+        """Displacement from the home pose during a block, and its rate.
+
+        Returns:
+            Shape (B, 12): rotation vector [rad], position [m], in the axes of the home frame, then the rates of both.
+        """
+        time = (block * self._block + np.arange(self._block)) / self._rate
+        phases = self._omegas * time[:, None, None] + self._phases
+        wave = self._amplitudes * np.sin(phases).sum(axis=1)
+        wave_rate = self._amplitudes * (self._omegas * np.cos(phases)).sum(axis=1)
+        ramp, ramp_rate = self._ramp_at(time)
+        return np.hstack([ramp * wave, ramp * wave_rate + ramp_rate * wave])
+
+    def _ramp_at(self, time: Array) -> tuple[Array, Array]:
+        """Smooth step from 0 to 1 over the ramp, and its rate, each (B, 1)."""
+        if self._ramp == 0.0:
+            return np.ones((len(time), 1)), np.zeros((len(time), 1))
+        s = np.clip(time / self._ramp, 0.0, 1.0)[:, None]
+        return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s) / self._ramp

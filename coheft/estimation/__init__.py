@@ -1,0 +1,1 @@
+"""Estimation: pure functions and filters on arrays. No sockets, no clock, no threads."""

@@ -1,0 +1,85 @@
+"""What one robot measures in its own grasp frame, in blocks of consecutive samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from coheft.estimation.spatial import Array
+
+GYRO = slice(0, 3)
+VELOCITY = slice(3, 6)
+ACCELERATION = slice(6, 9)
+FORCE = slice(9, 12)
+TORQUE = slice(12, 15)
+TWIST = slice(0, 6)
+KINEMATICS = slice(0, 9)
+WRENCH = slice(9, 15)
+SAMPLE_SIZE = 15
+
+
+class SensorNoise(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Standard deviation of each sensor's white noise, per axis and sample.
+
+    Attributes:
+        gyro: Of the angular velocity [rad/s].
+        velocity: Of the velocity of the frame's origin [m/s].
+        acceleration: Of the proper acceleration [m/s²].
+        force: Of the force on the payload [N].
+        torque: Of the torque on the payload about the frame's origin [N·m].
+    """
+
+    gyro: float = 0.005
+    velocity: float = 0.01
+    acceleration: float = 0.05
+    force: float = 0.3
+    torque: float = 0.03
+
+    def per_column(self) -> Array:
+        """Standard deviation of each column of a sample, shape (15,)."""
+        return np.repeat([self.gyro, self.velocity, self.acceleration, self.force, self.torque], 3).astype(np.float64)
+
+    def scaled(self, factor: float) -> SensorNoise:
+        """The same sensors, ``factor`` times as noisy."""
+        return SensorNoise(*(factor * getattr(self, name) for name in self.__struct_fields__))
+
+
+@dataclass(frozen=True, eq=False)
+class MeasurementBlock:
+    """Consecutive samples of one robot's sensors, all in its own grasp frame ``F_i``.
+
+    Attributes:
+        index: Number of the block since the start of the run; sample b of it is sample ``index * B + b``.
+        samples: Shape (B, 15): gyro ``w`` [rad/s], velocity of the origin ``v`` [m/s], proper acceleration ``a``
+            [m/s²] (what an accelerometer reads), force ``f`` [N] and torque ``t`` [N·m] on the payload.
+    """
+
+    index: int
+    samples: Array
+
+    @property
+    def twist(self) -> Array:
+        """``(w, v)``, shape (B, 6)."""
+        return self.samples[:, TWIST]
+
+    @property
+    def gyro(self) -> Array:
+        """``w``, shape (B, 3) [rad/s]."""
+        return self.samples[:, GYRO]
+
+    @property
+    def acceleration(self) -> Array:
+        """``a``, shape (B, 3) [m/s²]."""
+        return self.samples[:, ACCELERATION]
+
+    @property
+    def kinematics(self) -> Array:
+        """``(w, v, a)``, shape (B, 9): what neighbours are told."""
+        return self.samples[:, KINEMATICS]
+
+    @property
+    def wrench(self) -> Array:
+        """``(f, t)``, shape (B, 6)."""
+        return self.samples[:, WRENCH]

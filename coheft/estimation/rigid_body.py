@@ -1,0 +1,122 @@
+"""Mass properties of a rigid body, seen from any frame, and its equations of motion.
+
+A symmetric 3x3 inertia ``J`` is packed as ``(xx, yy, zz, xy, xz, yz)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from coheft.estimation.spatial import Array, Pose, skew
+
+
+def pack_symmetric(matrix: Array) -> Array:
+    """``(xx, yy, zz, xy, xz, yz)`` of symmetric matrices, shape (..., 3, 3) to (..., 6)."""
+    rows, columns = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
+    return matrix[..., rows, columns]
+
+
+def unpack_symmetric(packed: Array) -> Array:
+    """Inverse of ``pack_symmetric``, shape (..., 6) to (..., 3, 3)."""
+    return packed[..., [[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+
+
+def inertia_operator(x: npt.ArrayLike) -> Array:
+    """``Om(x)`` with ``Om(x) @ pack_symmetric(J) == J @ x``.
+
+    Args:
+        x: Vectors, shape (..., 3).
+
+    Returns:
+        Shape (..., 3, 6).
+    """
+    x = np.asarray(x, dtype=np.float64)
+    matrix = np.zeros((*x.shape, 6))
+    matrix[..., 0, 0] = matrix[..., 1, 3] = matrix[..., 2, 4] = x[..., 0]
+    matrix[..., 0, 3] = matrix[..., 1, 1] = matrix[..., 2, 5] = x[..., 1]
+    matrix[..., 0, 4] = matrix[..., 1, 5] = matrix[..., 2, 2] = x[..., 2]
+    return matrix
+
+
+@dataclass(frozen=True, eq=False)
+class Inertia:
+    """Mass properties of a rigid body in some frame ``F_i``.
+
+    Attributes:
+        mass: ``m`` [kg].
+        com: Centre of mass ``h_i`` in ``F_i``, shape (3,) [m].
+        tensor: ``J_i``, inertia **at the centre of mass** in the axes of ``F_i``, shape (3, 3) [kg·m²].
+    """
+
+    mass: float
+    com: Array
+    tensor: Array
+
+    @staticmethod
+    def of_box(mass: float, size: npt.ArrayLike, pose: Pose) -> Inertia:
+        """A homogeneous box with edge lengths ``size`` (3,) [m], centred at ``pose``."""
+        squares = np.square(np.asarray(size, dtype=np.float64))
+        tensor = np.diag(mass / 12.0 * (squares.sum() - squares))
+        return Inertia(mass, np.zeros(3), tensor).carried(pose)
+
+    @staticmethod
+    def from_barycentric(parameters: npt.ArrayLike) -> Inertia:
+        """Inverse of ``barycentric``."""
+        parameters = np.asarray(parameters, dtype=np.float64)
+        mass = float(parameters[0])
+        com = parameters[1:4] / mass
+        tensor = unpack_symmetric(parameters[4:]) + mass * skew(com) @ skew(com)
+        return Inertia(mass, com, tensor)
+
+    def barycentric(self) -> Array:
+        """``(m, m h, I_o)``, shape (10,): what enters the dynamics linearly, ``I_o`` about the frame's origin."""
+        about_origin = self.tensor - self.mass * skew(self.com) @ skew(self.com)
+        return np.concatenate([[self.mass], self.mass * self.com, pack_symmetric(about_origin)])
+
+    def carried(self, pose_j_in_i: Pose) -> Inertia:
+        """The same body, known in ``F_j``, seen from ``F_i``: ``h_i = R h_j + p``, ``J_i = R J_j R^T``."""
+        rotation = pose_j_in_i.rotation
+        return Inertia(self.mass, pose_j_in_i.apply(self.com), rotation @ self.tensor @ rotation.T)
+
+    def spatial(self) -> Array:
+        """6x6 inertia that takes a twist ``(w, v)`` of ``F_i`` to momentum ``(angular about origin, linear)``."""
+        moment = self.mass * skew(self.com)
+        about_origin = self.tensor - moment @ skew(self.com)
+        return np.block([[about_origin, moment], [-moment, self.mass * np.eye(3)]])
+
+    def pseudo_inertia(self) -> Array:
+        """4x4 second moments ``[[Sigma, m h], [m h^T, m]]``; a body exists if and only if it is positive semi-definite.
+
+        ``Sigma`` is the second moment of mass about the frame's origin (Wensing, Kim, Slotine 2017).
+        """
+        about_origin = self.tensor - self.mass * skew(self.com) @ skew(self.com)
+        matrix = np.empty((4, 4))
+        matrix[:3, :3] = 0.5 * np.trace(about_origin) * np.eye(3) - about_origin
+        matrix[:3, 3] = matrix[3, :3] = self.mass * self.com
+        matrix[3, 3] = self.mass
+        return matrix
+
+    def wrench(self, w: Array, a: Array, alpha: Array) -> Array:
+        """Total wrench ``(F, T)`` about the frame's origin that the motion needs (Newton-Euler).
+
+        Args:
+            w: Angular velocity in ``F_i``, shape (..., 3) [rad/s].
+            a: Proper acceleration of the frame's origin, shape (..., 3) [m/s²].
+            alpha: Angular acceleration, shape (..., 3) [rad/s²].
+
+        Returns:
+            ``F = m (a + alpha x h + w x (w x h))`` and ``T = J alpha + w x J w + h x F``, shape (..., 6).
+        """
+        h, tensor = self.com, self.tensor
+        force = self.mass * (a + np.cross(alpha, h) + np.cross(w, np.cross(w, h)))
+        torque = alpha @ tensor + np.cross(w, w @ tensor) + np.cross(h, force)
+        return np.concatenate([force, torque], axis=-1)
+
+
+def combined(bodies: Iterable[Inertia]) -> Inertia:
+    """The bodies, known in one common frame, fixed to each other."""
+    return Inertia.from_barycentric(np.sum([body.barycentric() for body in bodies], axis=0))

@@ -1,0 +1,174 @@
+"""Rigid-body frames: rotations, poses, and how twists and wrenches are carried between frames.
+
+Conventions, used everywhere in coheft:
+
+- ``F_i`` is the grasp frame of robot i, fixed to the payload. ``pose_j_in_i`` is the pose of ``F_j`` in ``F_i``; a
+  point is carried by ``x_i = R_ij x_j + p_ij``.
+- A twist is ``(w, v)``: angular velocity [rad/s], then velocity of the frame's origin [m/s].
+- A wrench is ``(f, t)``: force [N], then torque about the frame's origin [N·m].
+
+In these orders twists and wrenches are carried by the same 6x6 matrix, ``Pose.adjoint``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+_SMALL_ANGLE_SQUARED = 1e-8
+
+
+def skew(x: npt.ArrayLike) -> Array:
+    """Cross-product matrix: ``skew(x) @ y == np.cross(x, y)``.
+
+    Args:
+        x: Vectors, shape (..., 3).
+
+    Returns:
+        Shape (..., 3, 3).
+    """
+    x = np.asarray(x, dtype=np.float64)
+    matrix = np.zeros((*x.shape, 3))
+    matrix[..., 0, 1] = -x[..., 2]
+    matrix[..., 0, 2] = x[..., 1]
+    matrix[..., 1, 0] = x[..., 2]
+    matrix[..., 1, 2] = -x[..., 0]
+    matrix[..., 2, 0] = -x[..., 1]
+    matrix[..., 2, 1] = x[..., 0]
+    return matrix
+
+
+def rotation_exp(rotation_vector: npt.ArrayLike) -> Array:
+    """Rotation matrix (3, 3) of a rotation vector (3,) [rad] (Rodrigues)."""
+    vector = np.asarray(rotation_vector, dtype=np.float64)
+    angle_squared = float(vector @ vector)
+    if angle_squared < _SMALL_ANGLE_SQUARED:
+        sine = 1.0 - angle_squared / 6.0
+        cosine = 0.5 - angle_squared / 24.0
+    else:
+        angle = np.sqrt(angle_squared)
+        sine = np.sin(angle) / angle
+        cosine = (1.0 - np.cos(angle)) / angle_squared
+    cross = skew(vector)
+    result: Array = np.eye(3) + sine * cross + cosine * cross @ cross
+    return result
+
+
+def rotation_log(rotation: Array) -> Array:
+    """Rotation vector (3,) [rad], of norm at most pi, of a rotation matrix (3, 3)."""
+    quaternion = quaternion_from_rotation(rotation)
+    imaginary = quaternion[1:]
+    sine_half = float(np.linalg.norm(imaginary))
+    if sine_half < 1e-9:
+        return 2.0 * imaginary
+    angle = 2.0 * np.arctan2(sine_half, quaternion[0])
+    result: Array = (angle / sine_half) * imaginary
+    return result
+
+
+def quaternion_from_rotation(rotation: Array) -> Array:
+    """Unit quaternion (4,), scalar first and not negative, of a rotation matrix (3, 3).
+
+    The largest of the four components is found first, so the result is accurate for every rotation.
+    """
+    r = rotation
+    trace = r[0, 0] + r[1, 1] + r[2, 2]
+    squares = np.array([trace, r[0, 0], r[1, 1], r[2, 2]])
+    largest = int(np.argmax(squares))
+    q = np.empty(4)
+    if largest == 0:
+        q[:] = 1.0 + trace, r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
+    else:
+        i = largest - 1
+        j, k = (i + 1) % 3, (i + 2) % 3
+        q[0] = r[k, j] - r[j, k]
+        q[1 + i] = 1.0 + r[i, i] - r[j, j] - r[k, k]
+        q[1 + j] = r[j, i] + r[i, j]
+        q[1 + k] = r[k, i] + r[i, k]
+    q /= np.linalg.norm(q)
+    return -q if q[0] < 0.0 else q
+
+
+def rotation_from_quaternion(quaternion: npt.ArrayLike) -> Array:
+    """Rotation matrix (3, 3) of a unit quaternion (4,), scalar first."""
+    w, x, y, z = np.asarray(quaternion, dtype=np.float64)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Pose of one frame in another: a rigid transform of SE(3).
+
+    ``pose_j_in_i`` carries coordinates from ``F_j`` to ``F_i``, and ``pose_j_in_i @ pose_k_in_j == pose_k_in_i``.
+
+    Attributes:
+        rotation: ``R_ij``, shape (3, 3).
+        translation: ``p_ij``, the origin of ``F_j`` in ``F_i``, shape (3,) [m].
+    """
+
+    rotation: Array
+    translation: Array
+
+    @staticmethod
+    def identity() -> Pose:
+        """The pose of a frame in itself."""
+        return Pose(np.eye(3), np.zeros(3))
+
+    @staticmethod
+    def exp(tangent: npt.ArrayLike) -> Pose:
+        """Pose reached by moving for unit time with the constant twist ``(w, v)``, shape (6,)."""
+        tangent = np.asarray(tangent, dtype=np.float64)
+        return Pose(rotation_exp(tangent[:3]), _left_jacobian(tangent[:3]) @ tangent[3:])
+
+    def log(self) -> Array:
+        """The twist ``(w, v)``, shape (6,), of which this pose is the exponential; rotation angle at most pi."""
+        rotation_vector = rotation_log(self.rotation)
+        return np.concatenate([rotation_vector, np.linalg.solve(_left_jacobian(rotation_vector), self.translation)])
+
+    def inverse(self) -> Pose:
+        """``pose_i_in_j`` of ``pose_j_in_i``."""
+        return Pose(self.rotation.T, -self.rotation.T @ self.translation)
+
+    def __matmul__(self, other: Pose) -> Pose:
+        return Pose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
+
+    def apply(self, points: npt.ArrayLike) -> Array:
+        """Points (..., 3) of ``F_j`` in coordinates of ``F_i``: ``x_i = R_ij x_j + p_ij``."""
+        result: Array = np.asarray(points) @ self.rotation.T + self.translation
+        return result
+
+    def adjoint(self) -> Array:
+        """Matrix (6, 6) that carries twists ``(w, v)``, and wrenches ``(f, t)``, from ``F_j`` to ``F_i``.
+
+        ``w_i = R w_j, v_i = R v_j + p x R w_j`` and ``f_i = R f_j, t_i = R t_j + p x R f_j`` are the same
+        matrix (Murray, Li, Sastry 1994, eqs 2.57 and 2.66, in the orders above).
+        """
+        matrix = np.zeros((6, 6))
+        matrix[:3, :3] = matrix[3:, 3:] = self.rotation
+        matrix[3:, :3] = skew(self.translation) @ self.rotation
+        return matrix
+
+
+def _left_jacobian(rotation_vector: Array) -> Array:
+    """``V`` (3, 3) with ``exp(w, v).translation == V(w) v``."""
+    angle_squared = float(rotation_vector @ rotation_vector)
+    if angle_squared < _SMALL_ANGLE_SQUARED:
+        first = 0.5 - angle_squared / 24.0
+        second = 1.0 / 6.0 - angle_squared / 120.0
+    else:
+        angle = np.sqrt(angle_squared)
+        first = (1.0 - np.cos(angle)) / angle_squared
+        second = (angle - np.sin(angle)) / (angle_squared * angle)
+    cross = skew(rotation_vector)
+    result: Array = np.eye(3) + first * cross + second * cross @ cross
+    return result

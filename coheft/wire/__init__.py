@@ -1,0 +1,1 @@
+"""Wire: what is sent between processes and read from files, validated where it enters."""

@@ -1,0 +1,105 @@
+"""What each process is told when it starts: nothing more than its part of the run needs."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+from coheft.estimation.measurement import SensorNoise
+from coheft.wire.scenario import Converged, Motion, Scenario, SeedSettings
+
+
+class Neighbour(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A robot at the other end of an edge; ``endpoint`` is where to dial it, None if it dials."""
+
+    name: str
+    endpoint: str | None
+
+
+class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """All that one agent knows when it starts. Not the team's size, not the graph, not the payload.
+
+    Attributes:
+        name: Its own name.
+        neighbours: Those it can talk with.
+        noise: Of its own sensors; its neighbours' are taken to be alike.
+        rate: Its sensors' samples per second.
+        block: Samples per block.
+        lag: Blocks from a measurement to the reference that answers it.
+        seed: Of its own choice of motion.
+        motion: What it may choose from.
+        estimator: Its method.
+        seed_method: Settings of the estimator ``seed``.
+        converged: When its estimate is good enough.
+    """
+
+    name: str
+    neighbours: tuple[str, ...]
+    noise: SensorNoise
+    rate: int
+    block: int
+    lag: int
+    seed: int
+    motion: Motion
+    estimator: Literal["seed"]
+    seed_method: SeedSettings
+    converged: Converged
+
+
+class AgentProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """An agent and its links.
+
+    Attributes:
+        agent: The agent.
+        run: Prefix of all keys of this run.
+        server: Where to dial the server's link for this robot.
+        listen: Where its neighbours dial it.
+        observe: Where observers dial it.
+        neighbours: Where to dial its neighbours.
+    """
+
+    agent: AgentConfig
+    run: str
+    server: str
+    listen: str
+    observe: str
+    neighbours: tuple[Neighbour, ...]
+
+
+class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The physics server and its links.
+
+    Attributes:
+        scenario: What to simulate.
+        run: Prefix of all keys of this run.
+        robots: Where each robot dials in, by name: one link of its own per robot.
+        observe: Where observers dial in.
+        neighbours: The graph, for observers only.
+        clock: ``lockstep`` waits for every agent, ``realtime`` for nobody.
+    """
+
+    scenario: Scenario
+    run: str
+    robots: dict[str, str]
+    observe: str
+    neighbours: dict[str, tuple[str, ...]]
+    clock: Literal["lockstep", "realtime"] = "lockstep"
+
+
+def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> AgentConfig:
+    """The agent's share of a scenario. Its seed mixes the scenario's with its own name."""
+    index = scenario.robot_names.index(name)
+    return AgentConfig(
+        name=name,
+        neighbours=neighbours,
+        noise=scenario.noise,
+        rate=scenario.sensors.rate,
+        block=scenario.sensors.block,
+        lag=scenario.lookahead,
+        seed=1000 * scenario.seed + index,
+        motion=scenario.motion,
+        estimator=scenario.estimator,
+        seed_method=scenario.seed_method,
+        converged=scenario.converged,
+    )

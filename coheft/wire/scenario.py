@@ -1,0 +1,423 @@
+"""Scenarios: what is held, by whom, how they talk, what happens. TOML files into frozen structs.
+
+``load_scenario`` takes a path, or the name of a scenario in ``configs/``. Every error names the file, the key, what
+was found there and what is allowed.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal, get_args
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from coheft.errors import ScenarioError
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.rigid_body import Inertia, combined
+from coheft.estimation.spatial import Pose, rotation_exp
+
+CONFIG_FOLDER = Path(__file__).resolve().parents[2] / "configs"
+PHYSICS_RATE = 1000
+"""Physics steps per second."""
+
+Vector = tuple[float, float, float]
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Seed = Annotated[int, Meta(ge=0)]
+Name = Annotated[str, Meta(pattern="^[a-z][a-z0-9_-]{0,31}$")]
+Lengths = tuple[Positive, Positive, Positive]
+
+
+class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Base of all parts of a scenario: unknown keys are errors."""
+
+
+class Box(Section, frozen=True):
+    """A homogeneous box of the payload: centre [m], rotation vector [degrees], edge lengths [m], mass [kg]."""
+
+    mass: Positive
+    size: Lengths
+    position: Vector = (0.0, 0.0, 0.0)
+    rotation_deg: Vector = (0.0, 0.0, 0.0)
+
+    def pose(self) -> Pose:
+        """Pose of the box in the payload's frame."""
+        return pose_of(self.position, self.rotation_deg)
+
+    def inertia(self) -> Inertia:
+        """Its mass properties in the payload's frame."""
+        return Inertia.of_box(self.mass, self.size, self.pose())
+
+
+class Payload(Section, frozen=True):
+    """The thing that is held: boxes fixed to each other, and the number of loads that can lie on it at a time."""
+
+    boxes: Annotated[tuple[Box, ...], Meta(min_length=1)]
+    load_slots: Annotated[int, Meta(ge=0, le=64)] = 4
+
+    def inertia(self) -> Inertia:
+        """Mass properties in the payload's frame, without loads."""
+        return combined(box.inertia() for box in self.boxes)
+
+
+class Grasp(Section, frozen=True):
+    """Where one robot holds the payload: pose of its grasp frame in the payload's frame."""
+
+    position: Vector
+    rotation_deg: Vector = (0.0, 0.0, 0.0)
+
+    def pose(self) -> Pose:
+        """Pose of ``F_i`` in the payload's frame."""
+        return pose_of(self.position, self.rotation_deg)
+
+
+class Perimeter(Section, frozen=True):
+    """Grasps spread over the rim of a rectangle around the payload, each at a random orientation and height.
+
+    Attributes:
+        count: Number of robots.
+        extent: Edge lengths of the rectangle [m].
+        height: Grasps lie within plus or minus this of the payload's middle [m].
+        seed: Of the random orientations and heights.
+    """
+
+    count: Annotated[int, Meta(ge=2)]
+    extent: tuple[Positive, Positive]
+    height: NotNegative = 0.05
+    seed: Seed = 0
+
+
+class Robots(Section, frozen=True):
+    """The robots: their grasps (listed, or spread over a rim) and the impedance of their arms.
+
+    Attributes:
+        grasps: One per robot, or
+        perimeter: a rule that places them.
+        stiffness: Of every arm: translation [N/m], rotation [N·m/rad].
+        damping: Translation [N·s/m], rotation [N·m·s/rad].
+    """
+
+    grasps: tuple[Grasp, ...] = ()
+    perimeter: Perimeter | None = None
+    stiffness: tuple[Positive, Positive] = (800.0, 30.0)
+    damping: tuple[NotNegative, NotNegative] = (70.0, 3.0)
+
+
+class Graph(Section, frozen=True):
+    """Who talks with whom.
+
+    Attributes:
+        kind: ``random`` is a random connected graph.
+        edge_probability: Of the edges beyond a random spanning tree, for ``random``.
+        seed: For ``random``.
+    """
+
+    kind: Literal["ring", "line", "star", "complete", "random"] = "ring"
+    edge_probability: Annotated[float, Meta(ge=0, le=1)] = 0.2
+    seed: Seed = 0
+
+
+class SensorOffset(Section, frozen=True):
+    """Size of constant sensor errors: each axis of each robot draws its own, uniform in plus or minus this."""
+
+    gyro: NotNegative = 0.0
+    velocity: NotNegative = 0.0
+    acceleration: NotNegative = 0.0
+    force: NotNegative = 0.0
+    torque: NotNegative = 0.0
+
+
+class Sensors(Section, frozen=True):
+    """Sampling and errors of the sensors.
+
+    Attributes:
+        rate: Samples per second; must divide 1000.
+        block: Samples that travel in one message.
+        noise: Standard deviations per sample.
+        noise_scale: Multiplies all of ``noise``.
+        offset: Constant errors.
+    """
+
+    rate: Literal[100, 125, 200, 250, 500, 1000] = 500
+    block: Annotated[int, Meta(ge=2, le=200)] = 10
+    noise: SensorNoise = SensorNoise()
+    noise_scale: NotNegative = 1.0
+    offset: SensorOffset = SensorOffset()
+
+
+class Motion(Section, frozen=True):
+    """Reference motion of every robot: two sinusoids per axis, drawn by each robot alone.
+
+    Attributes:
+        translation: Amplitude per axis [m].
+        rotation: Amplitude per axis [rad].
+        frequency: Range from which frequencies are drawn [Hz].
+        ramp: Time from rest to full amplitude [s].
+    """
+
+    translation: NotNegative = 0.06
+    rotation: NotNegative = 0.2
+    frequency: tuple[Positive, Positive] = (0.4, 1.6)
+    ramp: NotNegative = 2.0
+
+
+class LoadChange(Section, frozen=True):
+    """A load put onto the payload, or taken away, at a given time.
+
+    Attributes:
+        at: Time [s]; takes effect at the next border of a block.
+        mass: Of the new load [kg].
+        position: Of its centre in the payload's frame [m].
+        size: Its edge lengths [m].
+        remove: Instead: number of the load to take away; loads are numbered from 1 as they come.
+    """
+
+    at: NotNegative
+    mass: Positive | None = None
+    position: Vector = (0.0, 0.0, 0.0)
+    size: Lengths = (0.1, 0.1, 0.1)
+    remove: Annotated[int, Meta(ge=1)] | None = None
+
+
+class SeedSettings(Section, frozen=True):
+    """The seed paper's method, see ``agents.seed``.
+
+    Attributes:
+        memory: Time over which old samples are forgotten [s]; the forgetting factor per sample is
+            ``1 - 1 / (memory * rate)``.
+        rounds: Rounds of dynamic consensus that each sample goes through.
+        pose_rotation_deg: Poses have converged when their standard deviation is below this [degrees] and
+        pose_translation_mm: this [mm].
+    """
+
+    memory: Positive = 2.0
+    rounds: Annotated[int, Meta(ge=1, le=256)] = 16
+    pose_rotation_deg: Positive = 0.04
+    pose_translation_mm: Positive = 0.8
+
+
+class Converged(Section, frozen=True):
+    """An agent calls its estimate converged when all standard deviations are below these.
+
+    Attributes:
+        mass_percent: Of the mass, relative [%].
+        com_mm: Of each coordinate of the centre of mass [mm].
+        inertia_percent: Of the inertia, Frobenius norm relative to its own [%].
+    """
+
+    mass_percent: Positive = 1.0
+    com_mm: Positive = 7.0
+    inertia_percent: Positive = 5.0
+
+
+class Scenario(Section, frozen=True):
+    """Everything that defines a run. Two runs of equal scenarios in lockstep give identical numbers.
+
+    Attributes:
+        name: Name of the scenario.
+        description: One line for people.
+        payload: What is held.
+        robots: Who holds it.
+        graph: Who talks with whom.
+        sensors: How well each robot measures.
+        motion: How each robot moves.
+        load_changes: What happens to the payload.
+        duration: Length of the run [s].
+        seed: Of the sensors' noise and offsets and of the robots' choice of motion.
+        estimator: Which method the agents use.
+        seed_method: Settings of the estimator ``seed``.
+        converged: When an estimate is good enough.
+        lookahead: Blocks that the server may run ahead of the slowest agent; also the lag of references.
+    """
+
+    name: Name
+    payload: Payload
+    robots: Robots
+    description: str = ""
+    graph: Graph = Graph()
+    sensors: Sensors = Sensors()
+    motion: Motion = Motion()
+    load_changes: tuple[LoadChange, ...] = ()
+    duration: Positive = 30.0
+    seed: Seed = 1
+    estimator: Literal["seed"] = "seed"
+    seed_method: SeedSettings = SeedSettings()
+    converged: Converged = Converged()
+    lookahead: Annotated[int, Meta(ge=1, le=64)] = 4
+
+    @property
+    def block_duration(self) -> float:
+        """Duration of a block [s]."""
+        return self.sensors.block / self.sensors.rate
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks of the run."""
+        return max(1, round(self.duration / self.block_duration))
+
+    @property
+    def noise(self) -> SensorNoise:
+        """The sensors' noise, scale included."""
+        return self.sensors.noise.scaled(self.sensors.noise_scale)
+
+    @property
+    def robot_count(self) -> int:
+        """Number of robots."""
+        perimeter = self.robots.perimeter
+        return perimeter.count if perimeter is not None else len(self.robots.grasps)
+
+    @property
+    def robot_names(self) -> tuple[str, ...]:
+        """``r1``, ``r2``, …, as many digits as needed for alphabetical order to be the numbers' order."""
+        digits = len(str(self.robot_count))
+        return tuple(f"r{i + 1:0{digits}d}" for i in range(self.robot_count))
+
+
+def pose_of(position: Vector, rotation_deg: Vector) -> Pose:
+    """Pose from a position [m] and a rotation vector [degrees]."""
+    return Pose(rotation_exp(np.radians(rotation_deg)), np.array(position, dtype=np.float64))
+
+
+def available_scenarios() -> dict[str, Path]:
+    """The shipped scenarios by name."""
+    return {path.stem: path for path in sorted(CONFIG_FOLDER.glob("*.toml"))}
+
+
+def load_scenario(source: str | Path) -> Scenario:
+    """Read a scenario from a TOML file, or a shipped one by its name.
+
+    Raises:
+        ScenarioError: There is no such file or name, or its contents cannot be used.
+    """
+    path = Path(source)
+    if path.suffix != ".toml":
+        shipped = available_scenarios()
+        if str(source) not in shipped:
+            raise ScenarioError(_unknown_scenario(str(source), list(shipped)))
+        path = shipped[str(source)]
+    try:
+        text = path.read_bytes().decode()
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"{path}: not UTF-8 text: {error}") from error
+    return parse_scenario(text, str(path))
+
+
+def parse_scenario(text: str, origin: str) -> Scenario:
+    """Scenario from TOML text; ``origin`` names it in errors.
+
+    Raises:
+        ScenarioError: It is not TOML, or not a scenario.
+    """
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
+    try:
+        scenario = msgspec.convert(table, Scenario)
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{origin}: {_explain(error, table)}") from error
+    check_scenario(scenario, origin)
+    return scenario
+
+
+def check_scenario(scenario: Scenario, origin: str) -> None:
+    """Check what the types cannot say.
+
+    Raises:
+        ScenarioError: Keys contradict each other.
+    """
+    robots = scenario.robots
+    if bool(robots.grasps) == (robots.perimeter is not None):
+        raise ScenarioError(
+            f"{origin}: key 'robots': found {'both' if robots.grasps else 'neither'} 'grasps' and 'perimeter', "
+            f"expected exactly one of them"
+        )
+    if scenario.robot_count < 2:
+        raise ScenarioError(f"{origin}: key 'robots.grasps': found 1 grasp, expected at least 2")
+    low, high = scenario.motion.frequency
+    if low > high:
+        raise ScenarioError(
+            f"{origin}: key 'motion.frequency': found {[low, high]}, expected the lower frequency first"
+        )
+    for number, change in enumerate(scenario.load_changes):
+        if (change.mass is None) == (change.remove is None):
+            raise ScenarioError(
+                f"{origin}: key 'load_changes[{number}]': found "
+                f"{'neither' if change.mass is None else 'both'} 'mass' and 'remove', expected exactly one of them"
+            )
+
+
+def _unknown_scenario(name: str, shipped: list[str]) -> str:
+    close = difflib.get_close_matches(name, shipped, n=1)
+    hint = f" Did you mean '{close[0]}'?" if close else ""
+    return (
+        f"there is no scenario '{name}'.{hint} Shipped scenarios: {', '.join(shipped)}. "
+        f"For your own, give the path of a file that ends with .toml"
+    )
+
+
+def _explain(error: msgspec.ValidationError, table: dict[str, object]) -> str:
+    """Name the key and the value found beside what msgspec says was expected."""
+    message = str(error)
+    match = re.search(r" - at `\$(.*)`$", message)
+    place = match.group(1).lstrip(".") if match else ""
+    text = message[: match.start()] if match else message
+    unknown = re.search(r"unknown field `(.*)`", text)
+    if unknown is not None:
+        place = f"{place}.{unknown.group(1)}".lstrip(".")
+        allowed = _allowed_keys(place)
+        return f"key '{place}': there is no such key; allowed here: {', '.join(allowed)}"
+    found = _value_at(table, place)
+    if text.startswith("Invalid enum value"):
+        text = f"expected one of {', '.join(repr(value) for value in _allowed_values(place))}"
+    return f"key '{place or '(top)'}': {text[0].lower()}{text[1:]}; found {found!r}"
+
+
+def _value_at(table: object, place: str) -> object:
+    value = table
+    for part in re.findall(r"[^.\[\]]+", place):
+        try:
+            value = value[int(part)] if isinstance(value, list) else value[part]  # type: ignore[index]
+        except (KeyError, IndexError, TypeError, ValueError):
+            return None
+    return value
+
+
+def _allowed_keys(place: str) -> list[str]:
+    """Keys of the section that holds ``place``."""
+    return [field.encode_name for field in msgspec.structs.fields(_section_of(place))]
+
+
+def _allowed_values(place: str) -> tuple[object, ...]:
+    """Values of the ``Literal`` at ``place``."""
+    key = place.rpartition(".")[2]
+    field = next(f for f in msgspec.structs.fields(_section_of(place)) if f.encode_name == key)
+    return get_args(field.type)
+
+
+def _section_of(place: str) -> type[msgspec.Struct]:
+    """The section that holds the key at ``place``."""
+    section: type[msgspec.Struct] = Scenario
+    for part in re.findall(r"[^.\[\]]+", place)[:-1]:
+        field = next((f for f in msgspec.structs.fields(section) if f.encode_name == part), None)
+        inner = _struct_in(field.type) if field is not None else None
+        section = inner or section
+    return section
+
+
+def _struct_in(annotation: object) -> type[msgspec.Struct] | None:
+    """The struct type inside ``Annotated``, ``tuple`` or ``| None``."""
+    if isinstance(annotation, type) and issubclass(annotation, msgspec.Struct):
+        return annotation
+    for inner in getattr(annotation, "__args__", ()):
+        found = _struct_in(inner)
+        if found is not None:
+            return found
+    return None

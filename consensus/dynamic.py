@@ -1,0 +1,50 @@
+"""Dynamic consensus in different coordinates (Fan et al., Proposition 3): track the average of moving inputs.
+
+``x_i' = sum_j (X_ij x_j - x_i) + u_i'`` in discrete time: add the increment of the input, then do K rounds with
+Metropolis weights. The sum of all ``x``, carried to any one frame, always equals the sum of all inputs; the K rounds
+shrink what the agents disagree on by the K-th power of the second largest eigenvalue of ``metropolis_matrix``.
+
+The rounds are pipelined (``consensus.pipeline``), so the increment is taken over the K blocks that a value is under
+way: each value starts from where the consensus on the block K before it ended.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+from coheft.estimation.spatial import Array
+from consensus.pipeline import NeighbourStages, Pipeline
+
+
+class DynamicConsensus:
+    """One agent's share of a dynamic consensus on blocks of samples.
+
+    Args:
+        rounds: ``K``, rounds per block.
+        samples: ``B``, samples per block.
+        channels: ``C``, numbers per sample.
+    """
+
+    def __init__(self, rounds: int, samples: int, channels: int) -> None:
+        self.pipeline = Pipeline(rounds, samples, channels)
+        self._inputs: deque[Array] = deque(maxlen=rounds)
+
+    def step(self, inputs: Array, neighbours: Sequence[NeighbourStages]) -> Array | None:
+        """One block.
+
+        Args:
+            inputs: ``u_i`` of the block that enters, shape (B, C).
+            neighbours: Their messages, sent after the previous block.
+
+        Returns:
+            The agent's value of the network's average for the block that entered K blocks before, shape (B, C), or
+            None while there is none.
+        """
+        finished = self.pipeline.advance(neighbours)
+        if finished is None:
+            self.pipeline.enter(inputs)
+        else:
+            self.pipeline.enter(finished + inputs - self._inputs[0])
+        self._inputs.append(inputs)
+        return finished

@@ -1,0 +1,118 @@
+"""Undirected communication graphs: who are whose neighbours, and how fast consensus goes on them.
+
+A graph is a mapping from each name to the sorted tuple of its neighbours' names.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+
+from coheft.errors import CoheftError
+from coheft.estimation.spatial import Array
+from coheft.wire.scenario import Graph
+
+Neighbours = Mapping[str, tuple[str, ...]]
+
+
+class GraphError(CoheftError):
+    """A graph cannot serve as a network."""
+
+
+def build_graph(graph: Graph, names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Neighbours of every name, for the kind of graph that a scenario asks for.
+
+    Raises:
+        GraphError: Fewer than two names.
+    """
+    n = len(names)
+    if n < 2:
+        raise GraphError(f"{n} robot{'s' * (n != 1)} given, but a network takes at least 2")
+    edges: set[tuple[int, int]]
+    match graph.kind:
+        case "ring":
+            edges = {(i, (i + 1) % n) for i in range(n)}
+        case "line":
+            edges = {(i, i + 1) for i in range(n - 1)}
+        case "star":
+            edges = {(0, i) for i in range(1, n)}
+        case "complete":
+            edges = set(combinations(range(n), 2))
+        case "random":
+            edges = _random_connected(n, graph.edge_probability, np.random.default_rng(graph.seed))
+    neighbours: dict[str, set[str]] = {name: set() for name in names}
+    for i, j in edges:
+        neighbours[names[i]].add(names[j])
+        neighbours[names[j]].add(names[i])
+    return {name: tuple(sorted(others)) for name, others in neighbours.items()}
+
+
+def _random_connected(n: int, probability: float, rng: np.random.Generator) -> set[tuple[int, int]]:
+    """A random recursive tree, and every further edge with the given probability."""
+    order = rng.permutation(n)
+    edges = {(int(order[rng.integers(k)]), int(order[k])) for k in range(1, n)}
+    present = {frozenset(edge) for edge in edges}
+    for pair in combinations(range(n), 2):
+        if rng.random() < probability and frozenset(pair) not in present:
+            edges.add(pair)
+    return edges
+
+
+def distances(neighbours: Neighbours, source: str) -> dict[str, int]:
+    """Hops from ``source`` to every name that it reaches."""
+    hops = {source: 0}
+    queue = deque([source])
+    while queue:
+        name = queue.popleft()
+        for other in neighbours.get(name, ()):
+            if other not in hops:
+                hops[other] = hops[name] + 1
+                queue.append(other)
+    return hops
+
+
+def diameter(neighbours: Neighbours) -> int:
+    """Largest number of hops between two names.
+
+    Raises:
+        GraphError: The graph is not connected.
+    """
+    longest = 0
+    for name in neighbours:
+        hops = distances(neighbours, name)
+        if len(hops) != len(neighbours):
+            missing = ", ".join(sorted(set(neighbours) - set(hops)))
+            raise GraphError(f"the graph is not connected: {name} does not reach {missing}")
+        longest = max(longest, *hops.values())
+    return longest
+
+
+def laplacian(neighbours: Neighbours) -> Array:
+    """Graph Laplacian, degrees minus adjacency, shape (N, N), in the order of the mapping."""
+    index = {name: i for i, name in enumerate(neighbours)}
+    matrix = np.zeros((len(index), len(index)))
+    for name, others in neighbours.items():
+        matrix[index[name], index[name]] = len(others)
+        for other in others:
+            matrix[index[name], index[other]] = -1.0
+    return matrix
+
+
+def metropolis_weight(degree_i: int, degree_j: int) -> float:
+    """Weight of an edge such that consensus converges on every connected graph (Xiao, Boyd, Lall 2005)."""
+    return 1.0 / (1.0 + max(degree_i, degree_j))
+
+
+def metropolis_matrix(neighbours: Neighbours) -> Array:
+    """One round of consensus with Metropolis weights as a matrix, shape (N, N), in the order of the mapping."""
+    index = {name: i for i, name in enumerate(neighbours)}
+    matrix = np.eye(len(index))
+    for name, others in neighbours.items():
+        for other in others:
+            weight = metropolis_weight(len(others), len(neighbours[other]))
+            matrix[index[name], index[other]] = weight
+            matrix[index[name], index[name]] -= weight
+    return matrix

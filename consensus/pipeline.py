@@ -1,0 +1,83 @@
+"""Rounds of consensus in different coordinates, one round per block for every block of samples under way.
+
+A sample's value goes through ``K`` rounds ``x_i <- x_i + sum_j g_ij (X_ij x_j - x_i)``. Waiting for the neighbours in
+each round would cost ``K`` messages per block. Instead, one message per block carries the ``K`` blocks under way, each
+one round further than the one that came after it: ``stages[s]`` is the block that entered ``s`` blocks ago, after ``s``
+rounds. Every block leaves exactly ``K`` blocks late, with its own number, to be paired with its own kinematics.
+
+A value whose rounds cannot be completed, because a neighbour's message is missing or was itself incomplete, is marked
+invalid and never used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from coheft.estimation.spatial import Array
+
+
+@dataclass(frozen=True, eq=False)
+class NeighbourStages:
+    """What one neighbour sent, and how to read it.
+
+    Attributes:
+        transport: ``X_ij``, shape (C, C): carries C channels from ``F_j`` to ``F_i``.
+        gains: ``g_ij`` of each round, shape (K,).
+        stages: The neighbour's ``Pipeline.stages``; None if its message is missing.
+        valid: The neighbour's ``Pipeline.valid``.
+    """
+
+    transport: Array
+    gains: Array
+    stages: Array | None
+    valid: npt.NDArray[np.bool_] | None
+
+
+class Pipeline:
+    """One agent's values under way.
+
+    Attributes:
+        stages: Shape (K, B, C): values to send, in the agent's own coordinates.
+        valid: Shape (K,): which of them are complete so far.
+    """
+
+    def __init__(self, rounds: int, samples: int, channels: int) -> None:
+        self.stages = np.zeros((rounds, samples, channels))
+        self.valid = np.zeros(rounds, dtype=np.bool_)
+
+    @property
+    def rounds(self) -> int:
+        """``K``: rounds per value, and blocks that it is under way."""
+        return len(self.stages)
+
+    def advance(self, neighbours: Sequence[NeighbourStages]) -> Array | None:
+        """Do one round for every stage, with the neighbours' stages of the same moment.
+
+        Returns:
+            The values (B, C) of the block that has now gone through all rounds, or None if it is incomplete. Then
+            ``enter`` the next block.
+        """
+        rounds, samples, channels = self.stages.shape
+        moved = self.stages.copy()
+        valid = self.valid.copy()
+        for neighbour in neighbours:
+            if neighbour.stages is None or neighbour.valid is None:
+                valid[:] = False
+                continue
+            carried = neighbour.stages.reshape(-1, channels) @ neighbour.transport.T
+            difference = carried.reshape(rounds, samples, channels) - self.stages
+            moved += neighbour.gains[:, None, None] * difference
+            valid &= neighbour.valid
+        finished = moved[-1].copy() if valid[-1] else None
+        self.stages[1:] = moved[:-1]
+        self.valid[1:] = valid[:-1]
+        return finished
+
+    def enter(self, values: Array | None) -> None:
+        """Put the next block's values (B, C) in; None if the agent has none for it."""
+        self.valid[0] = values is not None
+        self.stages[0] = 0.0 if values is None else values
