@@ -1,0 +1,265 @@
+"""The command line. What only one command needs is imported by that command alone, so that help comes at once."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import cyclopts
+from cyclopts import Parameter
+
+import coheft
+from coheft.errors import CoheftError, ScenarioError
+
+EXIT_CONVERGED = 0
+EXIT_ERROR = 1
+EXIT_USAGE = 2
+EXIT_NOT_CONVERGED = 3
+EXIT_INTERRUPTED = 130
+
+app = cyclopts.App(
+    name="coheft",
+    help="Robots that hold one load together find out, by themselves, what they are holding.",
+    help_epilogue="Exit status: 0 every robot converged (or: done), 1 an error, 2 wrong usage or a bad scenario, "
+    "3 the run ended but not every robot had converged, 130 stopped by Ctrl-C.",
+    version=coheft.__version__,
+)
+
+Vector = tuple[float, float, float]
+RunFolder = Annotated[Path | None, Parameter(name="--run")]
+
+
+def run_command_line(arguments: Sequence[str]) -> int:
+    """Carry out one command and return the exit status; what goes wrong is said in a line, without a traceback."""
+    try:
+        status = app(arguments, exit_on_error=False, print_error=True, result_action="return_value")
+    except cyclopts.CycloptsError:
+        return EXIT_USAGE
+    except ScenarioError as error:
+        return _fail(error, EXIT_USAGE)
+    except CoheftError as error:
+        return _fail(error, EXIT_ERROR)
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    return int(status or 0)
+
+
+def _fail(error: CoheftError, status: int) -> int:
+    print(f"coheft: {error}", file=sys.stderr)
+    return status
+
+
+@app.command
+def run(
+    scenario: str = "ring6",
+    *,
+    change: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    duration: float | None = None,
+    seed: int | None = None,
+    estimator: str | None = None,
+    sensor_rate: int | None = None,
+    realtime: Annotated[bool, Parameter(negative=())] = False,
+    json: str | None = None,
+    history: Annotated[bool, Parameter(negative=())] = False,
+    quiet: Annotated[bool, Parameter(negative=())] = False,
+    logs: Path | None = None,
+    write_configs: Path | None = None,
+) -> int:
+    """Start the physics server and one process per robot, and watch them find out what they hold.
+
+    Exit status 0 only if every robot converged; 3 if the run ended without.
+
+    Parameters
+    ----------
+    scenario:
+        Name of a shipped scenario (see 'coheft scenarios'), or a path that ends with .toml.
+    change:
+        A change of the load, instead of the scenario's own: t=20,mass=3,at=0.4,0.3,0.1 drops 3 kg at 20 s, at a place
+        in the payload's frame [m]; t=30,remove=1 takes the first load away. May be given more than once.
+    duration:
+        Simulated time [s].
+    seed:
+        Of the sensors' noise and the robots' motions.
+    estimator:
+        The robots' method.
+    sensor_rate:
+        Samples per second: 100, 125, 200, 250, 500 or 1000.
+    realtime:
+        Keep pace with the clock on the wall, instead of going as fast as the slowest robot can.
+    json:
+        Write the report to this file; - for standard output.
+    history:
+        Add the errors of every second to the report.
+    quiet:
+        Show nothing but errors.
+    logs:
+        Folder for the processes' logs, instead of a new one among your runs.
+    write_configs:
+        Do not run: write the processes' configurations into this folder, to start them by hand.
+    """
+    from rich.console import Console
+
+    from coheft.app.launch import launch
+    from coheft.app.overrides import override
+    from coheft.app.plan import make_plan
+    from coheft.app.report import write_report
+    from coheft.app.run_folder import make_run_folder
+    from coheft.app.terminal import make_display, print_report
+    from coheft.wire.scenario import load_scenario
+
+    chosen = override(
+        load_scenario(scenario),
+        changes=change,
+        duration=duration,
+        seed=seed,
+        estimator=estimator,
+        sensor_rate=sensor_rate,
+    )
+    plan = make_plan(chosen, "realtime" if realtime else "lockstep")
+    if write_configs is not None:
+        for path in plan.write(write_configs):
+            print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")
+        return EXIT_CONVERGED
+    console = Console(stderr=json == "-")
+    folder = make_run_folder(plan.run, logs)
+    report = launch(plan, folder, make_display(console, quiet=quiet), with_history=history)
+    if json is not None:
+        write_report(report, json)
+    if not quiet:
+        print_report(console, report, folder)
+    return EXIT_CONVERGED if report.converged else EXIT_NOT_CONVERGED
+
+
+@app.command
+def scenarios() -> None:
+    """List the shipped scenarios."""
+    from coheft.wire.scenario import available_scenarios, load_scenario
+
+    for name, path in available_scenarios().items():
+        print(f"{name:10} {load_scenario(path).description}")
+
+
+@app.command
+def inject(*, mass: float, at: Vector, size: Vector = (0.1, 0.1, 0.1), run: RunFolder = None) -> None:
+    """Drop a load onto the payload of a run that goes on.
+
+    Parameters
+    ----------
+    mass:
+        Of the load [kg].
+    at:
+        Where its centre comes to lie, in the payload's frame [m].
+    size:
+        Its edge lengths [m].
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    from coheft.app.observer import ask_run
+    from coheft.wire.messages import InjectRequest
+
+    status = ask_run(InjectRequest(mass=mass, position=at, size=size), run)
+    print(f"load {status.loads[-1].id} of {mass:g} kg put on; {status.slots_free} more fit")
+
+
+@app.command
+def remove(load: int, *, run: RunFolder = None) -> None:
+    """Take a load off the payload of a run that goes on.
+
+    Parameters
+    ----------
+    load:
+        Its number, as 'coheft inject' told; loads are numbered from 1 as they come.
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    from coheft.app.observer import ask_run
+    from coheft.wire.messages import RemoveRequest
+
+    status = ask_run(RemoveRequest(load=load), run)
+    print(f"load {load} taken away; {len(status.loads)} left")
+
+
+@app.command
+def pause(*, run: RunFolder = None) -> None:
+    """Stop the clock of a run.
+
+    Parameters
+    ----------
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    from coheft.app.observer import ask_run
+    from coheft.wire.messages import PauseRequest
+
+    status = ask_run(PauseRequest(paused=True), run)
+    print(f"paused at {status.time:.2f} s; 'coheft resume' goes on")
+
+
+@app.command
+def resume(*, run: RunFolder = None) -> None:
+    """Let a paused run go on.
+
+    Parameters
+    ----------
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    from coheft.app.observer import ask_run
+    from coheft.wire.messages import PauseRequest
+
+    status = ask_run(PauseRequest(paused=False), run)
+    print(f"goes on from {status.time:.2f} s")
+
+
+@app.command
+def watch(*, run: RunFolder = None) -> None:
+    """Watch a run that goes on, until it ends.
+
+    Parameters
+    ----------
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    from rich.console import Console
+
+    from coheft.app.launch import watch_run
+    from coheft.app.run_folder import find_run
+    from coheft.app.terminal import make_display
+
+    watch_run(find_run(run), make_display(Console()))
+
+
+@app.command
+def server(config: Path) -> int:
+    """Start a physics server by hand.
+
+    Parameters
+    ----------
+    config:
+        Its configuration, as 'coheft run --write-configs DIR' writes it.
+    """
+    return _start_by_hand("physics_server.server", config)
+
+
+@app.command
+def agent(config: Path) -> int:
+    """Start one robot by hand.
+
+    Parameters
+    ----------
+    config:
+        Its configuration, as 'coheft run --write-configs DIR' writes it.
+    """
+    return _start_by_hand("agents.process", config)
+
+
+def _start_by_hand(module: str, config: Path) -> int:
+    from coheft.app.processes import run_in_foreground
+
+    return run_in_foreground(module, config)
+
+
+__all__ = ["app", "run_command_line"]

@@ -1,0 +1,86 @@
+"""What the command line changes in a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgspec
+
+from coheft.errors import ScenarioError
+from coheft.wire.scenario import LoadChange, Scenario, check_scenario
+
+_ORIGIN = "command line"
+_CHANGE_KEYS = {"t": "at", "mass": "mass", "at": "position", "size": "size", "remove": "remove"}
+_CHANGE_EXAMPLE = "--change t=20,mass=3,at=0.4,0.3,0.1"
+
+
+def override(
+    scenario: Scenario,
+    *,
+    changes: Sequence[str] = (),
+    duration: float | None = None,
+    seed: int | None = None,
+    estimator: str | None = None,
+    sensor_rate: int | None = None,
+) -> Scenario:
+    """The scenario with what was given instead of its own; ``changes`` replace all load changes.
+
+    Raises:
+        ScenarioError: The result is no scenario.
+    """
+    table = msgspec.to_builtins(scenario)
+    given = {"duration": duration, "seed": seed, "estimator": estimator}
+    table.update({key: value for key, value in given.items() if value is not None})
+    if sensor_rate is not None:
+        table["sensors"]["rate"] = sensor_rate
+    if changes:
+        table["load_changes"] = [msgspec.to_builtins(_parse_change(text)) for text in changes]
+    try:
+        changed = msgspec.convert(table, Scenario)
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{_ORIGIN}: {error}") from error
+    check_scenario(changed, _ORIGIN)
+    return changed
+
+
+def _parse_change(text: str) -> LoadChange:
+    """Load change from ``t=20,mass=3,at=0.4,0.3,0.1``: a part without ``=`` belongs to the key before it.
+
+    Raises:
+        ScenarioError: A key is unknown, twice there or missing, or a value is no number.
+    """
+    numbers: dict[str, list[float]] = {}
+    key = ""
+    for part in text.split(","):
+        name, equals, value = part.rpartition("=")
+        if equals:
+            key = name.strip()
+            if key not in _CHANGE_KEYS or key in numbers:
+                raise _change_error(text, f"key '{key}' {'is there twice' if key in numbers else 'is unknown'}")
+            numbers[key] = []
+        if not key:
+            raise _change_error(text, f"found '{part}' before any key")
+        try:
+            numbers[key].append(float(value))
+        except ValueError:
+            raise _change_error(text, f"key '{key}': found '{value}', expected a number") from None
+    if "t" not in numbers:
+        raise _change_error(text, "key 't', the time, is missing")
+    change: dict[str, object] = {}
+    for key, values in numbers.items():
+        length = 3 if key in ("at", "size") else 1
+        if len(values) != length:
+            raise _change_error(text, f"key '{key}': found {len(values)} numbers, expected {length}")
+        if key == "remove" and values[0].is_integer():
+            change["remove"] = int(values[0])
+        else:
+            change[_CHANGE_KEYS[key]] = values if length == 3 else values[0]
+    try:
+        return msgspec.convert(change, LoadChange)
+    except msgspec.ValidationError as error:
+        raise _change_error(text, str(error)) from error
+
+
+def _change_error(text: str, what: str) -> ScenarioError:
+    allowed = ", ".join(_CHANGE_KEYS)
+    return ScenarioError(f"--change {text}: {what}; allowed keys: {allowed}; for example {_CHANGE_EXAMPLE}")

@@ -1,0 +1,156 @@
+"""Child processes that never outlive their supervisor.
+
+Each child gets its configuration as one line of JSON on stdin, which then stays open: its end tells the child to go.
+The system closes it even when the supervisor is killed.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import msgspec
+
+from coheft.errors import CoheftError
+
+ENVIRONMENT = {
+    # One thread of mathematics per process: the processes themselves fill the cores.
+    "OPENBLAS_NUM_THREADS": "1",
+    # One thread for all of Zenoh's work: fewer switches between threads per message.
+    "ZENOH_RUNTIME": "(rx:(worker_threads:1),tx:(handover:rx),acc:(handover:rx),app:(handover:rx),net:(handover:rx))",
+}
+_GO_BY_THEMSELVES = 1.0
+_GO_WHEN_ASKED = 0.4
+_LOG_LINES = 12
+
+
+class ProcessError(CoheftError):
+    """A process of the run ended before the run did."""
+
+
+@dataclass(frozen=True)
+class Child:
+    """One process, its name in the run, and its log."""
+
+    name: str
+    process: subprocess.Popen[bytes]
+    log: Path
+
+    def last_lines(self) -> str:
+        """The end of its log."""
+        lines = self.log.read_text(errors="replace").splitlines()[-_LOG_LINES:]
+        return "\n".join(f"  {line}" for line in lines) if lines else "  (its log is empty)"
+
+
+class Processes:
+    """The processes of a run. Leaving the context stops those that are left, within two seconds."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.children: list[Child] = []
+
+    def start(self, name: str, module: str, config: msgspec.Struct) -> Child:
+        """Start ``python -m module`` with its configuration; its output goes to ``<name>.log``."""
+        log = self.folder / f"{name}.log"
+        with log.open("wb") as output:
+            process = subprocess.Popen(
+                [sys.executable, "-m", module],
+                stdin=subprocess.PIPE,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, **ENVIRONMENT},
+                start_new_session=True,  # or Ctrl-C would hit it before it can be told to go
+            )
+        child = Child(name, process, log)
+        self.children.append(child)
+        assert process.stdin is not None
+        try:
+            process.stdin.write(msgspec.json.encode(config) + b"\n")
+            process.stdin.flush()
+        except BrokenPipeError as error:
+            process.wait()
+            raise self._crash(child) from error
+        return child
+
+    def check(self) -> None:
+        """Check that none has failed.
+
+        Raises:
+            ProcessError: One has; the message names it and shows the end of its log.
+        """
+        failed = [child for child in self.children if child.process.poll() not in (None, 0)]
+        if failed:
+            # One that a signal killed comes first: others may have failed because it was gone.
+            raise self._crash(min(failed, key=lambda child: child.process.returncode >= 0))
+
+    def all_done(self) -> bool:
+        """Whether every process has ended."""
+        return all(child.process.poll() is not None for child in self.children)
+
+    def _crash(self, child: Child) -> ProcessError:
+        code = child.process.returncode
+        how = f"was killed by signal {-code}" if code < 0 else f"ended with status {code}"
+        return ProcessError(f"{child.name} {how}; the end of its log, {child.log}:\n{child.last_lines()}")
+
+    def stop(self) -> None:
+        """End all processes: ask by the end of stdin, then by a signal, then do not ask."""
+        for child in self.children:
+            if child.process.stdin is not None and not child.process.stdin.closed:
+                child.process.stdin.close()
+        self._wait(_GO_BY_THEMSELVES)
+        for child in self._left():
+            child.process.terminate()
+        self._wait(_GO_WHEN_ASKED)
+        for child in self._left():
+            child.process.kill()
+            child.process.wait()
+
+    def _left(self) -> list[Child]:
+        return [child for child in self.children if child.process.poll() is None]
+
+    def _wait(self, seconds: float) -> None:
+        deadline = time.monotonic() + seconds
+        while self._left() and time.monotonic() < deadline:
+            time.sleep(0.01)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+
+def run_in_foreground(module: str, config: Path) -> int:
+    """Run one part of a team by hand until it ends; its output is ours. Return its exit status.
+
+    Raises:
+        CoheftError: The configuration cannot be read.
+    """
+    try:
+        line = msgspec.json.encode(msgspec.json.decode(config.read_bytes()))
+    except OSError as error:
+        raise CoheftError(f"{config}: cannot be read: {error.strerror}") from error
+    except msgspec.DecodeError as error:
+        raise CoheftError(f"{config}: not JSON: {error}") from error
+    process = subprocess.Popen(
+        [sys.executable, "-m", module], stdin=subprocess.PIPE, env={**os.environ, **ENVIRONMENT}, start_new_session=True
+    )
+    assert process.stdin is not None
+    try:
+        process.stdin.write(line + b"\n")
+        process.stdin.flush()
+        return process.wait()
+    finally:
+        process.stdin.close()
+        try:
+            process.wait(_GO_BY_THEMSELVES)
+        except subprocess.TimeoutExpired:
+            process.kill()

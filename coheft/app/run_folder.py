@@ -1,0 +1,117 @@
+"""Folders of runs: where each process's log goes, and the file by which other commands find a run that goes on."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from coheft.errors import CoheftError
+
+RUN_FILE = "run.json"
+
+
+class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How to reach a run; the file exists as long as the run does.
+
+    Attributes:
+        run: Prefix of all its keys.
+        pid: Of its supervisor.
+        server: Endpoint at which the server can be observed and asked.
+        agents: Endpoint at which each agent can be observed, by name.
+    """
+
+    run: str
+    pid: int
+    server: str
+    agents: dict[str, str]
+
+
+def runs_folder() -> Path:
+    """Where the folders of this user's runs lie, as each platform has it."""
+    home = Path.home()
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        base = home / "Library" / "Application Support"
+    else:
+        base = Path(os.environ.get("XDG_STATE_HOME") or home / ".local" / "state")
+    return base / "coheft" / "runs"
+
+
+def make_run_folder(run: str, logs: Path | None = None) -> Path:
+    """Make the folder of a new run: ``logs``, or a new one among the user's runs.
+
+    Raises:
+        CoheftError: It cannot be made.
+    """
+    folder = logs if logs is not None else runs_folder() / f"{time.strftime('%Y%m%d-%H%M%S')}-{run}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CoheftError(
+            f"cannot make the folder of the run, {folder}: {error.strerror}; name another: --logs DIR"
+        ) from error
+    return folder.resolve()
+
+
+@contextlib.contextmanager
+def announced(folder: Path, run_file: RunFile) -> Iterator[None]:
+    """Let other commands find the run while the context lasts."""
+    path = folder / RUN_FILE
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(run_file)))
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def find_run(folder: Path | None = None) -> RunFile:
+    """The run in a folder, or else the newest of this user's runs that goes on.
+
+    Raises:
+        CoheftError: There is none.
+    """
+    if folder is not None:
+        run_file = _read(folder)
+        if run_file is None or not _answers(run_file.server):
+            raise CoheftError(f"no run goes on in {folder}")
+        return run_file
+    folders = sorted(runs_folder().glob(f"*/{RUN_FILE}"), key=lambda path: path.stat().st_mtime, reverse=True)
+    for path in folders:
+        run_file = _read(path.parent)
+        if run_file is not None and _answers(run_file.server):
+            return run_file
+    raise CoheftError(
+        "no run goes on; start one with 'coheft run', or name its folder if it has one of its own: --run DIR"
+    )
+
+
+def _read(folder: Path) -> RunFile | None:
+    """The run file in a folder, None if there is none, or only a part."""
+    try:
+        return msgspec.json.decode((folder / RUN_FILE).read_bytes(), type=RunFile)
+    except (OSError, msgspec.DecodeError):
+        return None
+
+
+def _answers(endpoint: str) -> bool:
+    """Whether somebody listens there. A run that was killed leaves its file behind, so the file alone says nothing."""
+    host, port = split_endpoint(endpoint)
+    try:
+        socket.create_connection((host, port), timeout=0.5).close()
+    except OSError:
+        return False
+    return True
+
+
+def split_endpoint(endpoint: str) -> tuple[str, int]:
+    """Host and port of an endpoint such as ``tcp/127.0.0.1:20000``."""
+    host, _, port = endpoint.partition("/")[2].rpartition(":")
+    return host, int(port)

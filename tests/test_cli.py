@@ -1,0 +1,200 @@
+"""The command line, as far as it goes without other processes."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+from pathlib import Path
+
+import msgspec
+import pytest
+
+import coheft
+from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.overrides import override
+from coheft.app.plan import free_ports, make_plan
+from coheft.app.run_folder import RUN_FILE, RunFile, announced, find_run, runs_folder
+from coheft.errors import CoheftError, ScenarioError
+from coheft.wire.config import AgentProcessConfig, ServerConfig
+from coheft.wire.scenario import LoadChange, Scenario, load_scenario
+
+
+@pytest.fixture
+def ring6() -> Scenario:
+    return load_scenario("ring6")
+
+
+@pytest.fixture(autouse=True)
+def own_state_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No test sees the runs of the user who runs it."""
+    for name in ("XDG_STATE_HOME", "LOCALAPPDATA", "HOME"):
+        monkeypatch.setenv(name, str(tmp_path / "state"))
+
+
+def test_overrides_change_what_they_name_and_nothing_else(ring6: Scenario) -> None:
+    changed = override(ring6, duration=12.0, seed=7, sensor_rate=250)
+    assert (changed.duration, changed.seed, changed.sensors.rate) == (12.0, 7, 250)
+    same_again = override(changed, duration=ring6.duration, seed=ring6.seed, sensor_rate=ring6.sensors.rate)
+    assert same_again == ring6
+
+
+def test_changes_replace_the_scenarios_own(ring6: Scenario) -> None:
+    changed = override(ring6, changes=["t=20,mass=3,at=0.4,-0.3,0.1", "remove=1,t=25.5", "mass=2,t=1,size=0.1,0.2,0.3"])
+    assert changed.load_changes == (
+        LoadChange(at=20.0, mass=3.0, position=(0.4, -0.3, 0.1)),
+        LoadChange(at=25.5, remove=1),
+        LoadChange(at=1.0, mass=2.0, size=(0.1, 0.2, 0.3)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("mass=3", "'t'"),
+        ("t=20,weight=3", "'weight' is unknown"),
+        ("t=20,mass=3,mass=4", "twice"),
+        ("t=20,mass=heavy", "'heavy'"),
+        ("t=20,mass=3,at=0.4,0.3", "found 2 numbers, expected 3"),
+        ("20,mass=3", "'20'"),
+        ("t=20,mass=-3", "> 0"),
+        ("t=20,remove=1.5", "remove"),
+        ("t=20", "'mass'"),
+        ("t=20,mass=3,remove=1", "'remove'"),
+    ],
+)
+def test_a_change_that_makes_no_sense_is_explained(ring6: Scenario, text: str, complaint: str) -> None:
+    with pytest.raises(ScenarioError, match=complaint):
+        override(ring6, changes=[text])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["run", "ring5"], "ring6"),
+        (["run", "ring6", "--duration", "-1"], "duration"),
+        (["run", "ring6", "--sensor-rate", "333"], "rate"),
+        (["run", "ring6", "--estimator", "magic"], "estimator"),
+        (["run", "ring6", "--change", "mass=3"], "key 't'"),
+        (["run", "--no-such-flag"], "--no-such-flag"),
+        (["inject", "--mass", "3"], "--at"),
+    ],
+)
+def test_wrong_usage_exits_with_2_and_says_why(
+    arguments: list[str], complaint: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run_command_line(arguments) == EXIT_USAGE
+    output = capfd.readouterr()
+    assert complaint in output.err + output.out
+    assert "Traceback" not in output.err + output.out
+
+
+def test_a_malformed_scenario_names_file_key_found_and_allowed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "odd.toml"
+    path.write_text('name = "odd"\n[payload]\nboxes = [{ mass = -7.0, size = [1, 1, 1] }]\n[robots]\n')
+    assert run_command_line(["run", str(path)]) == EXIT_USAGE
+    message = capfd.readouterr().err
+    for part in (str(path), "payload.boxes", "mass", "-7.0", "> 0"):
+        assert part in message
+
+
+def test_version(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line(["--version"]) == EXIT_CONVERGED
+    assert coheft.__version__ in capfd.readouterr().out
+
+
+def test_help_tells_the_exit_status(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line(["--help"]) == EXIT_CONVERGED
+    text = " ".join(capfd.readouterr().out.split())
+    assert "3 the run ended but not every robot had converged" in text
+
+
+def test_scenarios_lists_every_shipped_one(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line(["scenarios"]) == EXIT_CONVERGED
+    assert "ring6 " in capfd.readouterr().out
+
+
+def test_commands_for_a_run_need_one(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line(["inject", "--mass", "3", "--at", "0", "0", "0.1"]) == EXIT_ERROR
+    assert "no run goes on" in capfd.readouterr().err
+
+
+def test_written_configs_are_what_the_processes_read(tmp_path: Path) -> None:
+    assert run_command_line(["run", "ring6", "--write-configs", str(tmp_path)]) == EXIT_CONVERGED
+    server = msgspec.json.decode((tmp_path / "server.json").read_bytes(), type=ServerConfig)
+    assert server.scenario == load_scenario("ring6")
+    for name in server.robots:
+        agent = msgspec.json.decode((tmp_path / f"{name}.json").read_bytes(), type=AgentProcessConfig)
+        assert agent.agent.name == name
+        assert agent.server == server.robots[name]
+
+
+def test_an_agents_config_tells_nothing_about_the_team(ring6: Scenario) -> None:
+    """Neither the payload, nor who else is there, nor how many."""
+    plan = make_plan(ring6)
+    for name, config in plan.agents.items():
+        text = msgspec.json.encode(config).decode()
+        assert not {"payload", "boxes", "grasps", "perimeter", "graph", "load_changes"} & set(_keys(json.loads(text)))
+        strangers = set(plan.agents) - {name} - set(config.agent.neighbours)
+        assert len(strangers) == 3
+        assert not [other for other in strangers if f'"{other}"' in text]
+
+
+def _keys(value: object) -> list[str]:
+    if isinstance(value, dict):
+        return [*value, *(key for inner in value.values() for key in _keys(inner))]
+    return [key for inner in value for key in _keys(inner)] if isinstance(value, list) else []
+
+
+def test_along_every_edge_exactly_one_dials_where_the_other_listens(ring6: Scenario) -> None:
+    plan = make_plan(ring6)
+    for name, config in plan.agents.items():
+        for neighbour in config.neighbours:
+            back = next(n for n in plan.agents[neighbour.name].neighbours if n.name == name)
+            assert (neighbour.endpoint is None) != (back.endpoint is None)
+            assert neighbour.endpoint in (None, plan.agents[neighbour.name].listen)
+
+
+def test_every_plan_has_a_prefix_and_ports_of_its_own(ring6: Scenario) -> None:
+    plan = make_plan(ring6)
+    endpoints = [plan.server.observe, *plan.server.robots.values()]
+    endpoints += [endpoint for agent in plan.agents.values() for endpoint in (agent.listen, agent.observe)]
+    assert len(set(endpoints)) == 3 * 6 + 1
+    assert plan.run != make_plan(ring6).run
+
+
+def test_free_ports_can_be_listened_on() -> None:
+    for port in free_ports(10):
+        assert 1024 <= port < 32768
+        with socket.socket() as listener:
+            listener.bind(("127.0.0.1", port))
+
+
+def test_the_newest_run_that_answers_is_found() -> None:
+    with contextlib.ExitStack() as stack:
+        listeners = [stack.enter_context(socket.socket()) for _ in range(2)]
+        for number, listener in enumerate(listeners):
+            port = free_ports(1)[0]
+            listener.bind(("127.0.0.1", port))
+            listener.listen()
+            folder = runs_folder() / f"run{number}"
+            folder.mkdir(parents=True)
+            entry = RunFile(run=f"run{number}", pid=1, server=f"tcp/127.0.0.1:{port}", agents={})
+            stack.enter_context(announced(folder, entry))
+            os.utime(folder / RUN_FILE, (number, number))
+        assert find_run().run == "run1"
+        listeners[1].close()  # as if killed: its file stays behind
+        assert find_run().run == "run0"
+        with pytest.raises(CoheftError, match="no run goes on"):
+            find_run(runs_folder() / "run1")
+
+
+def test_a_run_that_ended_is_not_found() -> None:
+    folder = runs_folder() / "over"
+    folder.mkdir(parents=True)
+    with announced(folder, RunFile(run="over", pid=1, server="tcp/127.0.0.1:1", agents={})):
+        pass
+    assert list(folder.iterdir()) == []

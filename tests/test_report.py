@@ -1,0 +1,221 @@
+"""The report against runs whose outcome is known by construction."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+import pytest
+
+from coheft.app.report import RunInfo, build_report
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Array, Pose
+from coheft.wire.messages import (
+    Estimate,
+    LoadChangeNotice,
+    PayloadEstimate,
+    PayloadTruth,
+    PoseEstimate,
+    Scene,
+    Truth,
+)
+
+BLOCK = 0.02
+ROBOTS = ["r1", "r2", "r3"]
+GRASPS = {name: Pose.exp(np.random.default_rng(k).normal(size=6)) for k, name in enumerate(ROBOTS)}
+SCENE = Scene(
+    robots=ROBOTS,
+    rotations=np.array([GRASPS[name].rotation for name in ROBOTS]),
+    translations=np.array([GRASPS[name].translation for name in ROBOTS]),
+    neighbours={"r1": ["r2"], "r2": ["r1", "r3"], "r3": ["r2"]},
+)
+LIGHT = Inertia(10.0, np.array([0.1, -0.2, 0.05]), np.diag([0.5, 0.8, 1.1]))
+HEAVY = Inertia(13.0, np.array([0.0, -0.1, 0.06]), np.diag([0.7, 0.9, 1.3]))
+INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, wall_time=2.0)
+STD = np.array([0.1, 0.001, 0.002, 0.003, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06])
+
+
+def total_wrench(block: int) -> Array:
+    return np.array([np.sin(block), 3.0, np.cos(block), 0.5, -np.cos(block), 0.1])
+
+
+def truth(block: int, payload: Inertia) -> Truth:
+    return Truth(
+        block=block,
+        time=(block + 1) * BLOCK,
+        payload=PayloadTruth(payload.mass, payload.com, payload.tensor),
+        loads=[],
+        position=np.zeros(3),
+        quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+        total_wrench=total_wrench(block),
+        wrenches=np.zeros((3, 6)),
+    )
+
+
+def estimate(
+    robot: str,
+    block: int,
+    payload: Inertia | None,
+    *,
+    converged: bool = True,
+    changes: Sequence[LoadChangeNotice] = (),
+    wrench_error: float = 0.0,
+    pose_error: Pose | None = None,
+) -> Estimate:
+    """What a robot says that believes in ``payload``, given in the payload's frame."""
+    carry = GRASPS[robot].inverse()
+    believed = None
+    if payload is not None:
+        local = payload.carried(carry)
+        believed = PayloadEstimate(local.mass, local.com, local.tensor, np.diag(STD**2))
+    poses = {}
+    for other in SCENE.neighbours[robot]:
+        pose = carry @ GRASPS[other] @ (pose_error or Pose.identity())
+        poses[other] = PoseEstimate(pose.rotation, pose.translation, np.eye(6), observable=True)
+    return Estimate(
+        robot=robot,
+        block=block,
+        time=(block + 1) * BLOCK,
+        phase="inertia",
+        converged=converged,
+        members=3,
+        payload=believed,
+        poses=poses,
+        total_block=max(-1, block - 4),
+        total_wrench=(1.0 + wrench_error) * carry.adjoint() @ total_wrench(block - 4),
+        not_observable=[] if payload is not None else ["mass: too little motion"],
+        load_changes=list(changes),
+    )
+
+
+def test_a_perfect_run_has_no_errors() -> None:
+    truths = [truth(block, LIGHT) for block in range(100)]
+    report = build_report(INFO, SCENE, truths, {r: [estimate(r, b, LIGHT) for b in range(100)] for r in ROBOTS})
+    for robot in report.robots.values():
+        assert robot.mass.error_pct == pytest.approx(0.0, abs=1e-9)
+        assert robot.com.error_mm == pytest.approx(0.0, abs=1e-9)
+        assert robot.inertia.error_pct == pytest.approx(0.0, abs=1e-9)
+        assert all(pose.rotation_error_deg < 1e-5 for pose in robot.poses.values())
+        assert all(pose.translation_error_mm < 1e-9 for pose in robot.poses.values())
+    assert report.consensus.force_rel_error == pytest.approx(0.0, abs=1e-12)
+    assert report.consensus.torque_rel_error == pytest.approx(0.0, abs=1e-12)
+    assert report.load_changes == []
+    assert report.converged
+
+
+def test_errors_are_measured_in_the_robots_own_frame() -> None:
+    wrong = Inertia(10.5, LIGHT.com + [0.003, 0.0, 0.004], 1.1 * LIGHT.tensor)
+    turned = Pose.exp([0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
+    shifted = Pose(turned.rotation, np.array([0.0, 0.002, 0.0]))
+    last = {r: [estimate(r, 99, wrong, wrench_error=0.05, pose_error=shifted)] for r in ROBOTS}
+    report = build_report(INFO, SCENE, [truth(block, LIGHT) for block in range(100)], last)
+    for name, robot in report.robots.items():
+        assert robot.mass.error_pct == pytest.approx(5.0)
+        assert robot.com.error_mm == pytest.approx(5.0)
+        assert robot.inertia.error_pct == pytest.approx(10.0)
+        assert set(robot.poses) == set(SCENE.neighbours[name])
+        for pose in robot.poses.values():
+            assert pose.rotation_error_deg == pytest.approx(np.degrees(0.01))
+            assert pose.translation_error_mm == pytest.approx(2.0)
+        assert robot.mass.std == pytest.approx(0.1)
+        assert robot.com.std == pytest.approx([0.001, 0.002, 0.003])
+        assert robot.inertia.std is not None
+        assert robot.inertia.std[0] == pytest.approx([0.01, 0.04, 0.05])
+        carried = LIGHT.carried(GRASPS[name].inverse())
+        assert robot.com.truth == pytest.approx(carried.com)
+        assert np.allclose(robot.inertia.truth, carried.tensor)
+    assert report.consensus.force_rel_error == pytest.approx(0.05)
+    assert report.consensus.torque_rel_error == pytest.approx(0.05)
+
+
+def changing_run(
+    recovers_at: dict[str, int], notices: dict[str, float]
+) -> tuple[list[Truth], dict[str, list[Estimate]]]:
+    """The load changes at block 100 of 200; each robot believes the old one until its own block."""
+    truths = [truth(block, LIGHT if block < 100 else HEAVY) for block in range(200)]
+    estimates = {}
+    for robot in ROBOTS:
+        notice = notices.get(robot)
+        changes = [LoadChangeNotice(noticed_at=notice, changed_at=2.0)] if notice is not None else []
+        estimates[robot] = [
+            estimate(
+                robot,
+                block,
+                LIGHT if block < recovers_at[robot] else HEAVY,
+                changes=changes if notice is not None and (block + 1) * BLOCK >= notice else [],
+            )
+            for block in range(200)
+        ]
+    return truths, estimates
+
+
+def test_a_load_change_is_reported_with_the_state_before_it() -> None:
+    truths, estimates = changing_run({"r1": 110, "r2": 120, "r3": 115}, {"r1": 2.06, "r2": 2.04, "r3": 2.1})
+    (change,) = build_report(INFO, SCENE, truths, estimates).load_changes
+    assert change.at_s == pytest.approx(2.0)
+    assert change.truth.mass == pytest.approx(13.0)
+    assert change.detected_at_s == pytest.approx(2.1), "the last robot counts"
+    assert change.recovered_at_s == pytest.approx(121 * BLOCK), "the last robot counts"
+    for robot in change.before_change.values():
+        assert robot.time_s == pytest.approx(2.0)
+        assert robot.mass.truth == pytest.approx(10.0)
+        assert robot.mass.error_pct == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_a_robot_missed_is_none() -> None:
+    truths, estimates = changing_run({"r1": 110, "r2": 10**6, "r3": 115}, {"r1": 2.06, "r2": 2.04})
+    (change,) = build_report(INFO, SCENE, truths, estimates).load_changes
+    assert change.detected_at_s is None
+    assert change.recovered_at_s is None
+
+
+def test_recovery_counts_from_when_it_lasts() -> None:
+    truths, estimates = changing_run(dict.fromkeys(ROBOTS, 110), {})
+    estimates["r3"][150] = estimate("r3", 150, LIGHT)
+    (change,) = build_report(INFO, SCENE, truths, estimates).load_changes
+    assert change.recovered_at_s == pytest.approx(152 * BLOCK)
+
+
+def test_nothing_observable_gives_no_numbers() -> None:
+    truths = [truth(block, LIGHT) for block in range(10)]
+    report = build_report(INFO, SCENE, truths, {r: [estimate(r, 9, None, converged=False)] for r in ROBOTS})
+    assert not report.converged
+    for robot in report.robots.values():
+        assert robot.not_observable == ["mass: too little motion"]
+        assert robot.mass.estimate is robot.com.estimate is robot.inertia.estimate is None
+        assert robot.mass.truth == pytest.approx(10.0)
+        assert robot.converged_at_s is None
+
+
+def test_speed_counts_every_message_of_a_block() -> None:
+    truths = [truth(block, LIGHT) for block in range(100)]
+    report = build_report(INFO, SCENE, truths, {r: [estimate(r, 99, LIGHT)] for r in ROBOTS})
+    assert report.real_time_factor == pytest.approx(1.0)
+    assert report.processes == 4
+    per_block = 3 + 3 + 4 + 3 + 1  # measurements, references, two edges both ways, estimates, truth
+    assert report.messages_per_s == pytest.approx(per_block * 100 / 2.0)
+
+
+def test_history_has_a_point_for_every_second() -> None:
+    truths = [truth(block, LIGHT) for block in range(200)]
+    report = build_report(
+        INFO, SCENE, truths, {r: [estimate(r, b, LIGHT) for b in range(200)] for r in ROBOTS}, with_history=True
+    )
+    assert report.history is not None
+    for points in report.history.values():
+        assert [point.time_s for point in points] == pytest.approx([1.0, 2.0, 3.0, 4.0])
+
+
+def test_the_report_is_plain_json() -> None:
+    truths, estimates = changing_run(dict.fromkeys(ROBOTS, 110), {"r1": 2.06})
+    table = json.loads(msgspec.json.encode(build_report(INFO, SCENE, truths, estimates)))
+    assert {"scenario", "seed", "estimator", "robots", "load_changes", "consensus"} <= set(table)
+    assert {"processes", "real_time_factor", "messages_per_s"} <= set(table)
+    assert set(table["robots"]["r1"]["mass"]) == {"truth", "estimate", "std", "error_pct"}
+
+
+def test_a_silent_robot_is_named() -> None:
+    with pytest.raises(ValueError, match="r2, r3"):
+        build_report(INFO, SCENE, [truth(0, LIGHT)], {"r1": [estimate("r1", 0, LIGHT)]})
