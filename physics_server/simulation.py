@@ -155,12 +155,14 @@ class Simulation:
                 last displacement.
 
         Raises:
-            SimulationError: The payload ran away.
+            SimulationError: A reference cannot be followed, or the payload ran away: the simulation is over.
         """
         problems = self._change_loads()
-        readings = self._step(self._arms.controls(references))
+        controls = self._arms.controls(references)
+        self._check_controls(controls)
+        readings = self._step(controls)
+        self._check_held(readings)
         wrenches = self._arms.wrenches(readings.forces, readings.rotations, self._home_rotations)
-        self._check(readings)
         samples = self._sensors.measure(readings.kinematics, wrenches)
         measurements = {
             name: Measurements(robot=name, block=self.block, samples=rows)
@@ -226,28 +228,42 @@ class Simulation:
             wrenches=wrenches,
         )
 
-    def _check(self, readings: _Readings) -> None:
-        """Check that the payload is still held.
+    def _check_controls(self, controls: Array) -> None:
+        """Check what the engine would answer, in silence, by letting all arms go: one bad number.
 
         Raises:
-            SimulationError: It is not.
+            SimulationError: There is one.
+        """
+        largest = np.abs(controls).reshape(len(controls), len(self._names), -1).max(axis=(0, 2))
+        if (largest < mujoco.mjMAXVAL).all():
+            return
+        bad = [name for name, value in zip(self._names, largest, strict=True) if not value < mujoco.mjMAXVAL]
+        time = self.block * self._scenario.block_duration
+        raise SimulationError(
+            f"at {time:.3f} s references of {', '.join(bad)} hold numbers that are not finite, or not below "
+            f"{mujoco.mjMAXVAL:g}"
+        )
+
+    def _check_held(self, readings: _Readings) -> None:
+        """Check that the robots still hold the payload.
+
+        Raises:
+            SimulationError: They do not.
         """
         position = readings.positions[-1]
         distance = float(np.linalg.norm(position[:3] - PAYLOAD_HOME.translation))
         angle = 2.0 * math.atan2(np.linalg.norm(position[4:]), abs(position[3]))
-        finite = all(np.isfinite(values).all() for values in (position, readings.kinematics, readings.forces))
-        if finite and distance < MAX_DISTANCE and angle < MAX_ANGLE:
+        if not all(np.isfinite(values).all() for values in (position, readings.kinematics, readings.forces)):
+            found = "its motion is no longer finite"
+        elif distance > MAX_DISTANCE or angle > MAX_ANGLE:
+            found = f"it is {distance:.1f} m away from its home and turned by {math.degrees(angle):.0f} degrees"
+        else:
             return
         time = (self.block + 1) * self._scenario.block_duration
-        found = (
-            f"{distance:.1f} m away from its home and turned by {math.degrees(angle):.0f} degrees"
-            if finite
-            else "where numbers are no longer finite"
-        )
         raise SimulationError(
-            f"at {time:.3f} s the payload is {found}: the robots have lost it. Likely causes: references too large, "
-            f"not finite or too unlike each other, a load too heavy or too far out, or damping too strong for a "
-            f"payload so light at {PHYSICS_RATE} steps a second"
+            f"at {time:.3f} s the robots have lost the payload: {found}. Likely causes: references too large or too "
+            f"unlike each other, a load too heavy or too far out, or damping too strong for so light a payload at "
+            f"{PHYSICS_RATE} steps a second"
         )
 
 
