@@ -1,0 +1,136 @@
+"""Which parts of a pose the data have not shown yet, and how to say so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.spatial import Array
+from coheft.estimation.uncertain_pose import UncertainPose
+
+_FLOOR = 1e-6
+"""Share of the required information that unseen directions are given, so that covariances stay finite."""
+_PURE = 0.1
+"""A direction is called a rotation, or a translation, when the other part is below this share of it."""
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """Standard deviations above which a direction counts as not seen.
+
+    Attributes:
+        rotation: [rad].
+        translation: [m].
+    """
+
+    rotation: float = np.radians(5.0)
+    translation: float = 0.1
+
+    def scale(self) -> Array:
+        """Per component of a pose's perturbation ``(rotation, translation)``, shape (6,)."""
+        return np.repeat([self.rotation, self.translation], 3)
+
+
+@dataclass(frozen=True, eq=False)
+class UnseenDirection:
+    """A motion of the estimated frame that the data do not tell from none.
+
+    Attributes:
+        rotation: Shape (3,), in the axes of the frame that the pose is given in, in units of the limit.
+        translation: Shape (3,), likewise; both together have norm 1.
+    """
+
+    rotation: Array
+    translation: Array
+
+    def __str__(self) -> str:
+        parts = []
+        for name, vector in (("rotation about", self.rotation), ("translation along", self.translation)):
+            if np.linalg.norm(vector) > _PURE:
+                x, y, z = _axis(vector)
+                parts.append(f"{name} ({x:.2f}, {y:.2f}, {z:.2f})")
+        return " with ".join(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseEstimate(UncertainPose):
+    """A pose, how well it is known, and what is not.
+
+    Attributes:
+        unseen: Directions that the motion has not shown yet: along them the pose is arbitrary and the covariance
+            means nothing.
+    """
+
+    unseen: tuple[UnseenDirection, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class SeenInformation:
+    """Information on a pose, divided into directions that were seen and others.
+
+    Attributes:
+        values: Eigenvalues in units of what is required, ascending, shape (6,).
+        directions: As columns, what each belongs to, in units [rad, m], shape (6, 6).
+        unseen: The directions that were not seen.
+    """
+
+    values: Array
+    directions: Array
+    unseen: tuple[UnseenDirection, ...]
+
+    def step(self, gradient: Array) -> Array:
+        """Newton step (6,) along the directions that were seen, none along the others."""
+        count = len(self.unseen)
+        directions, values = self.directions[:, count:], self.values[count:]
+        result: Array = directions @ ((directions.T @ gradient) / values)
+        return result
+
+    def inverse(self) -> Array:
+        """Inverse of the information (6, 6); unseen directions get 1000 times the limit, a stand-in for infinity."""
+        count = len(self.unseen)
+        values = np.concatenate([np.full(count, _FLOOR), self.values[count:]])
+        result: Array = (self.directions / values) @ self.directions.T
+        return result
+
+
+def seen_information(information: Array, limits: Visibility, doubt: Array | None = None) -> SeenInformation:
+    """Divide a pose's information by what has been seen of it.
+
+    Args:
+        information: Of the perturbation ``(rotation, translation)``, shape (6, 6), symmetric; need not be definite.
+        limits: When a direction counts as seen.
+        doubt: Part of the information that may be noise, shape (6, 6).
+    """
+    scale = limits.scale()
+    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
+    certain = values
+    if doubt is not None:
+        certain = values - np.einsum("ik,ij,jk->k", vectors, doubt * np.outer(scale, scale), vectors)
+    order = np.argsort(certain >= 1.0, kind="stable")
+    count = int(np.sum(certain < 1.0))
+    values, vectors = values[order], vectors[:, order]
+    unseen = tuple(UnseenDirection(column[:3], column[3:]) for column in _named_basis(vectors[:, :count]).T)
+    return SeenInformation(values, scale[:, None] * vectors, unseen)
+
+
+def _named_basis(basis: Array) -> Array:
+    """The same subspace, shape (6, k), spanned by pure rotations and pure translations as far as it holds them."""
+    if basis.shape[1] == 0:
+        return basis
+    _, shares, turn = np.linalg.svd(basis[:3])
+    turned: Array = basis @ turn.T
+    shares = np.concatenate([shares, np.zeros(basis.shape[1] - len(shares))])
+    for rows, pure in ((slice(0, 3), shares > 1.0 - _PURE**2), (slice(3, 6), shares < _PURE)):
+        if np.sum(pure) == 3:  # All axes alike: name the frame's own.
+            turned[:, pure] = 0.0
+            turned[rows, pure] = np.eye(3)
+    return turned
+
+
+def _axis(vector: Array) -> Array:
+    """Unit vector along, its largest component positive; no negative zeros."""
+    unit = vector / np.linalg.norm(vector)
+    unit = unit * np.sign(unit[np.argmax(np.abs(unit))])
+    result: Array = np.round(unit, 2) + 0.0
+    return result
