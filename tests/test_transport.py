@@ -1,0 +1,235 @@
+"""Sessions, inboxes and senders, over real loopback links."""
+
+from __future__ import annotations
+
+import contextlib
+import secrets
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+import zenoh
+
+from coheft.app.plan import free_ports
+from coheft.errors import CoheftError, LinkError
+from coheft.wire.messages import (
+    PROTOCOL_VERSION,
+    Hello,
+    InjectRequest,
+    Measurements,
+    Ready,
+    Refusal,
+    Status,
+    StatusRequest,
+    encode,
+)
+from coheft.wire.messages import Scene as SceneMessage
+from coheft.wire.transport import (
+    Event,
+    Inbox,
+    Keys,
+    LinkChange,
+    Question,
+    Received,
+    Refused,
+    Sender,
+    ask,
+    check_name,
+    open_session,
+)
+
+LIMIT = 20.0
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return f"tcp/127.0.0.1:{free_ports(1)[0]}"
+
+
+@pytest.fixture
+def keys() -> Keys:
+    return Keys(f"test-{secrets.token_hex(4)}")
+
+
+@pytest.fixture
+def pair(endpoint: str) -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
+    with open_session(listen=[endpoint]) as near, open_session(connect=[endpoint]) as far:
+        yield near, far
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + LIMIT
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.005)
+
+
+def next_event(inbox: Inbox) -> Event:
+    event = inbox.receive(LIMIT)
+    assert event is not None, "waited in vain"
+    return event
+
+
+def test_messages_arrive_in_order_decoded_and_with_their_source(pair, keys):
+    near, far = pair
+    inbox = Inbox()
+    inbox.listen(near, "r1", {keys.robot("r1", "ready"): Ready, keys.robot("r1", "measurements"): Measurements})
+    ready = Sender(far, keys.robot("r1", "ready"), may_drop=False)
+    measurements = Sender(far, keys.robot("r1", "measurements"), may_drop=False)
+    wait_until(lambda: ready.has_listener and measurements.has_listener)
+    samples = np.random.default_rng(0).normal(size=(10, 15))
+    ready.send(Ready(robot="r1"))
+    for block in range(200):
+        measurements.send(Measurements(robot="r1", block=block, samples=samples))
+
+    assert next_event(inbox) == Received("r1", Ready(robot="r1"))
+    for block in range(200):
+        event = next_event(inbox)
+        assert isinstance(event, Received)
+        assert isinstance(event.message, Measurements)
+        assert event.message.block == block
+        np.testing.assert_array_equal(event.message.samples, samples)
+
+
+def test_what_is_not_the_expected_message_is_refused_and_the_next_one_arrives(pair, keys):
+    near, far = pair
+    inbox = Inbox()
+    key = keys.agent("r2", "hello")
+    inbox.listen(near, "r2", {key: Hello})
+    sender = Sender(far, key, may_drop=False)
+    wait_until(lambda: sender.has_listener)
+    hello = Hello(sender="r2", heard=[])
+    far.put(key, b"\xc1 no MessagePack")
+    far.put(key, encode(Ready(robot="r2")))
+    far.put(key, encode(Hello(version=PROTOCOL_VERSION + 1, sender="r2", heard=[])))
+    far.delete(key)
+    far.put(keys.agent("r2", "gossip"), encode(hello))
+    sender.send(hello)
+
+    texts = []
+    for _ in range(5):
+        event = next_event(inbox)
+        assert isinstance(event, Refused)
+        texts.append(str(event.error))
+    assert "not a Hello" in texts[0]
+    assert "not a Hello" in texts[1]
+    assert f"version {PROTOCOL_VERSION + 1}" in texts[2]
+    assert "not a Hello" in texts[3]
+    assert "nothing is expected under the key" in texts[4]
+    assert next_event(inbox) == Received("r2", hello)
+
+
+def test_nobody_hears_itself(pair, keys):
+    near, far = pair
+    inbox = Inbox()
+    inbox.listen(near, "r1", {keys.robot("r1", "ready"): Ready})
+    own = Sender(near, keys.robot("r1", "ready"), may_drop=False)
+    other = Sender(far, keys.robot("r1", "ready"), may_drop=False)
+    wait_until(lambda: other.has_listener)
+    own.send(Ready(robot="own"))
+    other.send(Ready(robot="other"))
+    assert next_event(inbox) == Received("r1", Ready(robot="other"))
+
+
+def test_receive_gives_up_after_its_timeout():
+    inbox = Inbox()
+    assert inbox.receive(0.0) is None
+    assert inbox.receive(0.01) is None
+
+
+def test_links_that_come_and_go_are_told(endpoint):
+    inbox = Inbox()
+    with open_session(listen=[endpoint]) as near:
+        inbox.watch_links(near, "r1")
+        with open_session(connect=[endpoint]):
+            assert next_event(inbox) == LinkChange("r1", is_up=True)
+        assert next_event(inbox) == LinkChange("r1", is_up=False)
+
+
+def test_who_dials_first_is_linked_when_the_other_one_comes(endpoint, keys):
+    with open_session(connect=[endpoint]) as far:
+        sender = Sender(far, keys.agent("r1", "hello"), may_drop=False)
+        assert not sender.has_listener
+        with open_session(listen=[endpoint]) as near:
+            inbox = Inbox()
+            inbox.listen(near, "r1", {keys.agent("r1", "hello"): Hello})
+            wait_until(lambda: sender.has_listener)
+
+
+def test_questions_are_answered_or_refused(pair, keys):
+    near, far = pair
+    inbox = Inbox()
+    inbox.serve(near, keys.request)
+    status = Status(
+        scenario="ring6", state="running", block=7, time=0.14, duration=35.0, real_time_factor=1.0, late_blocks=0,
+        loads=[], slots_free=4, waiting_for=[],
+        scene=SceneMessage(robots=["r1"], rotations=np.eye(3)[None], translations=np.zeros((1, 3)), neighbours={}),
+    )  # fmt: skip
+
+    def served() -> bool:
+        with contextlib.suppress(LinkError):
+            return isinstance(asking(far, keys.request, inbox, status, StatusRequest()), Status)
+        return False
+
+    wait_until(served)
+    answer = asking(far, keys.request, inbox, status, StatusRequest())
+    assert isinstance(answer, Status)
+    assert answer.block == 7
+    refused = asking(far, keys.request, inbox, Refusal(reason="too heavy"), InjectRequest(mass=9.0, position=(0, 0, 0)))
+    assert refused == Refusal(reason="too heavy")
+
+
+def asking(
+    session: zenoh.Session, key: str, inbox: Inbox, reply: Status | Refusal, request: StatusRequest | InjectRequest
+) -> Status | Refusal:
+    """Ask from a thread of its own while this one answers."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(1) as pool:
+        answer = pool.submit(ask, session, key, request)
+        while not answer.done():
+            event = inbox.receive(0.02)
+            if isinstance(event, Question):
+                assert event.request == request
+                event.answer(reply)
+        return answer.result()
+
+
+def test_a_malformed_question_is_refused_by_the_inbox(pair, keys):
+    near, far = pair
+    inbox = Inbox()
+    inbox.serve(near, keys.request)
+    querier = far.declare_querier(keys.request)
+    wait_until(lambda: querier.matching_status.matching)
+    replies = querier.get(payload=b"{}")
+    assert isinstance(next_event(inbox), Refused)
+    errors = [reply.err for reply in replies]
+    assert len(errors) == 1
+    assert errors[0] is not None
+    assert b"not a " in errors[0].payload.to_bytes()
+
+
+def test_a_question_that_nobody_answers_is_an_error(endpoint, keys):
+    with open_session(connect=[endpoint]) as session, pytest.raises(LinkError, match="no answer"):
+        ask(session, keys.request, StatusRequest(), timeout=0.1)
+
+
+def test_a_port_that_is_taken_is_an_error(endpoint):
+    with open_session(listen=[endpoint]), pytest.raises(LinkError, match="cannot listen"), open_session([endpoint]):
+        pass
+
+
+def test_keys_of_one_source_must_be_in_one_place(endpoint, keys):
+    with open_session([endpoint]) as session, pytest.raises(ValueError, match="one place"):
+        Inbox().listen(session, "r1", {keys.agent("r1", "hello"): Hello, keys.agent("r2", "hello"): Hello})
+
+
+@pytest.mark.parametrize("name", ["", "a b", "..", "*", "r1/**", "r1/", "$*", "-r", "r1\n", "ü"])
+def test_names_that_would_change_a_key_are_refused(name):
+    with pytest.raises(CoheftError, match="cannot be a name"):
+        check_name(name)
+    with pytest.raises(CoheftError, match="cannot be a name"):
+        Keys("run").robot(name, "ready")
+    with pytest.raises(CoheftError, match="cannot be a name"):
+        Keys(name)
