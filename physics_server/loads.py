@@ -10,7 +10,7 @@ import numpy as np
 
 from coheft.errors import LoadError
 from coheft.estimation.rigid_body import Inertia, combined
-from coheft.estimation.spatial import Pose, rotation_from_quaternion
+from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion
 from coheft.wire.messages import LoadState
 from coheft.wire.scenario import Vector
 
@@ -92,10 +92,10 @@ class Loads:
             )
         load = LoadState(self._next_id, float(mass), _vector(position), _vector(size))
         with np.errstate(over="ignore", invalid="ignore"):
-            together = combined([self.inertia, _inertia_of(load)])
-        if not np.isfinite(together.spatial()).all():
+            together = combined([self.inertia, _inertia_of(load)]).spatial()
+        if not np.isfinite(together).all():
             raise LoadError(f"inertia of a load of {mass} kg at {tuple(position)} m overflows: give smaller numbers")
-        self._keep_momentum(self.inertia, together)
+        self._keep_momentum(self.inertia.spatial(), together)
         self._next_id += 1
         self._fill(self._slots.index(None), load)
         return load
@@ -113,13 +113,13 @@ class Loads:
         there = f"the loads are {_ids(self.states)}" if self.states else "there are no loads"
         raise LoadError(f"there is no load {load_id}: {there}")
 
-    def _keep_momentum(self, before: Inertia, after: Inertia) -> None:
-        """Set the twist with which the heavier body has the momentum of the lighter one."""
+    def _keep_momentum(self, before: Array, after: Array) -> None:
+        """Set the twist with which the heavier body has the momentum of the lighter one; spatial inertias (6, 6)."""
         # A free joint has the velocity of its origin in the world's axes, then the angular velocity in its own.
         qvel = self._data.qvel
         rotation = rotation_from_quaternion(self._data.qpos[3:7])
         twist = np.concatenate([qvel[3:6], rotation.T @ qvel[:3]])
-        twist = np.linalg.solve(after.spatial(), before.spatial() @ twist)
+        twist = np.linalg.solve(after, before @ twist)
         qvel[:3], qvel[3:6] = rotation @ twist[3:], twist[:3]
 
     def _fill(self, slot: int, load: LoadState | None) -> None:

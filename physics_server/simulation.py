@@ -9,12 +9,13 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from coheft.errors import LoadError, ScenarioError, SimulationError
+from coheft.errors import LoadError, SimulationError
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.spatial import Array
 from coheft.wire.messages import LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
-from coheft.wire.scenario import PHYSICS_RATE, LoadChange, Scenario, Vector
+from coheft.wire.scenario import PHYSICS_RATE, Scenario, Vector
 from physics_server.impedance import Arms
+from physics_server.load_schedule import LoadSchedule
 from physics_server.loads import Loads
 from physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name, place_grasps
 from physics_server.sensors import READINGS, Sensors
@@ -110,8 +111,7 @@ class Simulation:
         self._loads = Loads(
             self.model, self.data, payload_body, scenario.payload.inertia(), scenario.payload.load_slots
         )
-        self._changes = sorted(scenario.load_changes, key=lambda change: change.at)
-        _check_changes(self._changes, scenario.payload.load_slots)
+        self._schedule = LoadSchedule(scenario)
 
     def _settle(self) -> None:
         """Let the robots take up the weight, then stop: the run starts at rest, with no drop that excites anything."""
@@ -175,8 +175,7 @@ class Simulation:
     def _change_loads(self) -> tuple[str, ...]:
         """Make the scenario's load changes that are due; what cannot be made is told, and skipped."""
         problems = []
-        while self._changes and self._changes[0].at <= self.block * self._scenario.block_duration + 1e-9:
-            change = self._changes.pop(0)
+        for change in self._schedule.due(self.block):
             try:
                 if change.remove is not None:
                     self.remove(change.remove)
@@ -265,29 +264,3 @@ class Simulation:
             f"unlike each other, a load too heavy or too far out, or damping too strong for so light a payload at "
             f"{PHYSICS_RATE} steps a second"
         )
-
-
-def _check_changes(changes: Sequence[LoadChange], slots: int) -> None:
-    """Check that a scenario's load changes, in order of time, can be made.
-
-    Raises:
-        ScenarioError: One needs a slot or a load that there will not be.
-    """
-    loads: list[int] = []
-    total = 0
-    for change in changes:
-        if change.remove is None:
-            total += 1
-            loads.append(total)
-        elif change.remove in loads:
-            loads.remove(change.remove)
-        else:
-            raise ScenarioError(
-                f"key 'load_changes': found remove = {change.remove} at {change.at} s, expected one of the loads that "
-                f"will be there then: {loads or 'none'}"
-            )
-        if len(loads) > slots:
-            raise ScenarioError(
-                f"key 'load_changes': found {len(loads)} loads at a time from {change.at} s on, but "
-                f"'payload.load_slots' is {slots}"
-            )

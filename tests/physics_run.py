@@ -1,0 +1,59 @@
+"""What the tests of the physics share: scenarios changed in a few keys, and robots that move them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import msgspec
+import numpy as np
+
+from agents.motion import Excitation
+from coheft.estimation.spatial import Array
+from coheft.wire.messages import Reference
+from coheft.wire.scenario import Scenario, load_scenario
+from physics_server.simulation import BlockResult, Simulation
+
+References = Callable[[int], Mapping[str, Reference]]
+
+
+def scenario(
+    name: str = "ring3", *, noise_scale: float = 0.0, rate: int = 1000, block: int = 5, **keys: object
+) -> Scenario:
+    """A shipped scenario, with exact sensors and no load changes unless told otherwise."""
+    shipped = load_scenario(name)
+    sensors = msgspec.structs.replace(shipped.sensors, rate=rate, block=block, noise_scale=noise_scale)
+    return msgspec.structs.replace(shipped, **{"sensors": sensors, "load_changes": (), **keys})
+
+
+def excitation(scenario: Scenario, *, feed_forward: bool = False) -> References:
+    """The robots' own choice of motion, from full amplitude on; with a constant feed-forward wrench each if asked."""
+    motion = msgspec.structs.replace(scenario.motion, ramp=0.0)
+    names = scenario.robot_names
+    sensors = scenario.sensors
+    motions = [Excitation(motion, 1000 + i, sensors.rate, sensors.block) for i in range(len(names))]
+    wrenches = np.random.default_rng(5).normal(size=(len(names), 6)) * [20, 20, 20, 2, 2, 2] * feed_forward
+
+    def references(block: int) -> Mapping[str, Reference]:
+        return {
+            name: reference(name, block, motion.reference(block), wrench)
+            for name, motion, wrench in zip(names, motions, wrenches, strict=True)
+        }
+
+    return references
+
+
+def reference(robot: str, block: int, motion: Array, wrench: Array | None = None) -> Reference:
+    """A robot's reference for a block."""
+    wrench = np.zeros(6) if wrench is None else wrench
+    return Reference(robot=robot, block=block, answers=block - 1, motion=motion, wrench=wrench)
+
+
+def run(simulation: Simulation, references: References, blocks: int) -> list[BlockResult]:
+    """Advance by some blocks."""
+    return [simulation.advance(references(simulation.block)) for _ in range(blocks)]
+
+
+def samples(results: list[BlockResult]) -> Array:
+    """All measurements in order of time, shape (N, samples, 15)."""
+    names = results[0].measurements
+    return np.array([np.concatenate([result.measurements[name].samples for result in results]) for name in names])

@@ -1,0 +1,199 @@
+"""Loads put onto the moving payload and taken away."""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import mujoco
+import numpy as np
+import pytest
+
+from coheft.errors import LoadError, ScenarioError, SimulationError
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion
+from coheft.wire.scenario import LoadChange, Scenario
+from physics_server.simulation import Simulation
+from tests.physics_run import excitation, reference, run, scenario
+
+
+def moving(chosen: Scenario | None = None) -> Simulation:
+    """A simulation whose payload moves and turns."""
+    chosen = scenario("ring6") if chosen is None else chosen
+    simulation = Simulation(chosen)
+    run(simulation, excitation(chosen), 40)
+    assert np.linalg.norm(simulation.data.qvel[:3]) > 0.05
+    assert np.linalg.norm(simulation.data.qvel[3:]) > 0.05
+    return simulation
+
+
+def momentum(simulation: Simulation, parts: list[Inertia]) -> Array:
+    """Linear momentum, and angular momentum about the world's origin, of parts that are fixed to the payload."""
+    data = simulation.data
+    rotation, position = rotation_from_quaternion(data.qpos[3:7]), data.qpos[:3]
+    w = rotation @ data.qvel[3:]
+    total = np.zeros(6)
+    for part in parts:
+        arm = rotation @ part.com
+        linear = part.mass * (data.qvel[:3] + np.cross(w, arm))
+        spin = rotation @ part.tensor @ rotation.T @ w
+        total += np.concatenate([linear, spin + np.cross(position + arm, linear)])
+    return total
+
+
+def test_a_load_at_rest_in_the_world_brings_no_momentum():
+    simulation = moving()
+    boxes = [box.inertia() for box in scenario("ring6").payload.boxes]
+    before, place = momentum(simulation, boxes), simulation.data.qpos.copy()
+    simulation.inject(3.0, (-0.3, 0.2, 0.08), (0.2, 0.1, 0.3))
+    load = Inertia.of_box(3.0, (0.2, 0.1, 0.3), Pose(np.eye(3), np.array([-0.3, 0.2, 0.08])))
+    np.testing.assert_allclose(momentum(simulation, [*boxes, load]), before, rtol=1e-12, atol=1e-13)
+    np.testing.assert_array_equal(simulation.data.qpos, place)
+
+
+def test_the_engine_keeps_its_generalised_momentum():
+    simulation = moving()
+    model, data = simulation.model, simulation.data
+
+    def generalised() -> Array:
+        mujoco.mj_forward(model, data)
+        matrix = np.empty((6, 6))
+        mujoco.mj_fullM(model, data, matrix)
+        momentum: Array = matrix @ data.qvel
+        return momentum
+
+    before = generalised()
+    simulation.inject(3.0, (-0.3, 0.2, 0.08))
+    np.testing.assert_allclose(generalised(), before, rtol=1e-12, atol=1e-13)
+
+
+def test_a_load_that_leaves_takes_its_momentum_along():
+    simulation = moving()
+    load = simulation.inject(3.0, (-0.3, 0.2, 0.08))
+    twist = simulation.data.qvel.copy()
+    assert simulation.remove(load.id) == load
+    np.testing.assert_array_equal(simulation.data.qvel, twist)
+    assert simulation.loads == []
+
+
+def test_a_slot_that_was_emptied_is_as_if_never_used():
+    used, fresh = Simulation(scenario()), Simulation(scenario())
+    used.remove(used.inject(5.0, (0.4, 0.4, 0.4)).id)
+    references = excitation(scenario())
+    for block in range(10):
+        result, expected = used.advance(references(block)), fresh.advance(references(block))
+        for name, measured in result.measurements.items():
+            np.testing.assert_array_equal(measured.samples, expected.measurements[name].samples)
+
+
+def test_loads_are_numbered_as_they_come_and_slots_used_again():
+    simulation = Simulation(scenario())
+    assert simulation.slots_free == 4
+    assert [simulation.inject(1.0, (0.0, 0.0, 0.1)).id for _ in range(4)] == [1, 2, 3, 4]
+    simulation.remove(2)
+    assert simulation.slots_free == 1
+    assert simulation.inject(2.5, (0.1, 0.0, 0.1), (0.2, 0.2, 0.2)).id == 5
+    assert [load.id for load in simulation.loads] == [1, 3, 4, 5]
+    assert simulation.advance({}).truth.loads == simulation.loads
+    assert simulation.advance({}).truth.payload.mass == pytest.approx(5.0 + 3 * 1.0 + 2.5)
+
+
+def test_loads_can_be_seen_only_while_they_are_there():
+    simulation = Simulation(scenario())
+
+    def visible() -> int:
+        return int((simulation.model.geom_rgba[:, 3] > 0.0).sum())
+
+    without = visible()
+    load = simulation.inject(1.0, (0.1, 0.2, 0.3), (0.2, 0.4, 0.6))
+    assert visible() == without + 1
+    geom = simulation.model.geom("slot0")
+    np.testing.assert_allclose(geom.size, [0.1, 0.2, 0.3])
+    simulation.remove(load.id)
+    assert visible() == without
+
+
+@pytest.mark.parametrize(
+    ("mass", "position", "size", "message"),
+    [
+        (-1.0, (0.0, 0.0, 0.0), (0.1, 0.1, 0.1), r"mass of a load is -1.0 kg but expected"),
+        (0.0, (0.0, 0.0, 0.0), (0.1, 0.1, 0.1), r"mass of a load is 0.0 kg"),
+        (math.nan, (0.0, 0.0, 0.0), (0.1, 0.1, 0.1), r"mass of a load is nan kg"),
+        (math.inf, (0.0, 0.0, 0.0), (0.1, 0.1, 0.1), r"mass of a load is inf kg"),
+        (1.0, (0.0, math.nan, 0.0), (0.1, 0.1, 0.1), r"position of a load is \(0.0, nan, 0.0\) m"),
+        (1.0, (0.0, 0.0), (0.1, 0.1, 0.1), r"position of a load is \(0.0, 0.0\) m but expected three"),
+        (1.0, (0.0, 0.0, 0.0), (0.1, 0.0, 0.1), r"size of a load is \(0.1, 0.0, 0.1\) m"),
+        (1e300, (1e10, 0.0, 0.0), (0.1, 0.1, 0.1), r"inertia of a load .* overflows"),
+    ],
+)
+def test_impossible_loads_are_refused_and_change_nothing(mass, position, size, message):
+    simulation = moving()
+    twist = simulation.data.qvel.copy()
+    with pytest.raises(LoadError, match=message):
+        simulation.inject(mass, position, size)
+    assert simulation.loads == []
+    np.testing.assert_array_equal(simulation.data.qvel, twist)
+    assert simulation.inject(1.0, (0.0, 0.0, 0.0)).id == 1
+
+
+def test_too_many_loads_and_unknown_loads_are_refused():
+    simulation = Simulation(scenario())
+    with pytest.raises(LoadError, match=r"no load 1: there are no loads"):
+        simulation.remove(1)
+    for _ in range(4):
+        simulation.inject(1.0, (0.0, 0.0, 0.1))
+    with pytest.raises(LoadError, match=r"all 4 load slots .* remove one of the loads 1, 2, 3, 4, or"):
+        simulation.inject(1.0, (0.0, 0.0, 0.1))
+    with pytest.raises(LoadError, match=r"no load 7: the loads are 1, 2, 3, 4"):
+        simulation.remove(7)
+    assert len(simulation.advance({}).truth.loads) == 4
+
+
+@pytest.mark.parametrize(("at", "block"), [(0.0, 0), (0.02, 1), (0.051, 3), (0.06, 3)])
+def test_scenarios_change_loads_at_the_first_border_not_before_their_time(at, block):
+    chosen = scenario(block=20, load_changes=(LoadChange(at=at, mass=2.0), LoadChange(at=at + 0.04, remove=1)))
+    masses = [result.truth.payload.mass for result in run(Simulation(chosen), excitation(chosen), 8)]
+    expected = [7.0 if block <= k < block + 2 else 5.0 for k in range(8)]
+    np.testing.assert_allclose(masses, expected)
+
+
+def test_a_change_that_found_no_slot_is_told_and_the_run_goes_on():
+    chosen = scenario(block=20, load_changes=(LoadChange(at=0.02, mass=2.0),))
+    simulation = Simulation(chosen)
+    for _ in range(4):
+        simulation.inject(1.0, (0.0, 0.0, 0.1))
+    problems = [result.problems for result in run(simulation, excitation(chosen), 3)]
+    assert [len(told) for told in problems] == [0, 1, 0]
+    assert "the load change at 0.02 s was skipped: all 4 load slots" in problems[1][0]
+    assert len(simulation.loads) == 4
+
+
+def test_scenarios_whose_changes_cannot_be_made_are_refused():
+    five = tuple(LoadChange(at=float(at), mass=1.0) for at in range(5))
+    with pytest.raises(ScenarioError, match=r"5 loads at a time from 4.0 s on, but 'payload.load_slots' is 4"):
+        Simulation(scenario(load_changes=five))
+    with pytest.raises(ScenarioError, match=r"remove = 2 at 3.0 s, expected one of the loads .*\[1\]"):
+        Simulation(scenario(load_changes=(*five[:1], LoadChange(at=3.0, remove=2))))
+    payload = msgspec.structs.replace(scenario().payload, load_slots=0)
+    simulation = Simulation(scenario(payload=payload))
+    with pytest.raises(LoadError, match=r"all 0 load slots"):
+        simulation.inject(1.0, (0.0, 0.0, 0.0))
+
+
+def test_a_payload_that_the_robots_lose_ends_the_run():
+    simulation = Simulation(scenario())
+    motion = np.zeros((5, 12))
+    motion[:, 3] = 100.0
+    asked = {name: reference(name, 0, motion) for name in simulation.scene.robots}
+    with pytest.raises(SimulationError, match=r"at 0\.\d+ s the robots have lost the payload: it is .* m away"):
+        run(simulation, lambda _: asked, 100)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e200])
+def test_references_that_the_engine_would_ignore_end_the_run(bad):
+    simulation = Simulation(scenario())
+    simulation.advance({})
+    motion = np.zeros((5, 12))
+    motion[3, 5] = bad
+    with pytest.raises(SimulationError, match=r"at 0.005 s references of r2 hold numbers"):
+        simulation.advance({"r1": reference("r1", 1, np.zeros((5, 12))), "r2": reference("r2", 1, motion)})

@@ -1,0 +1,111 @@
+"""What the sensors add to the truth, and when they were read."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+import pytest
+from scipy import stats
+
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.spatial import Array
+from coheft.wire.scenario import Scenario, SensorOffset
+from physics_server.simulation import Simulation
+from tests.physics_run import excitation, run, samples, scenario
+
+UNLIKELY = 1e-6
+
+
+def measured(chosen: Scenario, count: int) -> Array:
+    """Measurements of a moving payload, shape (N, count, 15)."""
+    return samples(run(Simulation(chosen), excitation(chosen), count // chosen.sensors.block))
+
+
+def noise(count: int, name: str = "ring3", **keys: int) -> Array:
+    """What the sensors add to the exact readings of the same run, in standard deviations."""
+    noisy = scenario(name, noise_scale=2.0, **keys)
+    return (measured(noisy, count) - measured(scenario(name, **keys), count)) / noisy.noise.per_column()
+
+
+def test_noise_has_its_standard_deviation_and_no_mean():
+    count = 4000
+    drawn = noise(count, block=20)
+    low, high = stats.chi2.ppf([UNLIKELY / 2, 1 - UNLIKELY / 2], count) / count
+    variance = np.square(drawn).mean(axis=1)
+    assert low < variance.min()
+    assert variance.max() < high
+    assert np.abs(drawn.mean(axis=1)).max() < stats.norm.isf(UNLIKELY / 2) / np.sqrt(count)
+
+
+def test_noise_is_white_and_independent_of_axis_and_robot():
+    count = 4000
+    columns = noise(count, block=20).swapaxes(0, 1).reshape(count, -1)
+    bound = stats.norm.isf(UNLIKELY / 2) / np.sqrt(count)
+    between = columns.T @ columns / count
+    assert np.abs(between - np.diag(np.diag(between))).max() < bound
+    lagged = columns[1:].T @ columns[:-1] / count
+    assert np.abs(lagged).max() < bound
+
+
+def test_columns_have_the_noise_of_their_sensors():
+    chosen = scenario()
+    std = SensorNoise(gyro=1.0, velocity=2.0, acceleration=3.0, force=4.0, torque=5.0)
+    noisy = msgspec.structs.replace(
+        chosen, sensors=msgspec.structs.replace(chosen.sensors, noise=std, noise_scale=1.0, block=20)
+    )
+    spread = (measured(noisy, 2000) - measured(chosen, 2000)).std(axis=(0, 1))
+    np.testing.assert_allclose(spread, np.repeat([1.0, 2.0, 3.0, 4.0, 5.0], 3), rtol=0.1)
+
+
+def test_noise_of_a_robot_depends_neither_on_the_others_nor_on_the_blocks():
+    few = noise(40)
+    np.testing.assert_allclose(noise(40, "ring12")[:3], few, atol=1e-9)
+    np.testing.assert_allclose(noise(40, block=20), few, atol=1e-9)
+
+
+def test_offsets_are_constant_within_their_bounds_and_each_robots_own():
+    exact = scenario("ring12")
+    bounds = SensorOffset(gyro=0.01, velocity=0.0, acceleration=0.1, force=2.0, torque=0.2)
+    biased = msgspec.structs.replace(exact, sensors=msgspec.structs.replace(exact.sensors, offset=bounds))
+    offsets = measured(biased, 20) - measured(exact, 20)
+    np.testing.assert_allclose(offsets, np.broadcast_to(offsets[:, :1], offsets.shape), atol=1e-12)
+    sizes = np.repeat([0.01, 0.0, 0.1, 2.0, 0.2], 3)
+    assert (np.abs(offsets) <= sizes + 1e-12).all()
+    # Uniform on both sides of zero: of twelve robots' offsets the largest is beyond a quarter of the bound.
+    for column in np.flatnonzero(sizes):
+        assert np.abs(offsets[:, 0, column]).max() > 0.25 * sizes[column]
+        assert len(np.unique(offsets[:, 0, column].round(12))) == 12
+
+
+def test_samples_were_taken_at_their_stamps():
+    """Arms that hold still are the same at every rate, so sample b of 250 a second is sample 4 b of 1000 a second."""
+    every, fourth = scenario(rate=1000, block=20), scenario(rate=250, block=5)
+    fast, slow = Simulation(every), Simulation(fourth)
+    for simulation in (fast, slow):
+        simulation.inject(2.0, (0.2, -0.1, 0.1))
+    one = samples([fast.advance({}) for _ in range(10)])
+    other = samples([slow.advance({}) for _ in range(10)])
+    assert (one[:, 0, :6] == 0.0).all()
+    assert np.abs(one[:, 1, :6]).min() > 0.0
+    np.testing.assert_array_equal(other, one[:, ::4])
+
+
+def test_truth_belongs_to_the_last_sample():
+    exact = scenario(rate=250, block=5)
+    fine = Simulation(scenario(rate=1000, block=4))
+    fine.inject(1.0, (0.1, 0.2, 0.0))
+    coarse = Simulation(exact)
+    coarse.inject(1.0, (0.1, 0.2, 0.0))
+    truth = coarse.advance({}).truth
+    assert truth.time == pytest.approx(0.02)
+    # The last of five samples at 250 Hz was taken at 16 ms: the state in which the fine run begins its fifth block.
+    for _ in range(4):
+        fine.advance({})
+    np.testing.assert_array_equal(fine.data.qpos, np.concatenate([truth.position, truth.quaternion]))
+
+
+def test_equal_scenarios_and_references_give_equal_bits():
+    noisy = scenario("ring6", noise_scale=1.0)
+    np.testing.assert_array_equal(measured(noisy, 200), measured(noisy, 200))
+    other = msgspec.structs.replace(noisy, seed=noisy.seed + 1)
+    assert (measured(other, 20) != measured(noisy, 20)).all()
