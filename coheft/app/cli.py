@@ -225,7 +225,7 @@ def watch(*, run: RunFolder = None) -> None:
     """
     from rich.console import Console
 
-    from coheft.app.launch import watch_run
+    from coheft.app.launch import watch as watch_run
     from coheft.app.run_folder import find_run
     from coheft.app.terminal import make_display
 

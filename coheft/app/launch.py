@@ -5,17 +5,16 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
-from coheft.app.observer import Observer
+from coheft.app.observer import Observer, observe
 from coheft.app.plan import Plan
 from coheft.app.processes import Processes
 from coheft.app.record import Record
 from coheft.app.report import Report, RunInfo, build_report
 from coheft.app.run_folder import RunFile, announced
 from coheft.app.terminal import Display
-from coheft.errors import CoheftError, LinkError
+from coheft.errors import LinkError
 from coheft.wire.messages import Status, StatusRequest
 
 _POLL = 0.02
@@ -33,21 +32,16 @@ def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = F
         KeyboardInterrupt: Ctrl-C, or a polite request to end (SIGTERM).
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    run_file = RunFile(
-        run=plan.run,
-        pid=os.getpid(),
-        server=plan.server.observe,
-        agents={name: agent.observe for name, agent in plan.agents.items()},
-    )
+    run_file = plan.run_file(os.getpid())
     scenario = plan.server.scenario
-    with Processes(folder) as processes, Observer(run_file) as observer, announced(folder, run_file), display:
+    with Processes(folder) as processes, observe(run_file) as observer, announced(folder, run_file), display:
         processes.start("server", "physics_server.server", plan.server)
         for name, agent in plan.agents.items():
             processes.start(name, "agents.process", agent)
         record = _wait_for_start(observer, processes, display)
         first = time.monotonic()
         last = _follow(record, observer, processes, display)
-    if not record.truths or any(not record.estimates.get(name) for name in plan.agents):
+    if not record.truths or record.silent:
         raise LinkError(f"the run ended before every robot had said something; see the logs in {folder}")
     info = RunInfo(
         scenario=scenario.name,
@@ -62,34 +56,63 @@ def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = F
 def _wait_for_start(observer: Observer, processes: Processes, display: Display) -> Record:
     """Wait until all links stand and the clock runs."""
     deadline = time.monotonic() + _START_LIMIT
-    waiting_for: Sequence[str] = ["server"]
+    waiting_for = ["server"]
     while time.monotonic() < deadline:
         processes.check()
         status = observer.status()
-        if status is None:
-            time.sleep(_POLL)
-            continue
-        if status.state != "waiting":
-            return _record_of(status)
-        if status.waiting_for != waiting_for:
-            waiting_for = status.waiting_for
-            display.waiting(waiting_for)
+        if status is not None:
+            if status.state != "waiting":
+                return Record(status.scene, status.duration)
+            if status.waiting_for != waiting_for:
+                waiting_for = status.waiting_for
+                display.waiting(waiting_for)
         time.sleep(_POLL)
     raise LinkError(f"after {_START_LIMIT:g} s there is still no link with {', '.join(waiting_for)}")
 
 
-def _record_of(status: Status) -> Record:
-    return Record(status.scene, status.duration)
-
-
 def _follow(record: Record, observer: Observer, processes: Processes, display: Display) -> float:
     """Collect what the processes say until they have ended; return when the last block came."""
-    last = time.monotonic()
-    while not processes.all_done():
+    news = time.monotonic()
+    server = processes.children[0].process
+    while server.poll() is None:
         processes.check()
-        if observer.poll(record):
-            last = time.monotonic()
-            display.update(record)
-        else:
-            time.sleep(_POLL)
-    return last
+        if _collect(record, observer, display):
+            news = time.monotonic()
+        elif time.monotonic() > news + _SILENCE:
+            _explain_silence(observer, display)
+    last = time.monotonic()
+    while time.monotonic() < last + _LAST_WORDS and not (processes.all_done() and record.complete):
+        processes.check()
+        _collect(record, observer, display)
+    processes.check()
+    return news
+
+
+def watch(run_file: RunFile, display: Display) -> None:
+    """Show a run that somebody else supervises until its server is gone.
+
+    Raises:
+        LinkError: The server does not answer.
+    """
+    with observe(run_file) as observer, display:
+        first = observer.ask(StatusRequest())
+        record = Record(first.scene, first.duration)
+        status: Status | None = first
+        while status is not None and status.state != "finished":
+            if not _collect(record, observer, display, _SILENCE):
+                status = observer.status()
+
+
+def _collect(record: Record, observer: Observer, display: Display, seconds: float = _POLL) -> bool:
+    """Take in what has come, show it, and say whether time went on."""
+    before = record.time
+    for problem in observer.collect(record, seconds):
+        display.problem(problem)
+    display.update(record)
+    return record.time > before
+
+
+def _explain_silence(observer: Observer, display: Display) -> None:
+    status = observer.status()
+    if status is not None and status.waiting_for:
+        display.waiting(status.waiting_for)

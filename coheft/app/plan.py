@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import random
 import secrets
 import socket
@@ -12,6 +13,7 @@ from typing import Literal
 
 import msgspec
 
+from coheft.app.run_folder import RUN_FILE, RunFile
 from coheft.errors import LinkError
 from coheft.wire.config import AgentProcessConfig, Neighbour, ServerConfig, agent_config
 from coheft.wire.scenario import Scenario
@@ -41,9 +43,18 @@ class Plan:
         """Prefix of all keys of the run."""
         return self.server.run
 
+    def run_file(self, pid: int) -> RunFile:
+        """How to reach the run that the process ``pid`` supervises."""
+        agents = {name: agent.observe for name, agent in self.agents.items()}
+        return RunFile(run=self.run, pid=pid, server=self.server.observe, agents=agents)
+
     def write(self, folder: Path) -> list[Path]:
-        """Write each configuration to a file of its own, so that the parts can be started by hand."""
+        """Write each configuration to a file of its own, so that the parts can be started by hand.
+
+        The folder also gets the file by which ``coheft watch --run FOLDER`` and its like find the run.
+        """
         folder.mkdir(parents=True, exist_ok=True)
+        (folder / RUN_FILE).write_bytes(msgspec.json.encode(self.run_file(os.getpid())))
         configs: dict[str, msgspec.Struct] = {"server": self.server, **self.agents}
         paths = []
         for name, config in configs.items():

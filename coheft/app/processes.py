@@ -19,12 +19,8 @@ import msgspec
 
 from coheft.errors import CoheftError
 
-ENVIRONMENT = {
-    # One thread of mathematics per process: the processes themselves fill the cores.
-    "OPENBLAS_NUM_THREADS": "1",
-    # One thread for all of Zenoh's work: fewer switches between threads per message.
-    "ZENOH_RUNTIME": "(rx:(worker_threads:1),tx:(handover:rx),acc:(handover:rx),app:(handover:rx),net:(handover:rx))",
-}
+# One thread of mathematics per process: the processes themselves fill the cores.
+ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
 _GO_BY_THEMSELVES = 1.0
 _GO_WHEN_ASKED = 0.4
 _LOG_LINES = 12

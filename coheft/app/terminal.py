@@ -23,6 +23,10 @@ from coheft.wire.messages import Estimate, Problem
 
 _LINE_EVERY = 5.0
 """Simulated time between two lines of a display that is no terminal [s]."""
+_LEGEND = (
+    "Centre of mass: x y z in the robot's own grasp frame. Inertia: principal moments.",
+    "Own std: how far off the robot itself expects to be (standard deviation).",
+)
 _DRAW_EVERY = 0.2
 """Wall time between two drawings on a terminal [s]."""
 
@@ -195,6 +199,8 @@ def print_report(console: Console, report: Report, folder: Path) -> None:
     """The final table, and in sentences what else is worth knowing."""
     console.print()
     console.print(_final_table(report))
+    for line in _LEGEND:
+        console.print(line, style="dim")
     for sentence in _sentences(report):
         console.print(sentence, markup=False, highlight=False)
     console.print(f"Logs of all processes: {folder}", markup=False, highlight=False, soft_wrap=True)
@@ -203,10 +209,7 @@ def print_report(console: Console, report: Report, folder: Path) -> None:
 def _final_table(report: Report) -> Table:
     table = Table(
         title=f"What each robot found out about the payload ({report.duration_s:.1f} s)",
-        caption="Centre of mass: x y z in the robot's own grasp frame. Inertia: principal moments.\n"
-        "Own std: the robot's own standard deviation, of how far it may be off.",
         title_justify="left",
-        caption_justify="left",
         box=None,
         padding=(0, 1, 0, 0),
         header_style="bold",

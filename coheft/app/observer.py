@@ -1,0 +1,101 @@
+"""The observer's link to a run: hears estimates and truth, and asks the server."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import zenoh
+
+from coheft.app.record import Record
+from coheft.app.run_folder import RunFile, find_run
+from coheft.errors import CoheftError, LinkError
+from coheft.wire.messages import Estimate, Problem, Refusal, Request, Status, StatusRequest, Truth
+from coheft.wire.transport import Inbox, Keys, Received, Refused, ask, open_session
+
+_RETRY_EVERY = 0.02
+_ANSWER_LIMIT = 5.0
+_COLLECT_LIMIT = 0.1  # or whoever calls would see nothing else while messages come faster than they are read
+
+
+class Observer:
+    """Hears the server and every agent of a run, see ``observe``."""
+
+    def __init__(self, run_file: RunFile, session: zenoh.Session) -> None:
+        self._session = session
+        self._keys = Keys(run_file.run)
+        self._inbox = Inbox()
+        at_server = self._keys.observe_server
+        self._inbox.listen(session, "server", {at_server("truth"): Truth, at_server("problem"): Problem})
+        for name in run_file.agents:
+            estimate, problem = (self._keys.observe_agent(name, topic) for topic in ("estimate", "problem"))
+            self._inbox.listen(session, name, {estimate: Estimate, problem: Problem})
+
+    def collect(self, record: Record, seconds: float) -> list[Problem]:
+        """Wait at most that long for something new, then put what has come into the record.
+
+        Returns:
+            What processes have refused, news only.
+        """
+        problems = []
+        event = self._inbox.receive(seconds)
+        deadline = time.monotonic() + _COLLECT_LIMIT
+        while event is not None:
+            match event:
+                case Received(_, Truth() as truth):
+                    record.add_truth(truth)
+                case Received(_, Estimate() as estimate):
+                    record.add_estimate(estimate)
+                case Received(_, Problem() as problem):
+                    problems.append(problem)
+                case Refused(source, error):
+                    problems.append(Problem(source=source, text=str(error)))
+                case _:
+                    pass
+            event = self._inbox.receive(0.0) if time.monotonic() < deadline else None
+        return problems
+
+    def status(self) -> Status | None:
+        """How the run is; None if the server does not answer (yet, or any more)."""
+        try:
+            answer = ask(self._session, self._keys.request, StatusRequest(), timeout=0.5)
+        except LinkError:
+            return None
+        return answer if isinstance(answer, Status) else None
+
+    def ask(self, request: Request) -> Status:
+        """Ask the server to do something, as soon as the link to it stands.
+
+        Raises:
+            LinkError: It does not answer.
+            CoheftError: It does not do it; says why.
+        """
+        deadline = time.monotonic() + _ANSWER_LIMIT
+        while self.status() is None:
+            if time.monotonic() > deadline:
+                raise LinkError(f"the run's server does not answer within {_ANSWER_LIMIT:g} s")
+            time.sleep(_RETRY_EVERY)
+        answer = ask(self._session, self._keys.request, request, timeout=_ANSWER_LIMIT)
+        if isinstance(answer, Refusal):
+            raise CoheftError(f"refused: {answer.reason}")
+        return answer
+
+
+@contextmanager
+def observe(run_file: RunFile) -> Iterator[Observer]:
+    """Dial the server and every agent of a run; the links end with the context."""
+    with open_session(connect=[run_file.server, *run_file.agents.values()]) as session:
+        yield Observer(run_file, session)
+
+
+def ask_run(request: Request, folder: Path | None) -> Status:
+    """Ask the server of the run in a folder, or else of the newest run.
+
+    Raises:
+        CoheftError: There is no such run, or it refuses.
+    """
+    run_file = find_run(folder)
+    with open_session(connect=[run_file.server]) as session:
+        return Observer(run_file, session).ask(request)
