@@ -182,7 +182,7 @@ def test_the_newest_run_that_answers_is_found() -> None:
             listener.listen()
             folder = runs_folder() / f"run{number}"
             folder.mkdir(parents=True)
-            entry = RunFile(run=f"run{number}", pid=1, server=f"tcp/127.0.0.1:{port}", agents={})
+            entry = RunFile(run=f"run{number}", server=f"tcp/127.0.0.1:{port}", agents={})
             stack.enter_context(announced(folder, entry))
             os.utime(folder / RUN_FILE, (number, number))
         assert find_run().run == "run1"
@@ -195,6 +195,6 @@ def test_the_newest_run_that_answers_is_found() -> None:
 def test_a_run_that_ended_is_not_found() -> None:
     folder = runs_folder() / "over"
     folder.mkdir(parents=True)
-    with announced(folder, RunFile(run="over", pid=1, server="tcp/127.0.0.1:1", agents={})):
+    with announced(folder, RunFile(run="over", server="tcp/127.0.0.1:1", agents={})):
         pass
     assert list(folder.iterdir()) == []

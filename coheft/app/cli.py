@@ -215,6 +215,22 @@ def resume(*, run: RunFolder = None) -> None:
 
 
 @app.command
+def stop(*, run: RunFolder = None) -> None:
+    """End a run now; whoever started it gets its report.
+
+    Parameters
+    ----------
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    from coheft.app.observer import ask_run
+    from coheft.wire.messages import StopRequest
+
+    status = ask_run(StopRequest(), run)
+    print(f"stopped at {status.time:.2f} s")
+
+
+@app.command
 def watch(*, run: RunFolder = None) -> None:
     """Watch a run that goes on, until it ends.
 

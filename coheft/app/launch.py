@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import time
 from pathlib import Path
+
+import msgspec
 
 from coheft.app.observer import Observer, observe
 from coheft.app.plan import Plan
@@ -32,15 +33,15 @@ def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = F
         KeyboardInterrupt: Ctrl-C, or a polite request to end (SIGTERM).
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    run_file = plan.run_file(os.getpid())
     scenario = plan.server.scenario
-    with Processes(folder) as processes, observe(run_file) as observer, announced(folder, run_file), display:
+    with Processes(folder) as processes, observe(plan.run_file()) as observer, display:
         processes.start("server", "physics_server.server", plan.server)
         for name, agent in plan.agents.items():
             processes.start(name, "agents.process", agent)
-        record = _wait_for_start(observer, processes, display)
-        first = time.monotonic()
-        last = _follow(record, observer, processes, display)
+        with announced(folder, msgspec.structs.replace(plan.run_file(), pids=processes.pids)):
+            record = _wait_for_start(observer, processes, display)
+            first = time.monotonic()
+            last = _follow(record, observer, processes, display)
     if not record.truths or record.silent:
         raise LinkError(f"the run ended before every robot had said something; see the logs in {folder}")
     info = RunInfo(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import random
 import secrets
 import socket
@@ -43,10 +42,10 @@ class Plan:
         """Prefix of all keys of the run."""
         return self.server.run
 
-    def run_file(self, pid: int) -> RunFile:
-        """How to reach the run that the process ``pid`` supervises."""
+    def run_file(self) -> RunFile:
+        """How to reach the run."""
         agents = {name: agent.observe for name, agent in self.agents.items()}
-        return RunFile(run=self.run, pid=pid, server=self.server.observe, agents=agents)
+        return RunFile(run=self.run, server=self.server.observe, agents=agents)
 
     def write(self, folder: Path) -> list[Path]:
         """Write each configuration to a file of its own, so that the parts can be started by hand.
@@ -54,7 +53,7 @@ class Plan:
         The folder also gets the file by which ``coheft watch --run FOLDER`` and its like find the run.
         """
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / RUN_FILE).write_bytes(msgspec.json.encode(self.run_file(os.getpid())))
+        (folder / RUN_FILE).write_bytes(msgspec.json.encode(self.run_file()))
         configs: dict[str, msgspec.Struct] = {"server": self.server, **self.agents}
         paths = []
         for name, config in configs.items():

@@ -74,6 +74,11 @@ class Processes:
             raise self._crash(child) from error
         return child
 
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process ids by name."""
+        return {child.name: child.process.pid for child in self.children}
+
     def check(self) -> None:
         """Check that none has failed.
 

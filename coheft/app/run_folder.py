@@ -22,15 +22,15 @@ class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         run: Prefix of all its keys.
-        pid: Of its supervisor.
         server: Endpoint at which the server can be observed and asked.
         agents: Endpoint at which each agent can be observed, by name.
+        pids: Process ids by name, as far as a supervisor has started them.
     """
 
     run: str
-    pid: int
     server: str
     agents: dict[str, str]
+    pids: dict[str, int] = {}
 
 
 def runs_folder() -> Path:

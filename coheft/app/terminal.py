@@ -24,7 +24,7 @@ from coheft.wire.messages import Estimate, Problem
 _LINE_EVERY = 5.0
 """Simulated time between two lines of a display that is no terminal [s]."""
 _LEGEND = (
-    "Centre of mass: x y z in the robot's own grasp frame. Inertia: principal moments.",
+    "Centre of mass: x y z in the robot's grasp frame. Inertia: principal moments.",
     "Own std: how far off the robot itself expects to be (standard deviation).",
 )
 _DRAW_EVERY = 0.2

@@ -1,0 +1,314 @@
+"""Whole runs from the command line: real processes, real links."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from coheft.app.run_folder import RUN_FILE, RunFile
+
+PATIENCE = 60.0
+STOPS_WITHIN = 2.0
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs; one that waits to be reaped does not."""
+    state = subprocess.run(["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True, check=False).stdout
+    return bool(state.strip()) and not state.startswith("Z")
+
+
+def wait_for(condition: Callable[[], Any], what: str) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, f"waited {PATIENCE:g} s in vain: {what}"
+        time.sleep(0.05)
+
+
+class Run:
+    """``coheft run`` in a process group of its own, as a terminal would start it."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.folder = folder
+        self.output = folder.with_suffix(".out")
+        with self.output.open("wb") as output:
+            self.supervisor = subprocess.Popen(
+                [sys.executable, "-m", "coheft", "run", *arguments, "--logs", str(folder)],
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+        self.pids: dict[str, int] = {}
+
+    def wait_until_under_way(self) -> None:
+        """Wait for the first line about simulated time, and learn who is who."""
+        wait_for(lambda: " s of " in self.text or self.supervisor.poll() is not None, "the run to be under way")
+        assert self.supervisor.poll() is None, self.text
+        self.pids = msgspec.json.decode((self.folder / RUN_FILE).read_bytes(), type=RunFile).pids
+        assert all(alive(pid) for pid in self.pids.values())
+
+    def wait(self) -> int:
+        return self.supervisor.wait(PATIENCE)
+
+    @property
+    def text(self) -> str:
+        return self.output.read_text()
+
+    @property
+    def words(self) -> str:
+        return " ".join(self.text.split())
+
+    def ask(self, *arguments: str) -> tuple[int, str]:
+        """Another command on this run: its exit status and all its output."""
+        done = subprocess.run(
+            [sys.executable, "-m", "coheft", *arguments, "--run", str(self.folder)],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+            check=False,
+        )
+        return done.returncode, done.stdout + done.stderr
+
+    def left(self) -> list[str]:
+        return [name for name, pid in self.pids.items() if alive(pid)]
+
+    def end(self) -> None:
+        if self.supervisor.poll() is None:
+            self.supervisor.terminate()
+            self.supervisor.wait(PATIENCE)
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., Run]]:
+    """Starts runs of three robots, and sees to it that none is left after a failed test."""
+    runs: list[Run] = []
+
+    def start_run(*arguments: str) -> Run:
+        runs.append(Run(tmp_path / f"run{len(runs)}", "ring3", *arguments))
+        return runs[-1]
+
+    yield start_run
+    for run in runs:
+        run.end()
+
+
+def finished_run(folder: Path) -> dict[str, Any]:
+    report = folder / "report.json"
+    run = Run(
+        folder / "run", "ring3", "--duration", "16", "--change", "t=10,mass=2,at=0.2,0.1,0.08", "--history",
+        "--json", str(report),
+    )  # fmt: skip
+    try:
+        assert run.wait() in (0, 3), run.text
+    finally:
+        run.end()
+    assert "Traceback" not in run.text
+    loaded: dict[str, Any] = json.loads(report.read_text())
+    loaded["exit"] = run.supervisor.returncode
+    loaded["output"] = run.text
+    return loaded
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What a run of 16 s with a load change at 10 s reports."""
+    return finished_run(tmp_path_factory.mktemp("first"))
+
+
+def test_three_robots_find_out_what_they_hold(report: dict[str, Any]) -> None:
+    assert report["exit"] == 0
+    for robot in [*report["robots"].values(), *report["load_changes"][0]["before_change"].values()]:
+        assert robot["mass"]["error_pct"] < 3.0
+        assert robot["com"]["error_mm"] < 20.0
+        assert robot["converged"]
+
+
+def test_the_report_is_complete(report: dict[str, Any]) -> None:
+    for key in ("scenario", "seed", "estimator", "processes", "real_time_factor", "messages_per_s"):
+        assert report[key]
+    assert report["scenario"] == "ring3"
+    assert report["duration_s"] == pytest.approx(16.0)
+    assert list(report["robots"]) == ["r1", "r2", "r3"]
+    for name, robot in report["robots"].items():
+        assert set(robot["mass"]) == set(robot["inertia"]) == {"truth", "estimate", "std", "error_pct"}
+        assert set(robot["com"]) == {"truth", "estimate", "std", "error_mm"}
+        assert set(robot["poses"]) == set(report["robots"]) - {name}
+        for pose in robot["poses"].values():
+            assert set(pose) == {"rotation_error_deg", "translation_error_mm"}
+        assert 0.0 < robot["converged_at_s"] < 16.0
+        assert robot["not_observable"] == []
+        assert [point["time_s"] for point in report["history"][name]] == pytest.approx([*range(1, 17)])
+    (change,) = report["load_changes"]
+    assert change["at_s"] == pytest.approx(10.0)
+    assert {"truth", "detected_at_s", "recovered_at_s"} <= set(change)
+    before = {robot["mass"]["truth"] for robot in change["before_change"].values()}
+    assert change["truth"]["mass"] == pytest.approx(before.pop() + 2.0)
+    assert 0.0 <= report["consensus"]["force_rel_error"] < 0.2
+    assert 0.0 <= report["consensus"]["torque_rel_error"] < 0.2
+    assert report["processes"] == 4
+
+
+def test_the_final_table_can_be_read_in_80_columns(report: dict[str, Any]) -> None:
+    text = report["output"]
+    for words in ("mass, kg", "centre of mass, mm", "inertia", "own std", "At 10 s the payload changed", "Logs of all"):
+        assert words in text
+    table = text[text.index("What each robot") : text.index("At 10 s")]
+    assert max(len(line) for line in table.splitlines()) <= 80
+    assert "\x1b" not in text, "no colours where there is no terminal"
+
+
+def test_the_same_seed_gives_the_same_numbers(report: dict[str, Any], tmp_path: Path) -> None:
+    again = finished_run(tmp_path)
+    for key in ("robots", "load_changes", "consensus", "history"):
+        assert again[key] == report[key]
+
+
+def test_a_run_that_is_too_short_has_not_converged(start: Callable[..., Run]) -> None:
+    run = start("--duration", "1")
+    assert run.wait() == 3, run.text
+    assert "Not converged: r1, r2, r3" in run.text
+
+
+def test_ctrl_c_stops_everything_within_two_seconds(start: Callable[..., Run]) -> None:
+    run = start("--duration", "10000")
+    run.wait_until_under_way()
+    pressed = time.monotonic()
+    os.killpg(run.supervisor.pid, signal.SIGINT)
+    assert run.wait() == 130
+    assert time.monotonic() - pressed < STOPS_WITHIN
+    assert run.left() == []
+    assert "Traceback" not in run.text
+    assert not (run.folder / RUN_FILE).exists()
+
+
+def test_an_agent_that_is_killed_ends_the_run_and_is_named(start: Callable[..., Run]) -> None:
+    run = start("--duration", "10000")
+    run.wait_until_under_way()
+    os.kill(run.pids["r2"], signal.SIGKILL)
+    assert run.wait() == 1
+    assert run.left() == []
+    assert "r2 was killed by signal 9" in run.words
+    assert "r2.log" in run.text
+    assert "Traceback" not in run.text
+
+
+def test_a_server_that_is_killed_ends_the_run_and_is_named(start: Callable[..., Run]) -> None:
+    run = start("--duration", "10000")
+    run.wait_until_under_way()
+    os.kill(run.pids["server"], signal.SIGKILL)
+    assert run.wait() == 1
+    assert run.left() == []
+    assert "server was killed by signal 9" in run.words
+
+
+def test_a_frozen_process_does_not_outlive_its_supervisor(start: Callable[..., Run]) -> None:
+    run = start("--duration", "10000")
+    run.wait_until_under_way()
+    os.kill(run.pids["r3"], signal.SIGSTOP)
+    pressed = time.monotonic()
+    os.killpg(run.supervisor.pid, signal.SIGINT)
+    assert run.wait() == 130
+    assert time.monotonic() - pressed < STOPS_WITHIN
+    assert run.left() == []
+
+
+def test_no_process_outlives_a_killed_supervisor(start: Callable[..., Run]) -> None:
+    run = start("--duration", "10000")
+    run.wait_until_under_way()
+    run.supervisor.kill()
+    run.wait()
+    wait_for(lambda: run.left() == [], "all processes to notice that their supervisor is gone")
+
+
+def test_loads_come_and_go_in_a_run_and_nonsense_is_refused(start: Callable[..., Run], tmp_path: Path) -> None:
+    target = tmp_path / "injected.json"
+    run = start("--duration", "10000", "--change", "t=9999,mass=1", "--json", str(target))
+    run.wait_until_under_way()
+
+    status, text = run.ask("inject", "--mass", "-3", "--at", "0", "0", "0.1")
+    assert status == 1
+    assert "refused" in text
+    assert "mass" in text
+
+    for number in range(1, 5):
+        status, text = run.ask("inject", "--mass", "0.5", "--at", "0.1", "0", "0.1")
+        assert status == 0, text
+        assert f"load {number} of 0.5 kg" in text
+    status, text = run.ask("inject", "--mass", "0.5", "--at", "0.1", "0", "0.1")
+    assert status == 1
+    assert "refused" in text
+    assert "4" in text, "how many there may be"
+
+    status, text = run.ask("remove", "7")
+    assert status == 1
+    assert "7" in text
+    status, text = run.ask("remove", "2")
+    assert status == 0, text
+
+    status, text = run.ask("pause")
+    assert status == 0, text
+    assert "paused" in text
+    status, text = run.ask("resume")
+    assert status == 0, text
+
+    status, text = run.ask("stop")
+    assert status == 0, text
+    assert run.wait() in (0, 3), run.text
+    assert run.left() == []
+    changes = json.loads(target.read_text())["load_changes"]
+    masses = [change["truth"]["mass"] for change in changes]
+    assert len(masses) == 5
+    assert [after - before for before, after in pairwise(masses)] == pytest.approx([0.5, 0.5, 0.5, -0.5])
+
+
+def test_watch_follows_a_run_to_its_end(start: Callable[..., Run]) -> None:
+    run = start("--duration", "10000", "--quiet")
+    wait_for((run.folder / RUN_FILE).exists, "the run to be announced")
+    watcher = subprocess.Popen(
+        [sys.executable, "-m", "coheft", "watch", "--run", str(run.folder)], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert watcher.stdout is not None
+        assert " s of 10000 s: " in watcher.stdout.readline()
+        assert run.ask("stop")[0] == 0
+        assert watcher.wait(PATIENCE) == 0
+    finally:
+        watcher.kill()
+        watcher.wait()
+        assert watcher.stdout is not None
+        watcher.stdout.close()
+    assert run.wait() in (0, 3)
+    assert run.text == "", "quiet means quiet"
+
+
+def test_the_parts_can_be_started_by_hand(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "coheft"]
+    folder = tmp_path / "configs"
+    subprocess.run(
+        [*command, "run", "ring3", "--duration", "1", "--write-configs", str(folder)], check=True, capture_output=True
+    )
+    parts = [
+        subprocess.Popen([*command, "server" if path.stem == "server" else "agent", str(path)])
+        for path in sorted(folder.glob("*.json"))
+        if path.name != RUN_FILE
+    ]
+    try:
+        assert len(parts) == 4
+        assert [part.wait(PATIENCE) for part in parts] == [0, 0, 0, 0]
+    finally:
+        for part in parts:
+            if part.poll() is None:
+                part.terminate()
+                part.wait(PATIENCE)
