@@ -1,0 +1,195 @@
+"""Inertia from motions and wrenches: one linear model, accumulated so that it can be weighted later.
+
+Barycentric model, unknown ``theta = (m, m h, I_o)`` about the origin of ``F_i`` (Atkeson, An, Hollerbach 1986):
+
+    F = m a + ([alpha]x + [w]x^2) (m h),    T = I_o alpha + w x I_o w + (m h) x a
+
+and, if asked for, a constant offset ``(F_0, T_0)`` of the total wrench, the sum of what all force-torque sensors read
+in excess. Residuals are linear in ``FEATURES`` = 19 numbers per sample: 1, ``a``, ``alpha``, six products of ``w``,
+``F``, ``T``. So the 190 different entries of their Gram matrix hold all that the samples say about ``theta``, under any
+weights: samples are accumulated as packed Gram matrices, which add up, and turned into information when it is asked
+for, in one product.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.body_motion import BODY_A, BODY_ALPHA, BODY_W
+from coheft.estimation.rigid_body import inertia_operator, pack_symmetric, unpack_symmetric
+from coheft.estimation.spatial import Array, skew
+
+FEATURES = 19
+GRAM_SIZE = FEATURES * (FEATURES + 1) // 2
+INERTIA_SIZE = 10
+OFFSET_SIZE = 6
+_ONE, _A, _ALPHA, _PRODUCTS, _WRENCH = 0, slice(1, 4), slice(4, 7), slice(7, 13), slice(13, 19)
+_ACCELERATIONS = slice(_A.start, _ALPHA.stop)
+_ROWS, _COLUMNS = np.triu_indices(FEATURES)
+
+
+def symmetric_products(w: Array) -> Array:
+    """``w w^T`` packed as ``(xx, yy, zz, xy, xz, yz)``, shape (n, 3) to (n, 6)."""
+    return w[:, [0, 1, 2, 0, 0, 1]] * w[:, [0, 1, 2, 1, 2, 2]]
+
+
+def products_regressor() -> Array:
+    """Shape (6, 6, 10): ``symmetric_products(w)[k] * result[k]`` add up to the regressor's part that ``w`` makes."""
+    regressor = np.zeros((6, 6, INERTIA_SIZE))
+    for k, product in enumerate(unpack_symmetric(np.eye(6))):
+        regressor[k, :3, 1:4] = product - np.trace(product) * np.eye(3)
+        # w x I w is the axial vector of I w w^T.
+        turned = unpack_symmetric(np.eye(6)) @ product
+        regressor[k, 3:, 4:] = [
+            turned[:, 2, 1] - turned[:, 1, 2],
+            turned[:, 0, 2] - turned[:, 2, 0],
+            turned[:, 1, 0] - turned[:, 0, 1],
+        ]
+    return regressor
+
+
+def features(motion: Array, wrench: Array) -> Array:
+    """Features of samples, shape (n, 19).
+
+    Args:
+        motion: Body motion ``(w, v, a, alpha)`` at ``F_i``, shape (n, 12).
+        wrench: Total wrench ``(F, T)`` about the origin of ``F_i``, shape (n, 6).
+    """
+    result = np.empty((len(motion), FEATURES))
+    result[:, _ONE] = 1.0
+    result[:, _ACCELERATIONS] = motion[:, BODY_A.start : BODY_ALPHA.stop]
+    result[:, _PRODUCTS] = symmetric_products(motion[:, BODY_W])
+    result[:, _WRENCH] = wrench
+    return result
+
+
+def packed_gram(sample_features: Array) -> Array:
+    """Upper triangle of the Gram matrix of features (n, 19), shape (190,). The first entry counts the samples."""
+    gram: Array = (sample_features.T @ sample_features)[_ROWS, _COLUMNS]
+    return gram
+
+
+@dataclass(frozen=True, eq=False)
+class InertiaInformation:
+    """What some samples say about the unknowns: ``matrix @ unknowns = vector``, noise of the regressor compensated.
+
+    All may carry leading dimensions: one information for each of many windows.
+
+    Attributes:
+        matrix: Shape (..., u, u), u = 10, or 16 with the offset ``(F_0, T_0)``.
+        vector: Shape (..., u).
+        square: Weighted sum of the squared wrenches, shape (...).
+        count: Number of samples, shape (...).
+        uncompensated: ``matrix`` with what the noise of ``(a, alpha)`` adds to it, shape (..., u, u).
+        score_covariance: Covariance of ``vector - matrix @ unknowns`` at the true unknowns, shape (..., u, u). For
+            samples of equal weight it is ``uncompensated``, up to a part that is small wherever the motion is larger
+            than its noise: noise in the regressor adds scatter although its bias is taken away.
+    """
+
+    matrix: Array
+    vector: Array
+    square: Array
+    count: Array
+    uncompensated: Array
+    score_covariance: Array
+
+    def mean_square(self, unknowns: Array) -> float:
+        """Mean weighted square of the residuals: 1 up to sampling if model, noise and unknowns are right."""
+        explained = 2.0 * self.vector @ unknowns - unknowns @ self.uncompensated @ unknowns
+        return float((self.square - explained) / (6.0 * self.count))
+
+
+class InertiaModel:
+    """Weights of the samples, and so the map from packed Gram matrices to information.
+
+    Residuals ``r = (F, T) - regressor @ theta`` are weighted with the inverse of ``Sigma_r = Sigma_wrench + M Sigma_a
+    M^T``, where ``M`` is the spatial inertia: noise of ``(a, alpha)`` enters as the wrench it would take. Noise of
+    ``w`` is left out, it is far smaller.
+
+    Args:
+        wrench_covariance: Of the total wrench of one sample, lever arms included, shape (6, 6).
+        acceleration_covariance: Of ``(a, alpha)`` of one sample, shape (6, 6).
+        parameters: The best known ``theta``, shape (10,); weights hardly depend on it. None: nothing known yet.
+        with_offset: Whether the constant offset is among the unknowns.
+    """
+
+    def __init__(
+        self,
+        wrench_covariance: Array,
+        acceleration_covariance: Array,
+        parameters: Array | None = None,
+        with_offset: bool = False,
+    ) -> None:
+        self.unknowns = INERTIA_SIZE + (OFFSET_SIZE if with_offset else 0)
+        covariance = wrench_covariance
+        if parameters is not None:
+            spatial = spatial_inertia(parameters)
+            covariance = wrench_covariance + spatial @ acceleration_covariance @ spatial.T
+        self.residual_covariance = covariance
+        size = self.unknowns + 1
+        coefficients = _coefficients(with_offset)
+        # Entry [k, i, l, j]: what the product of features k and l adds to entry (i, j) of the information.
+        flat = coefficients.transpose(1, 0, 2).reshape(6, FEATURES * size)
+        products = (flat.T @ np.linalg.solve(covariance, flat)).reshape(FEATURES, size, FEATURES, size)
+        noise = np.einsum(
+            "kl,kilj->ij", acceleration_covariance, products[_ACCELERATIONS, :, _ACCELERATIONS, :]
+        )
+        products = products.transpose(0, 2, 1, 3)
+        table = products[_ROWS, _COLUMNS] + products[_COLUMNS, _ROWS]
+        table[_ROWS == _COLUMNS] *= 0.5
+        table[0] -= noise
+        upper = np.triu_indices(size)
+        self._table = np.ascontiguousarray(table[:, upper[0], upper[1]])
+        self._unpack = np.empty((size, size), dtype=np.intp)
+        self._unpack[upper] = self._unpack.T[upper] = np.arange(len(upper[0]))
+        self._noise = noise[:-1, :-1]
+
+    def information(self, grams: Array) -> InertiaInformation:
+        """Information of packed Gram matrices, shape (..., 190)."""
+        joint = (grams @ self._table)[..., self._unpack]
+        matrix, count = joint[..., :-1, :-1], grams[..., 0]
+        uncompensated = matrix + count[..., None, None] * self._noise
+        return InertiaInformation(
+            matrix=matrix,
+            vector=joint[..., :-1, -1],
+            square=joint[..., -1, -1],
+            count=count,
+            uncompensated=uncompensated,
+            score_covariance=uncompensated,
+        )
+
+
+def spatial_inertia(parameters: Array) -> Array:
+    """``M`` (6, 6) with ``(F, T) = M (a, alpha)`` of a body with ``theta`` (10,) that does not turn yet."""
+    mass, moment, about_origin = parameters[0], skew(parameters[1:4]), unpack_symmetric(parameters[4:10])
+    return np.block([[mass * np.eye(3), -moment], [moment, about_origin]])
+
+
+def products_wrench(spatial: Array) -> Array:
+    """Shape (6, 6): ``symmetric_products(w) @ result`` is the wrench that turning with ``w`` takes.
+
+    Args:
+        spatial: ``M`` of ``spatial_inertia``, shape (6, 6).
+    """
+    moment = np.array([spatial[5, 1], spatial[3, 2], spatial[4, 0]])
+    parameters = np.concatenate([[spatial[0, 0]], moment, pack_symmetric(spatial[3:, 3:])])
+    result: Array = products_regressor() @ parameters
+    return result
+
+
+def _coefficients(with_offset: bool) -> Array:
+    """Shape (19, 6, u + 1): features times these add up to ``[regressor | wrench]``."""
+    size = INERTIA_SIZE + (OFFSET_SIZE if with_offset else 0) + 1
+    result = np.zeros((FEATURES, 6, size))
+    axes = np.eye(3)
+    result[_A, :3, 0] = axes
+    result[_A, 3:, 1:4] = -skew(axes)
+    result[_ALPHA, :3, 1:4] = skew(axes)
+    result[_ALPHA, 3:, 4:10] = inertia_operator(axes)
+    result[_PRODUCTS, :, :INERTIA_SIZE] = products_regressor()
+    result[_WRENCH, :, -1] = np.eye(6)
+    if with_offset:
+        result[_ONE, :, INERTIA_SIZE:-1] = np.eye(6)
+    return result

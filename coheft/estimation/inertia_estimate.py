@@ -1,0 +1,137 @@
+"""From information to an estimate: mass, centre of mass and inertia, how certain they are, and what is not seen yet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.bounds import barycentric_derivative
+from coheft.estimation.consistency import nearest_possible
+from coheft.estimation.inertia import INERTIA_SIZE, InertiaInformation
+from coheft.estimation.rigid_body import Inertia, pack_symmetric, unpack_symmetric
+from coheft.estimation.spatial import Array
+
+_GRAVITY = 9.81
+_SEEN = 0.3
+"""A direction counts as seen if its standard deviation is below this share of its scale."""
+_SIGNAL = 0.1
+"""Nor does it count while less than about this share of its information is motion, and the rest noise of motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unseen:
+    """Something that the motion so far does not show.
+
+    Attributes:
+        what: In words, axes in the coordinates of ``F_i``.
+        remedy: A motion that would show it.
+    """
+
+    what: str
+    remedy: str
+
+
+@dataclass(frozen=True, eq=False)
+class InertiaEstimate:
+    """An estimate in ``F_i``.
+
+    Attributes:
+        inertia: Always physically possible. Where something is unseen it holds the guess.
+        covariance: Of ``(m, h, J)`` [kg, m, kg·m²] with ``J`` packed, at the centre of mass, shape (10, 10).
+        parameters: ``theta = (m, m h, I_o)`` as the data say it, shape (10,): not forced to be possible.
+        parameters_covariance: Of ``theta``, shape (10, 10).
+        offset: Constant excess ``(F_0, T_0)`` of the total wrench [N, N·m], shape (6,), or None if not estimated.
+        unseen: What no number should be claimed for.
+    """
+
+    inertia: Inertia
+    covariance: Array
+    parameters: Array
+    parameters_covariance: Array
+    offset: Array | None
+    unseen: tuple[Unseen, ...]
+
+
+def estimate_inertia(information: InertiaInformation, centre: Array, length: float) -> InertiaEstimate:
+    """Weighted least squares in all directions that the motion shows; the guess in the others.
+
+    Args:
+        information: Of all samples that count.
+        centre: Guess of the centre of mass in ``F_i``, for instance the middle of the grasps, shape (3,) [m].
+        length: Rough size of the body, for instance the distance of the grasps from ``centre`` [m].
+    """
+    mass = max(float(information.vector[0] / max(information.matrix[0, 0], 1e-300)), 1e-3)
+    size = information.matrix.shape[-1]
+    scale = mass * np.repeat([1.0, length, length**2, _GRAVITY, _GRAVITY * length], [1, 3, 6, 3, 3])[:size]
+    noise = (information.uncompensated - information.matrix) * scale[:, None] * scale
+    matrix = information.matrix * scale[:, None] * scale
+    values, vectors = np.linalg.eigh(matrix - _SIGNAL * noise)
+    is_seen = values > _SEEN**-2
+    seen, unseen = scale[:, None] * vectors[:, is_seen], scale[:, None] * vectors[:, ~is_seen]
+    inverse = np.linalg.inv(seen.T @ information.matrix @ seen)
+    spread = inverse @ (seen.T @ information.score_covariance @ seen) @ inverse
+    covariance = (seen @ spread @ seen.T + unseen @ unseen.T)[:INERTIA_SIZE, :INERTIA_SIZE]
+
+    # What is guessed about the inertia at the centre of mass hangs on where that is: twice, first to learn that.
+    com = centre
+    for _ in range(2):
+        guess = np.zeros(size)
+        guess[:INERTIA_SIZE] = Inertia(mass, com, mass * length**2 / 3.0 * np.eye(3)).barycentric()
+        error = information.vector - information.matrix @ guess
+        solution = guess + seen @ (inverse @ (seen.T @ error))
+        com = solution[1:4] / mass
+
+    parameters = solution[:INERTIA_SIZE]
+    possible = nearest_possible(parameters, np.linalg.inv(covariance), length)
+    inertia = Inertia.from_barycentric(possible)
+    to_central = np.linalg.inv(barycentric_derivative(inertia))
+    central = to_central @ covariance @ to_central.T
+    return InertiaEstimate(
+        inertia=inertia,
+        covariance=central,
+        parameters=parameters,
+        parameters_covariance=covariance,
+        offset=solution[INERTIA_SIZE:] if len(solution) > INERTIA_SIZE else None,
+        unseen=unseen_quantities(central, mass, length),
+    )
+
+
+def unseen_quantities(covariance: Array, mass: float, length: float) -> tuple[Unseen, ...]:
+    """Name the directions of ``(m, h, J)`` that are too uncertain to be called seen.
+
+    Args:
+        covariance: Of ``(m, h, J)``, ``J`` packed, shape (10, 10).
+        mass: Rough mass [kg].
+        length: Rough size of the body [m].
+    """
+    found = []
+    if covariance[0, 0] > (_SEEN * mass) ** 2:
+        found.append(Unseen("mass", "accelerate the load, or let gravity act on it in different directions"))
+
+    values, axes = np.linalg.eigh(covariance[1:4, 1:4])
+    hidden = [axis for value, axis in zip(values, axes.T, strict=True) if value > (_SEEN * length) ** 2]
+    for what in _named("centre of mass", "along", hidden):
+        found.append(Unseen(what, "tilt the load, or turn it about an axis across that direction"))
+
+    limit = (_SEEN * mass * length**2) ** 2
+    values, vectors = np.linalg.eigh(covariance[4:, 4:])
+    matrices = unpack_symmetric(vectors.T[values > limit])
+    # A body that only turns about u shows J u: what is hidden is symmetric and has u in its null space.
+    _, axes = np.linalg.eigh(np.einsum("kij,kjl->il", matrices, matrices))
+    moments = pack_symmetric(axes.T[:, :, None] * axes.T[:, None, :]) * [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
+    variances = np.einsum("ki,ij,kj->k", moments, covariance[4:, 4:], moments)
+    hidden = [axis for variance, axis in zip(variances, axes.T, strict=True) if variance > limit]
+    for what in _named("inertia", "about", hidden):
+        found.append(Unseen(what, "turn the load" if len(hidden) == 3 else "turn the load faster about that axis"))
+    if len(matrices) and not hidden:
+        found.append(Unseen("products of inertia", "turn the load about all axes"))
+    return tuple(found)
+
+
+def _named(quantity: str, preposition: str, axes: list[Array]) -> list[str]:
+    if len(axes) == 3:
+        return [quantity]
+    # The sign of an axis means nothing: let its largest component be positive.
+    signed = [axis * np.sign(axis[np.argmax(np.abs(axis))]) for axis in axes]
+    return [f"{quantity} {preposition} ({x:.2f}, {y:.2f}, {z:.2f})" for x, y, z in np.round(signed, 2) + 0.0]
