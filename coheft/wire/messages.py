@@ -136,13 +136,11 @@ class PoseEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         rotation: ``R_ij`` (3, 3).
         translation: ``p_ij`` (3,) [m].
         covariance: (6, 6) of (rotation vector in the axes of ``F_i`` [rad], translation [m]).
-        observable: Whether the motion so far determines all six numbers.
     """
 
     rotation: np.ndarray[Any, Any]
     translation: np.ndarray[Any, Any]
     covariance: np.ndarray[Any, Any]
-    observable: bool
 
 
 class LoadChangeNotice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -237,7 +235,7 @@ class Truth(Message, frozen=True):
 
 
 class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What does not change during a run: who holds the payload, and where (true pose of each ``F_i`` in the payload)."""
+    """What does not change during a run: who holds the payload, and the true pose of each ``F_i`` in the payload."""
 
     robots: list[str]
     rotations: np.ndarray[Any, Any]
@@ -383,3 +381,13 @@ def check_array(array: Array, shape: tuple[int, ...], name: str) -> None:
     if not np.isfinite(array).all():
         count = int(np.size(array) - np.isfinite(array).sum())
         raise MessageError(f"{name} holds {count} numbers that are not finite")
+
+
+def check_field(name: str, found: object, expected: object) -> None:
+    """Check a field of a message that came over the wire.
+
+    Raises:
+        MessageError: It is not what is expected here.
+    """
+    if found != expected:
+        raise MessageError(f"{name} is {found!r} but expected {expected!r}")

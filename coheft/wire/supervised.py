@@ -1,0 +1,45 @@
+"""How a process of a run begins and ends: told what to do on stdin, and never outliving whoever told it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from typing import NoReturn, TypeVar
+
+import msgspec
+
+from coheft.errors import CoheftError
+
+C = TypeVar("C", bound=msgspec.Struct)
+
+
+def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
+    """Read a configuration, one line of JSON, from stdin; run with it until done, or until stdin ends.
+
+    SIGINT is left to the supervisor, who gets it too. SIGTERM ends the process as if it were done. The exit status is
+    0, 1 after an error that was foreseen, 2 if there is no usable configuration.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    try:
+        config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind)
+    except msgspec.DecodeError as error:
+        print(f"expected a {kind.__name__} as one line of JSON on stdin: {error}", file=sys.stderr)
+        sys.exit(2)
+    threading.Thread(target=_leave_with_stdin, daemon=True).start()
+    try:
+        run(config)
+    except CoheftError as error:
+        print(error, file=sys.stderr)
+        sys.exit(1)
+    sys.exit(0)
+
+
+def _leave_with_stdin() -> None:
+    """Wait for the end of stdin, then leave at once: whoever wanted the run is gone."""
+    while os.read(sys.stdin.fileno(), 4096):
+        pass
+    os._exit(0)

@@ -1,0 +1,79 @@
+"""When the next block may be simulated: as soon as all have answered, or when the wall clock says so."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Literal, Protocol
+
+
+class Clock(Protocol):
+    """Decides when blocks are simulated. References of block k answer the measurements of block k - lag."""
+
+    def start(self, block: int) -> None:
+        """Let time run, with this block next."""
+
+    def delay(self, block: int, answered: int) -> float:
+        """Time until a block may be simulated [s]; infinite if that depends on answers.
+
+        Args:
+            block: The block.
+            answered: The last block that every robot has answered.
+        """
+
+
+class Lockstep:
+    """Waits for everybody: as fast as the slowest, and always the same result."""
+
+    def __init__(self, lag: int) -> None:
+        self._lag = lag
+
+    def start(self, block: int) -> None:
+        """Nothing to do: no time runs."""
+
+    def delay(self, block: int, answered: int) -> float:
+        """Zero once all references of the block are here."""
+        return 0.0 if answered >= block - self._lag else math.inf
+
+
+class Realtime:
+    """Waits for nobody: a block is simulated when the wall clock reaches its end."""
+
+    def __init__(self, block_duration: float) -> None:
+        self._block_duration = block_duration
+        self._origin = time.monotonic()
+
+    def start(self, block: int) -> None:
+        """Let the block begin now."""
+        self._origin = time.monotonic() - block * self._block_duration
+
+    def delay(self, block: int, answered: int) -> float:
+        """Time until the block's end; zero if that is past."""
+        return max(0.0, self._origin + (block + 1) * self._block_duration - time.monotonic())
+
+
+def make_clock(kind: Literal["lockstep", "realtime"], lag: int, block_duration: float) -> Clock:
+    """The clock of that kind."""
+    return Lockstep(lag) if kind == "lockstep" else Realtime(block_duration)
+
+
+class Stopwatch:
+    """Adds up the wall time during which the simulation ran."""
+
+    def __init__(self) -> None:
+        self._before = 0.0
+        self._since: float | None = None
+
+    def start(self) -> None:
+        """Let it run."""
+        if self._since is None:
+            self._since = time.monotonic()
+
+    def stop(self) -> None:
+        """Hold it."""
+        self._before, self._since = self.elapsed, None
+
+    @property
+    def elapsed(self) -> float:
+        """Time for which it ran [s]."""
+        return self._before + (time.monotonic() - self._since if self._since is not None else 0.0)

@@ -1,0 +1,89 @@
+"""The server's link with one robot: what it was sent, what it has answered."""
+
+from __future__ import annotations
+
+import zenoh
+
+from coheft.errors import MessageError
+from coheft.wire.messages import Measurements, Message, Ready, Reference, Stop, check_array, check_field
+from coheft.wire.transport import Inbox, Keys, Sender
+
+_MOTION_SIZE = 12
+
+
+class RobotLink:
+    """One robot's session and the state of the talk with it.
+
+    Attributes:
+        is_ready: It has said that all its links stand, and can hear us.
+        is_linked: Somebody is at the other end.
+        answered: The last block of measurements that it has answered, -1 if none.
+        was_late: Its reference of the latest block did not come in time.
+    """
+
+    def __init__(
+        self, name: str, session: zenoh.Session, inbox: Inbox, keys: Keys, lag: int, samples_per_block: int
+    ) -> None:
+        self.is_ready = False
+        self.is_linked = False
+        self.answered = -1
+        self.was_late = False
+        self._name = name
+        self._session = session
+        self._lag = lag
+        self._motion_shape = (samples_per_block, _MOTION_SIZE)
+        self._sent = -1
+        self._references: dict[int, Reference] = {}
+        self._measurements = Sender(session, keys.robot(name, "measurements"), may_drop=False)
+        self._stop = Sender(session, keys.robot(name, "stop"), may_drop=False)
+        inbox.watch_links(session, name)
+        inbox.listen(session, name, {keys.robot(name, "ready"): Ready, keys.robot(name, "reference"): Reference})
+
+    @property
+    def owes_answer(self) -> bool:
+        """Whether it has measurements that it has not answered."""
+        return self.answered < self._sent
+
+    def note_links(self) -> None:
+        """Look who is at the other end."""
+        self.is_linked = bool(self._session.info.transports())
+        self.is_ready = self.is_ready and self.is_linked
+
+    def take(self, message: Message) -> None:
+        """Take in what it said.
+
+        Raises:
+            MessageError: It does not fit here and now.
+        """
+        match message:
+            case Ready():
+                check_field("robot", message.robot, self._name)
+                self.is_ready = self._measurements.has_listener
+            case Reference():
+                self._check(message)
+                self.answered = message.answers
+                self._references[message.block] = message
+
+    def _check(self, reference: Reference) -> None:
+        check_field("robot", reference.robot, self._name)
+        if not self.owes_answer:
+            raise MessageError(f"answers is {reference.answers} but block {self._sent} was answered already")
+        check_field("answers", reference.answers, self.answered + 1)
+        check_field("block", reference.block, reference.answers + self._lag)
+        check_array(reference.motion, self._motion_shape, "motion")
+        check_array(reference.wrench, (6,), "wrench")
+
+    def take_reference(self, block: int) -> Reference | None:
+        """Its reference of a block, None if it has not come; those of earlier blocks are forgotten."""
+        reference = self._references.get(block)
+        self._references = {index: other for index, other in self._references.items() if index > block}
+        return reference
+
+    def send_measurements(self, measurements: Measurements) -> None:
+        """Send it its own measurements."""
+        self._sent = measurements.block
+        self._measurements.send(measurements)
+
+    def send_stop(self, reason: str) -> None:
+        """Tell it that the run is over."""
+        self._stop.send(Stop(reason=reason))

@@ -1,0 +1,282 @@
+"""The physics server in a process of its own: the simulation with its links.
+
+``python -m physics_server.server`` reads a ``ServerConfig`` from stdin.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import time
+from contextlib import ExitStack
+from typing import Literal, NoReturn
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded: small products, many processes
+
+import zenoh
+
+from coheft.errors import CoheftError, LinkError, MessageError
+from coheft.wire.config import ServerConfig
+from coheft.wire.messages import (
+    InjectRequest,
+    PauseRequest,
+    Problem,
+    Refusal,
+    RemoveRequest,
+    Request,
+    Status,
+    StatusRequest,
+    StopRequest,
+)
+from coheft.wire.supervised import supervised_main
+from coheft.wire.transport import Event, Inbox, Keys, LinkChange, Question, Received, Refused, Sender, open_session
+from physics_server.clock import Stopwatch, make_clock
+from physics_server.robot_link import RobotLink
+from physics_server.simulation import Simulation
+
+ANSWER_LIMIT = 10.0
+"""A robot that has not answered for so long is reported [s]."""
+GRACE = 5.0
+"""Time for which the server goes on answering requests after the end of the run [s]."""
+_TICK = 0.5
+
+
+class Server:
+    """The simulation and its links: one session per robot, one for observers, one inbox for all of them.
+
+    One thread owns everything. Requests wait in the inbox, like references, until a block is done: load changes take
+    effect at the border between two blocks.
+    """
+
+    def __init__(self, config: ServerConfig, robots: dict[str, zenoh.Session], observers: zenoh.Session) -> None:
+        scenario, keys = config.scenario, Keys(config.run)
+        self._scenario = scenario
+        self._is_lockstep = config.clock == "lockstep"
+        self._clock = make_clock(config.clock, scenario.lookahead, scenario.block_duration)
+        self._stopwatch = Stopwatch()
+        self._simulation = Simulation(scenario, config.neighbours)
+        self._state: Literal["waiting", "running", "paused", "finished"] = "waiting"
+        self._stop_asked = False
+        self._silent_since = math.inf
+        self._late_blocks = 0
+        self._inbox = Inbox()
+        self._inbox.serve(observers, keys.request)
+        self._truth = Sender(observers, keys.observe_server("truth"), may_drop=True)
+        self._problem = Sender(observers, keys.observe_server("problem"), may_drop=True)
+        self._robots = {
+            name: RobotLink(name, session, self._inbox, keys, scenario.lookahead, scenario.sensors.block)
+            for name, session in robots.items()
+        }
+
+    def run(self) -> None:
+        """Wait for all robots, simulate until the end of the run or a request to stop, then tell the robots.
+
+        Raises:
+            LinkError: A robot was lost in lockstep.
+            SimulationError: The simulation cannot go on.
+        """
+        reason = "the run is over"
+        try:
+            self._wait_for_robots()
+            self._run_blocks()
+            self._wait_for_last_answers()
+        except CoheftError as error:
+            reason = str(error)
+            self._problem.send(Problem(source="server", text=reason))
+            raise
+        finally:
+            self._stopwatch.stop()
+            self._state = "finished"
+            for robot in self._robots.values():
+                robot.send_stop(reason)
+
+    def linger(self, seconds: float) -> None:
+        """Go on answering requests."""
+        deadline = time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0.0:
+            self._handle(self._inbox.receive(left))
+
+    def _wait_for_robots(self) -> None:
+        while self._not_ready() and not self._stop_asked:
+            self._handle(self._inbox.receive(_TICK))
+
+    def _run_blocks(self) -> None:
+        self._go_on()
+        while self._simulation.block < self._scenario.blocks and not self._stop_asked:
+            delay = math.inf
+            if self._state == "running":
+                delay = self._clock.delay(self._simulation.block, min(link.answered for link in self._robots.values()))
+            event = self._inbox.receive(min(delay, _TICK))
+            if event is not None:
+                self._handle(event)
+            elif delay == 0.0:
+                self._advance()
+            elif self._state == "running":
+                self._report_silence()
+
+    def _wait_for_last_answers(self) -> None:
+        """Let the robots finish the blocks that they have been given."""
+        deadline = time.monotonic() + ANSWER_LIMIT
+        while self._in_debt():
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                self._tell_problem(f"no last answer from {', '.join(self._in_debt())}")
+                return
+            self._handle(self._inbox.receive(left))
+
+    def _advance(self) -> None:
+        """Simulate one block and send what each of the others may know of it."""
+        block = self._simulation.block
+        references = {}
+        for name, robot in self._robots.items():
+            reference = robot.take_reference(block)
+            if reference is not None:
+                references[name] = reference
+            elif block >= self._scenario.lookahead:
+                self._late_blocks += 1
+                if not robot.was_late:
+                    self._tell_problem(f"{name} was late with its reference of block {block}")
+            robot.was_late = reference is None
+        result = self._simulation.advance(references)
+        for name, robot in self._robots.items():
+            robot.send_measurements(result.measurements[name])
+        self._truth.send(result.truth)
+        for problem in result.problems:
+            self._tell_problem(problem)
+        self._silent_since = time.monotonic()
+
+    def _go_on(self) -> None:
+        """Let time run."""
+        self._state = "running"
+        self._stopwatch.start()
+        self._clock.start(self._simulation.block)
+        self._silent_since = time.monotonic()
+
+    def _not_ready(self) -> list[str]:
+        return [name for name, robot in self._robots.items() if not robot.is_ready]
+
+    def _in_debt(self) -> list[str]:
+        """Robots that are there, but have not answered the latest block."""
+        return [name for name, robot in self._robots.items() if robot.is_linked and robot.owes_answer]
+
+    def _report_silence(self) -> None:
+        """Report robots that have not answered for long, once."""
+        if time.monotonic() - self._silent_since < ANSWER_LIMIT:
+            return
+        self._silent_since = math.inf
+        slowest = min(robot.answered for robot in self._robots.values())
+        silent = [name for name, robot in self._robots.items() if robot.answered == slowest]
+        self._tell_problem(f"{', '.join(silent)} did not answer block {slowest + 1} within {ANSWER_LIMIT:g} s")
+
+    def _handle(self, event: Event | None) -> None:
+        """Take in whatever came.
+
+        Raises:
+            LinkError: A robot was lost in lockstep.
+        """
+        match event:
+            case Received(name, message):
+                try:
+                    self._robots[name].take(message)
+                except MessageError as error:
+                    self._tell_problem(f"refused from {name}: {error}")
+            case Refused(source, error):
+                self._tell_problem(f"refused from {source}: {error}")
+            case LinkChange(name, is_up):
+                self._note_link(name, is_up)
+            case Question(request):
+                event.answer(self._answer(request))
+
+    def _note_link(self, name: str, is_up: bool) -> None:
+        robot = self._robots[name]
+        was_linked = robot.is_linked
+        robot.note_links()
+        if not was_linked or robot.is_linked or is_up or self._state in ("waiting", "finished"):
+            return
+        text = f"lost the link with {name}, which had answered block {robot.answered}"
+        if self._is_lockstep:
+            raise LinkError(text)
+        self._tell_problem(text)
+
+    def _answer(self, request: Request) -> Status | Refusal:
+        """Do what was asked, if it can be done."""
+        try:
+            self._carry_out(request)
+        except CoheftError as error:
+            return Refusal(reason=str(error))
+        return self._status()
+
+    def _carry_out(self, request: Request) -> None:
+        """Do what was asked.
+
+        Raises:
+            LoadError: The payload cannot take it.
+            CoheftError: It is too early, or too late.
+        """
+        if self._state == "finished" and not isinstance(request, StatusRequest):
+            raise CoheftError("the run is over")
+        match request:
+            case InjectRequest():
+                self._simulation.inject(request.mass, request.position, request.size)
+            case RemoveRequest():
+                self._simulation.remove(request.load)
+            case PauseRequest():
+                if self._state == "waiting":
+                    raise CoheftError(f"the run has not begun: waiting for {', '.join(self._not_ready())}")
+                if request.paused:
+                    self._state = "paused"
+                    self._stopwatch.stop()
+                elif self._state == "paused":
+                    self._go_on()
+            case StopRequest():
+                self._stop_asked = True
+
+    def _status(self) -> Status:
+        block, wall_time = self._simulation.block, self._stopwatch.elapsed
+        time_simulated = block * self._scenario.block_duration
+        return Status(
+            scenario=self._scenario.name,
+            state=self._state,
+            block=block,
+            time=time_simulated,
+            duration=self._scenario.duration,
+            real_time_factor=time_simulated / wall_time if wall_time > 0.0 else 0.0,
+            late_blocks=self._late_blocks,
+            loads=self._simulation.loads,
+            slots_free=self._simulation.slots_free,
+            waiting_for=self._not_ready() if self._state == "waiting" else self._in_debt(),
+            scene=self._simulation.scene,
+        )
+
+    def _tell_problem(self, text: str) -> None:
+        """Tell observers and the log what is wrong, and go on."""
+        print(text, file=sys.stderr, flush=True)
+        self._problem.send(Problem(source="server", text=text))
+
+
+def run_server(config: ServerConfig) -> None:
+    """Run the server to the end of the run, and a little longer for those who ask how it was.
+
+    Raises:
+        LinkError: Somebody listens at one of its endpoints already, or a robot was lost in lockstep.
+        ScenarioError: The scenario cannot be simulated.
+        SimulationError: The simulation cannot go on.
+    """
+    with ExitStack() as stack:
+        robots = {
+            name: stack.enter_context(open_session(listen=[endpoint])) for name, endpoint in config.robots.items()
+        }
+        observers = stack.enter_context(open_session(listen=[config.observe]))
+        server = Server(config, robots, observers)
+        server.run()
+        server.linger(GRACE)
+
+
+def main() -> NoReturn:
+    """Run the server whose configuration comes on stdin."""
+    supervised_main(ServerConfig, run_server)
+
+
+if __name__ == "__main__":
+    main()
