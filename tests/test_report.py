@@ -33,7 +33,7 @@ SCENE = Scene(
 )
 LIGHT = Inertia(10.0, np.array([0.1, -0.2, 0.05]), np.diag([0.5, 0.8, 1.1]))
 HEAVY = Inertia(13.0, np.array([0.0, -0.1, 0.06]), np.diag([0.7, 0.9, 1.3]))
-INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, wall_time=2.0)
+INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, real_time_factor=1.0)
 STD = np.array([0.1, 0.001, 0.002, 0.003, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06])
 
 
@@ -73,7 +73,7 @@ def estimate(
     poses = {}
     for other in SCENE.neighbours[robot]:
         pose = carry @ GRASPS[other] @ (pose_error or Pose.identity())
-        poses[other] = PoseEstimate(pose.rotation, pose.translation, np.eye(6), observable=True)
+        poses[other] = PoseEstimate(pose.rotation, pose.translation, np.eye(6))
     return Estimate(
         robot=robot,
         block=block,

@@ -20,7 +20,8 @@ from coheft.wire.messages import Status, StatusRequest
 
 _POLL = 0.02
 _START_LIMIT = 60.0
-_SILENCE = 1.0
+_NO_COMMENT = 5.0
+_SILENCE = 2.0
 _LAST_WORDS = 1.0
 
 
@@ -40,8 +41,7 @@ def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = F
             processes.start(name, "agents.process", agent)
         with announced(folder, msgspec.structs.replace(plan.run_file(), pids=processes.pids)):
             record = _wait_for_start(observer, processes, display)
-            first = time.monotonic()
-            last = _follow(record, observer, processes, display)
+            status = _follow(record, observer, processes, display)
     if not record.truths or record.silent:
         raise LinkError(f"the run ended before every robot had said something; see the logs in {folder}")
     info = RunInfo(
@@ -49,44 +49,47 @@ def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = F
         seed=scenario.seed,
         estimator=scenario.estimator,
         block_duration=scenario.block_duration,
-        wall_time=last - first,
+        real_time_factor=status.real_time_factor,
+        late_blocks=status.late_blocks,
     )
     return build_report(info, record.scene, record.truths, record.estimates, with_history=with_history)
 
 
 def _wait_for_start(observer: Observer, processes: Processes, display: Display) -> Record:
     """Wait until all links stand and the clock runs."""
-    deadline = time.monotonic() + _START_LIMIT
+    began = time.monotonic()
     waiting_for = ["server"]
-    while time.monotonic() < deadline:
+    while time.monotonic() < began + _START_LIMIT:
         processes.check()
         status = observer.status()
         if status is not None:
             if status.state != "waiting":
                 return Record(status.scene, status.duration)
-            if status.waiting_for != waiting_for:
-                waiting_for = status.waiting_for
-                display.waiting(waiting_for)
+            waiting_for = status.waiting_for
+        if time.monotonic() > began + _NO_COMMENT:
+            display.note(f"waiting for {', '.join(waiting_for)}")
         time.sleep(_POLL)
     raise LinkError(f"after {_START_LIMIT:g} s there is still no link with {', '.join(waiting_for)}")
 
 
-def _follow(record: Record, observer: Observer, processes: Processes, display: Display) -> float:
-    """Collect what the processes say until they have ended; return when the last block came."""
+def _follow(record: Record, observer: Observer, processes: Processes, display: Display) -> Status:
+    """Collect what the processes say until the agents have been told to go; return the server's last word."""
     news = time.monotonic()
-    server = processes.children[0].process
-    while server.poll() is None:
+    while not processes.all_done_but("server"):
         processes.check()
         if _collect(record, observer, display):
             news = time.monotonic()
         elif time.monotonic() > news + _SILENCE:
             _explain_silence(observer, display)
-    last = time.monotonic()
-    while time.monotonic() < last + _LAST_WORDS and not (processes.all_done() and record.complete):
-        processes.check()
-        _collect(record, observer, display)
     processes.check()
-    return news
+    deadline = time.monotonic() + _LAST_WORDS
+    while time.monotonic() < deadline and not record.complete:
+        _collect(record, observer, display)
+    status = observer.status()
+    if status is None:
+        processes.check()
+        raise LinkError("the server did not say how the run ended")
+    return status
 
 
 def watch(run_file: RunFile, display: Display) -> None:
@@ -115,5 +118,7 @@ def _collect(record: Record, observer: Observer, display: Display, seconds: floa
 
 def _explain_silence(observer: Observer, display: Display) -> None:
     status = observer.status()
-    if status is not None and status.waiting_for:
-        display.waiting(status.waiting_for)
+    if status is not None and status.state == "paused":
+        display.note(f"paused at {status.time:.2f} s; 'coheft resume' goes on")
+    elif status is not None and status.waiting_for:
+        display.note(f"waiting for {', '.join(status.waiting_for)}")

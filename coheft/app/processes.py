@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -38,10 +39,16 @@ class Child:
     process: subprocess.Popen[bytes]
     log: Path
 
-    def last_lines(self) -> str:
-        """The end of its log."""
-        lines = self.log.read_text(errors="replace").splitlines()[-_LOG_LINES:]
-        return "\n".join(f"  {line}" for line in lines) if lines else "  (its log is empty)"
+    @property
+    def how(self) -> str:
+        """How it ended."""
+        code = self.process.returncode
+        return f"was killed by signal {-code}" if code < 0 else f"ended with status {code}"
+
+    @property
+    def lines(self) -> list[str]:
+        """Its log."""
+        return self.log.read_text(errors="replace").splitlines()
 
 
 class Processes:
@@ -71,7 +78,7 @@ class Processes:
             process.stdin.flush()
         except BrokenPipeError as error:
             process.wait()
-            raise self._crash(child) from error
+            raise _error([child]) from error
         return child
 
     @property
@@ -87,17 +94,11 @@ class Processes:
         """
         failed = [child for child in self.children if child.process.poll() not in (None, 0)]
         if failed:
-            # One that a signal killed comes first: others may have failed because it was gone.
-            raise self._crash(min(failed, key=lambda child: child.process.returncode >= 0))
+            raise _error(failed)
 
-    def all_done(self) -> bool:
-        """Whether every process has ended."""
-        return all(child.process.poll() is not None for child in self.children)
-
-    def _crash(self, child: Child) -> ProcessError:
-        code = child.process.returncode
-        how = f"was killed by signal {-code}" if code < 0 else f"ended with status {code}"
-        return ProcessError(f"{child.name} {how}; the end of its log, {child.log}:\n{child.last_lines()}")
+    def all_done_but(self, name: str) -> bool:
+        """Whether every process but one has ended."""
+        return all(child.process.poll() is not None for child in self.children if child.name != name)
 
     def stop(self) -> None:
         """End all processes: ask by the end of stdin, then by a signal, then do not ask."""
@@ -127,6 +128,18 @@ class Processes:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.stop()
+
+
+def _error(failed: Sequence[Child]) -> ProcessError:
+    """Name the process that failed and show the end of its log.
+
+    If several failed, most did so because one was gone: that is the one that a signal killed, or else the one that
+    ended with a traceback.
+    """
+    first = min(failed, key=lambda child: (child.process.returncode >= 0, "Traceback" not in "".join(child.lines)))
+    tail = "\n".join(f"  {line}" for line in first.lines[-_LOG_LINES:] or ["(it is empty)"])
+    others = "".join(f"\nAfter it, {child.name} {child.how}." for child in failed if child is not first)
+    return ProcessError(f"{first.name} {first.how}; the end of its log, {first.log}:\n{tail}{others}")
 
 
 def run_in_foreground(module: str, config: Path) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
@@ -34,8 +33,8 @@ _DRAW_EVERY = 0.2
 class Display(Protocol):
     """Shows a run while it goes on."""
 
-    def waiting(self, names: Sequence[str]) -> None:
-        """The run waits for these robots."""
+    def note(self, text: str) -> None:
+        """The run does not go on now, and why."""
 
     def update(self, record: Record) -> None:
         """Something new has come."""
@@ -60,8 +59,8 @@ def make_display(console: Console, *, quiet: bool = False) -> Display:
 class QuietDisplay:
     """Shows nothing."""
 
-    def waiting(self, names: Sequence[str]) -> None:
-        """The run waits for these robots."""
+    def note(self, text: str) -> None:
+        """The run does not go on now, and why."""
 
     def update(self, record: Record) -> None:
         """Something new has come."""
@@ -84,10 +83,13 @@ class LineDisplay(QuietDisplay):
     def __init__(self, console: Console) -> None:
         self._console = console
         self._lines = 0
+        self._note = ""
 
-    def waiting(self, names: Sequence[str]) -> None:
-        """The run waits for these robots."""
-        self._print(f"waiting for {', '.join(names)}")
+    def note(self, text: str) -> None:
+        """Print it, once."""
+        if text != self._note:
+            self._print(text)
+        self._note = text
 
     def update(self, record: Record) -> None:
         """Print a line if it is time for one."""
@@ -111,9 +113,9 @@ class LiveDisplay:
         self._live = Live(Text("starting the processes …"), console=console, auto_refresh=False, transient=True)
         self._drawn = 0.0
 
-    def waiting(self, names: Sequence[str]) -> None:
-        """The run waits for these robots."""
-        self._live.update(Text(f"waiting for {', '.join(names)} …"), refresh=True)
+    def note(self, text: str) -> None:
+        """Show it instead of the table."""
+        self._live.update(Text(text), refresh=True)
 
     def update(self, record: Record) -> None:
         """Draw what is known now, unless it was drawn just before."""
@@ -264,6 +266,7 @@ def _sentences(report: Report) -> list[str]:
         _convergence_sentence(report),
         f"{report.duration_s:g} s simulated at {report.real_time_factor:.1f} times real time; "
         f"{report.processes} processes, {report.messages_per_s:,.0f} messages a second.",
+        *([f"{report.late_blocks} times a robot answered too late."] if report.late_blocks else []),
     ]
 
 
