@@ -42,6 +42,12 @@ def inertia_operator(x: npt.ArrayLike) -> Array:
     return matrix
 
 
+def packed_rotation(rotation: Array) -> Array:
+    """``K(R)`` (6, 6) with ``K(R) @ pack_symmetric(J) == pack_symmetric(R @ J @ R.T)``."""
+    turned = rotation @ unpack_symmetric(np.eye(6)) @ rotation.T
+    return pack_symmetric(turned).T
+
+
 @dataclass(frozen=True, eq=False)
 class Inertia:
     """Mass properties of a rigid body in some frame ``F_i``.

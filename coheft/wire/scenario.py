@@ -197,8 +197,8 @@ class SeedSettings(Section, frozen=True):
 
     memory: Positive = 2.0
     rounds: Annotated[int, Meta(ge=1, le=256)] = 16
-    pose_rotation_deg: Positive = 0.04
-    pose_translation_mm: Positive = 0.8
+    pose_rotation_deg: Positive = 0.06
+    pose_translation_mm: Positive = 1.2
 
 
 class Converged(Section, frozen=True):

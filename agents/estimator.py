@@ -1,0 +1,83 @@
+"""What an estimator is: the part of an agent that turns measurements and messages into beliefs.
+
+To add one: write a class with the methods of ``Estimator``, give it a name in ``agents.agent.ESTIMATORS`` and in
+``Scenario.estimator``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+
+from coheft.estimation.measurement import MeasurementBlock
+from coheft.estimation.spatial import Array
+from coheft.estimation.uncertain_pose import UncertainPose
+from coheft.wire.config import AgentConfig
+from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
+from coheft.wire.scenario import Converged
+from consensus.gossip import Gossip
+
+Channels = Mapping[str, Array]
+"""Arrays by name, in the sender's own grasp frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """What an estimator believes; fields as in ``coheft.wire.messages.Estimate``."""
+
+    phase: Literal["poses", "inertia"]
+    converged: bool
+    payload: PayloadEstimate | None
+    poses: Mapping[str, UncertainPose]
+    total_block: int = -1
+    total_wrench: Array = field(default_factory=lambda: np.zeros(6))
+    not_observable: tuple[str, ...] = ()
+    load_changes: tuple[LoadChangeNotice, ...] = ()
+
+
+class Estimator(Protocol):
+    """One robot's estimator. Deterministic: equal inputs give equal outputs, bit for bit."""
+
+    def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
+        """One block.
+
+        Args:
+            index: Its number.
+            own: The robot's measurements, None if they are unusable.
+            inbox: What each neighbour sent after the previous block; neighbours whose message is missing are left out.
+
+        Returns:
+            What to send to all neighbours.
+        """
+        ...
+
+    def belief(self) -> Belief:
+        """What is believed after the last step."""
+        ...
+
+
+class EstimatorFactory(Protocol):
+    """Makes an estimator from the agent's settings and its knowledge of the team."""
+
+    def __call__(self, config: AgentConfig, gossip: Gossip) -> Estimator:  # noqa: D102
+        ...
+
+
+def is_converged(payload: PayloadEstimate, limits: Converged) -> bool:
+    """Whether all standard deviations are within a scenario's limits."""
+    deviations = np.sqrt(np.diag(payload.covariance))
+    inertia_deviation = inertia_std(payload.covariance)
+    return bool(
+        100.0 * deviations[0] <= limits.mass_percent * payload.mass
+        and 1e3 * deviations[1:4].max() <= limits.com_mm
+        and 100.0 * inertia_deviation <= limits.inertia_percent * np.linalg.norm(payload.tensor)
+    )
+
+
+def inertia_std(covariance: Array) -> float:
+    """Root mean square of the inertia's error in the Frobenius norm, of a covariance of ``(m, h, J packed)``."""
+    counts = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # off-diagonal elements appear twice in the matrix
+    return float(np.sqrt(counts @ np.diag(covariance)[4:]))

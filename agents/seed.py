@@ -1,0 +1,271 @@
+"""The seed paper's method: Fan et al., sections V to VII, for one robot.
+
+First, relative poses of the neighbours by dual-quaternion least squares. When everybody's have converged, the poses are
+frozen and the inertial phase begins: total wrench and angular acceleration by dynamic consensus, mass properties by
+joint least squares with forgetting, and consensus over the robots' estimates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from agents.estimator import Belief, Channels, is_converged
+from coheft.estimation.angular_acceleration import AngularAcceleration, gyro_derivative
+from coheft.estimation.joint_rls import JointRls
+from coheft.estimation.measurement import KINEMATICS, MeasurementBlock
+from coheft.estimation.pose_rls import PoseRls
+from coheft.estimation.rigid_body import packed_rotation, unpack_symmetric
+from coheft.estimation.spatial import Array, Pose, skew
+from coheft.estimation.uncertain_pose import UncertainPose
+from coheft.wire.config import AgentConfig
+from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
+from consensus.dynamic import DynamicConsensus
+from consensus.gossip import Gossip
+from consensus.graph import metropolis_weight
+from consensus.pipeline import NeighbourStages
+
+_SAMPLE_CHANNELS = 9
+"""Per sample: total force and torque, angular acceleration."""
+_PARAMETER_CHANNELS = 11
+"""Per block: 1/m, the constant 1 that makes points linear, h, J."""
+_START = np.array([1.0, 1.0] + [0.0] * 9)
+"""Before the first estimate: 1 kg, and h at the own grasp, so that the consensus on h is the centre of the grasps."""
+
+_SURPRISE = 9.0
+_SURPRISED_BLOCKS = 2
+_SETTLED = 1.0
+"""A load change is noticed when this many blocks in a row are this much less likely than usual [ratio of mean squared
+normalised residuals], and the filter has had this long to settle since it started or noticed one [s]."""
+
+
+class SeedEstimator:
+    """One robot's share of the seed method. See ``agents.estimator.Estimator``."""
+
+    def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
+        self._config = config
+        self._settings = config.seed_method
+        self._gossip = gossip
+        self._forgetting = 1.0 - 1.0 / (self._settings.memory * config.rate)
+        # Both ends of an edge run the same filter on the same numbers and take each other's inverse, so the transports
+        # of an edge are exactly inverse to each other, as Proposition 3 demands.
+        self._filters = {name: PoseRls(config.noise) for name in config.neighbours}
+        self._blocks: dict[int, Array] = {}
+        self._inertial_phase: _InertialPhase | None = None
+
+    def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
+        """See ``Estimator.step``."""
+        previous = self._blocks.get(index - 1)
+        heard = {name: channels["kinematics"] for name, channels in inbox.items() if "kinematics" in channels}
+        if previous is not None:
+            for name, kinematics in heard.items():
+                self._update_pose(name, previous[:, :6], kinematics[:, :6])
+        if own is not None:
+            self._blocks[index] = own.samples
+        self._announce(index)
+
+        start = self._gossip.start_block
+        if start is not None and index > start:
+            if self._inertial_phase is None:
+                poses = {name: estimate.pose for name, estimate in self._poses().items()}
+                self._inertial_phase = _InertialPhase(self._config, self._gossip, poses, self._forgetting)
+            self._inertial_phase.step(index, self._blocks, heard, inbox)
+        self._blocks.pop(index - self._settings.rounds - 3, None)
+
+        sent = {} if own is None else {"kinematics": own.samples[:, KINEMATICS]}
+        if self._inertial_phase is not None:
+            sent |= self._inertial_phase.channels()
+        return sent
+
+    def belief(self) -> Belief:
+        """See ``Estimator.belief``."""
+        poses = self._poses()
+        missing = tuple(
+            f"pose of {name}: known to {np.degrees(pose.rotation_std):.2g} degrees and {1e3 * pose.translation_std:.2g} mm"
+            f" only; the payload has to turn more, about at least two axes"
+            for name, pose in sorted(poses.items())
+            if not self._is_known(pose)
+        )
+        phase = self._inertial_phase
+        if phase is None:
+            return Belief("poses", False, None, poses, not_observable=missing)
+        payload = phase.payload()
+        return Belief(
+            phase="inertia",
+            converged=payload is not None and is_converged(payload, self._config.converged),
+            payload=payload,
+            poses=poses,
+            total_block=phase.total_block,
+            total_wrench=phase.total_wrench,
+            not_observable=missing,
+            load_changes=tuple(phase.load_changes),
+        )
+
+    def _update_pose(self, name: str, own: Array, other: Array) -> None:
+        if self._config.name < name:
+            self._filters[name].update(own, other)
+        else:
+            self._filters[name].update(other, own)
+
+    def _poses(self) -> dict[str, UncertainPose]:
+        """Estimates of ``pose_j_in_i`` by neighbour."""
+        own_name = self._config.name
+        return {
+            name: pose.estimate if own_name < name else pose.estimate.inverse() for name, pose in self._filters.items()
+        }
+
+    def _is_known(self, pose: UncertainPose) -> bool:
+        return bool(
+            np.degrees(pose.rotation_std) < self._settings.pose_rotation_deg
+            and 1e3 * pose.translation_std < self._settings.pose_translation_mm
+        )
+
+    def _announce(self, index: int) -> None:
+        """Once all poses are known, offer a start that lies far enough ahead for everybody to hear of it in time."""
+        graph = self._gossip.graph
+        if graph is None or self._gossip.records[self._config.name].ready_block >= 0:
+            return
+        if all(self._is_known(pose) for pose in self._poses().values()):
+            self._gossip.announce_ready(index + 2 * len(graph))
+
+
+class _InertialPhase:
+    """Sums over the network, and the joint filter fed by them; poses and team no longer change."""
+
+    def __init__(
+        self, config: AgentConfig, gossip: Gossip, poses_j_in_i: Mapping[str, Pose], forgetting: float
+    ) -> None:
+        self._config = config
+        self._rounds = config.seed_method.rounds
+        self._poses = dict(sorted(poses_j_in_i.items()))
+        graph = gossip.graph
+        assert graph is not None  # without it nobody would have been ready
+        self._members = len(graph)
+        degree = len(graph[config.name])
+        self._gains = {name: metropolis_weight(degree, len(graph[name])) for name in self._poses}
+        self._transports = {name: _transports(pose) for name, pose in self._poses.items()}
+        self._acceleration = AngularAcceleration(list(self._poses.values()), config.noise, config.rate)
+        self._sums = DynamicConsensus(self._rounds, config.block, _SAMPLE_CHANNELS)
+        self._parameters = DynamicConsensus(1, 1, _PARAMETER_CHANNELS)
+        self._inputs = np.zeros((config.block, _SAMPLE_CHANNELS))
+        self._agreed = _START
+        self._forgetting = forgetting
+        self._filter: JointRls | None = None
+        self._surprised = 0
+        self._quiet_until = np.inf
+        self.total_block = -1
+        self.total_wrench = np.zeros(6)
+        self.load_changes: list[LoadChangeNotice] = []
+
+    def step(
+        self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array], inbox: Mapping[str, Channels]
+    ) -> None:
+        """Let block ``index - 1`` enter the sums, and take in the one that leaves them."""
+        self._inputs = self._inputs_of(index - 1, blocks, heard)
+        finished = self._sums.step(self._inputs, self._stages(inbox, "sums", 0, self._rounds))
+        leaving = index - 1 - self._rounds
+        if finished is not None and leaving in blocks:
+            self._take_in(leaving, index, blocks[leaving], finished)
+        own = _START if self._filter is None else _parameters(self._filter.theta)
+        agreed = self._parameters.step(own[None, None, :][0], self._stages(inbox, "parameters", 1, 1))
+        if agreed is not None:
+            self._agreed = agreed[0]
+
+    def channels(self) -> dict[str, Array]:
+        """What to send to the neighbours."""
+        sums, parameters = self._sums.pipeline, self._parameters.pipeline
+        return {
+            "sums": sums.stages.copy(),
+            "sums_valid": sums.valid.astype(np.float64),
+            "parameters": parameters.stages.copy(),
+            "parameters_valid": parameters.valid.astype(np.float64),
+        }
+
+    def payload(self) -> PayloadEstimate | None:
+        """The robots' agreed estimate, with the covariance of this robot's own."""
+        if self._filter is None or self._agreed[0] <= 0.0:
+            return None
+        mass = 1.0 / float(self._agreed[0])
+        order = [9, 6, 7, 8, 0, 1, 2, 3, 4, 5]  # (J, h, 1/m) to (m, h, J)
+        covariance = self._filter.covariance[np.ix_(order, order)]
+        covariance[0] *= -(mass**2)
+        covariance[:, 0] *= -(mass**2)
+        return PayloadEstimate(mass, self._agreed[2:5].copy(), unpack_symmetric(self._agreed[5:]), covariance)
+
+    def _inputs_of(self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array]) -> Array:
+        """This robot's wrench and angular acceleration of a block; the last ones again if a measurement is missing."""
+        near = [blocks.get(index + offset) for offset in (-1, 0, 1)]
+        if any(block is None for block in near) or set(heard) != set(self._poses):
+            return self._inputs
+        before, block, after = (block for block in near if block is not None)
+        derivative = gyro_derivative(before[-1, :3], block[:, :3], after[0, :3], self._config.rate)
+        others = [heard[name][:, 6:9] for name in self._poses]
+        alpha = self._acceleration.estimate(derivative, block[:, :3], block[:, 6:9], others)
+        return np.hstack([block[:, 9:15], alpha])
+
+    def _stages(self, inbox: Mapping[str, Channels], channel: str, which: int, rounds: int) -> list[NeighbourStages]:
+        """The neighbours' stages of one of the two consensuses, with their transports."""
+        stages = []
+        for name, transports in self._transports.items():
+            channels = inbox.get(name, {})
+            valid = channels.get(f"{channel}_valid")
+            stages.append(
+                NeighbourStages(
+                    transport=transports[which],
+                    gains=np.full(rounds, self._gains[name]),
+                    stages=channels.get(channel),
+                    valid=None if valid is None else valid > 0.5,
+                )
+            )
+        return stages
+
+    def _take_in(self, leaving: int, index: int, samples: Array, average: Array) -> None:
+        total = self._members * average[:, :6]
+        self.total_block, self.total_wrench = leaving, total[-1]
+        if self._filter is None:
+            self._filter = self._new_filter(centre=self._agreed[2:5])
+            self._quiet_until = self._time(index) + _SETTLED
+        self._filter.update(samples[:, :3], samples[:, 6:9], average[:, 6:], total[:, :3], total[:, 3:])
+        self._watch_for_change(leaving, index, self._filter.surprise)
+
+    def _watch_for_change(self, leaving: int, index: int, surprise: float) -> None:
+        self._surprised = self._surprised + 1 if surprise > _SURPRISE else 0
+        if self._surprised >= _SURPRISED_BLOCKS and self._time(index) > self._quiet_until:
+            self.load_changes.append(LoadChangeNotice(self._time(index + 1), self._time(leaving + 1 - self._surprised)))
+            self._quiet_until = self._time(index) + self._config.seed_method.memory + _SETTLED
+
+    def _new_filter(self, centre: Array) -> JointRls:
+        """The joint filter; lever arms and accelerations that it cannot know are taken to be like its neighbours'."""
+        noise, n = self._config.noise, self._members
+        wrench_covariance = np.diag(np.repeat([n * noise.force**2, n * noise.torque**2], 3))
+        for pose in self._poses.values():
+            arm = skew(pose.translation)
+            wrench_covariance[3:, 3:] += n / len(self._poses) * noise.force**2 * arm @ arm.T
+        motion_covariance = np.zeros((6, 6))
+        motion_covariance[:3, :3] = noise.acceleration**2 * np.eye(3)
+        shared = min(1.0, (len(self._poses) + 1) / n)  # each accelerometer serves its owner and its neighbours
+        motion_covariance[3:, 3:] = shared * self._acceleration.covariance
+        return JointRls(centre, wrench_covariance, motion_covariance, self._forgetting)
+
+    def _time(self, block: int) -> float:
+        """Start of a block [s]."""
+        return block * self._config.block / self._config.rate
+
+
+def _transports(pose_j_in_i: Pose) -> tuple[Array, Array]:
+    """``X_ij`` of samples (wrench, angular acceleration) and of parameters (1/m, 1, h, J)."""
+    rotation = pose_j_in_i.rotation
+    samples = np.zeros((_SAMPLE_CHANNELS, _SAMPLE_CHANNELS))
+    samples[:6, :6] = pose_j_in_i.adjoint()
+    samples[6:, 6:] = rotation
+    parameters = np.eye(_PARAMETER_CHANNELS)
+    parameters[2:5, 1] = pose_j_in_i.translation
+    parameters[2:5, 2:5] = rotation
+    parameters[5:, 5:] = packed_rotation(rotation)
+    return samples, parameters
+
+
+def _parameters(theta: Array) -> Array:
+    """``(1/m, 1, h, J)`` of ``(J, h, 1/m)``."""
+    return np.concatenate([theta[9:], [1.0], theta[6:9], theta[:6]])

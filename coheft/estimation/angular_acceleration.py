@@ -1,0 +1,83 @@
+"""One robot's estimate of the body's angular acceleration, from its neighbours' accelerometers (Fan et al., eqs 16, 17)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.spatial import Array, Pose, skew
+
+
+def gyro_derivative(previous: Array, gyro: Array, following: Array, rate: float) -> Array:
+    """Central difference of a block of gyro samples (eq. 16), without delay.
+
+    Args:
+        previous: The sample before the block, shape (3,) [rad/s].
+        gyro: The block, shape (B, 3).
+        following: The sample after the block, shape (3,).
+        rate: Samples per second.
+
+    Returns:
+        Shape (B, 3) [rad/s²]; the variance of its noise is ``sigma_w^2 rate^2 / 2``.
+    """
+    extended = np.vstack([previous, gyro, following])
+    result: Array = 0.5 * rate * (extended[2:] - extended[:-2])
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class AngularAcceleration:
+    """``alpha_i`` by least squares over the neighbours' accelerometers and the differentiated gyro.
+
+    A neighbour at ``p_ij`` sees ``a_i - R_ij a_j + w_i x (w_i x p_ij) = p_ij x alpha_i`` (eq. 17). One neighbour says
+    nothing about alpha along ``p_ij``; the gyro's derivative, with its own large variance, fills what is missing.
+
+    Attributes:
+        poses_j_in_i: The neighbours' poses.
+        noise: Of all sensors involved.
+        rate: Samples per second.
+    """
+
+    poses_j_in_i: Sequence[Pose]
+    noise: SensorNoise
+    rate: float
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the estimate, shape (3, 3) [rad²/s⁴]."""
+        information = self._gyro_weight * np.eye(3)
+        for pose in self.poses_j_in_i:
+            cross = skew(pose.translation)
+            information += self._accelerometer_weight * cross.T @ cross
+        return np.linalg.inv(information)
+
+    def estimate(self, gyro_derivative: Array, gyro: Array, acceleration: Array, others: Sequence[Array]) -> Array:
+        """``alpha_i`` of a block.
+
+        Args:
+            gyro_derivative: Own, shape (B, 3) [rad/s²].
+            gyro: Own ``w_i``, shape (B, 3) [rad/s].
+            acceleration: Own ``a_i``, shape (B, 3) [m/s²].
+            others: The neighbours' ``a_j`` in their own frames, shape (B, 3) each.
+
+        Returns:
+            Shape (B, 3) [rad/s²].
+        """
+        moment = self._gyro_weight * gyro_derivative
+        for pose, other in zip(self.poses_j_in_i, others, strict=True):
+            p = pose.translation
+            seen = acceleration - other @ pose.rotation.T + np.cross(gyro, np.cross(gyro, p))
+            moment += self._accelerometer_weight * np.cross(seen, p)  # skew(p)^T seen
+        result: Array = moment @ self.covariance
+        return result
+
+    @property
+    def _gyro_weight(self) -> float:
+        return 2.0 / (self.noise.gyro * self.rate) ** 2
+
+    @property
+    def _accelerometer_weight(self) -> float:
+        return 0.5 / self.noise.acceleration**2
