@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 
 import msgspec
 import numpy as np
@@ -11,83 +10,10 @@ import pytest
 
 from coheft.app.report import RunInfo, build_report
 from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose
-from coheft.wire.messages import (
-    Estimate,
-    LoadChangeNotice,
-    PayloadEstimate,
-    PayloadTruth,
-    PoseEstimate,
-    Scene,
-    Truth,
-)
+from coheft.estimation.spatial import Pose
+from tests.synthetic_run import BLOCK, GRASPS, LIGHT, ROBOTS, SCENE, changing_run, estimate, truth
 
-BLOCK = 0.02
-ROBOTS = ["r1", "r2", "r3"]
-GRASPS = {name: Pose.exp(np.random.default_rng(k).normal(size=6)) for k, name in enumerate(ROBOTS)}
-SCENE = Scene(
-    robots=ROBOTS,
-    rotations=np.array([GRASPS[name].rotation for name in ROBOTS]),
-    translations=np.array([GRASPS[name].translation for name in ROBOTS]),
-    neighbours={"r1": ["r2"], "r2": ["r1", "r3"], "r3": ["r2"]},
-)
-LIGHT = Inertia(10.0, np.array([0.1, -0.2, 0.05]), np.diag([0.5, 0.8, 1.1]))
-HEAVY = Inertia(13.0, np.array([0.0, -0.1, 0.06]), np.diag([0.7, 0.9, 1.3]))
 INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, real_time_factor=1.0)
-STD = np.array([0.1, 0.001, 0.002, 0.003, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06])
-
-
-def total_wrench(block: int) -> Array:
-    return np.array([np.sin(block), 3.0, np.cos(block), 0.5, -np.cos(block), 0.1])
-
-
-def truth(block: int, payload: Inertia) -> Truth:
-    return Truth(
-        block=block,
-        time=(block + 1) * BLOCK,
-        payload=PayloadTruth(payload.mass, payload.com, payload.tensor),
-        loads=[],
-        position=np.zeros(3),
-        quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
-        total_wrench=total_wrench(block),
-        wrenches=np.zeros((3, 6)),
-    )
-
-
-def estimate(
-    robot: str,
-    block: int,
-    payload: Inertia | None,
-    *,
-    converged: bool = True,
-    changes: Sequence[LoadChangeNotice] = (),
-    wrench_error: float = 0.0,
-    pose_error: Pose | None = None,
-) -> Estimate:
-    """What a robot says that believes in ``payload``, given in the payload's frame."""
-    carry = GRASPS[robot].inverse()
-    believed = None
-    if payload is not None:
-        local = payload.carried(carry)
-        believed = PayloadEstimate(local.mass, local.com, local.tensor, np.diag(STD**2))
-    poses = {}
-    for other in SCENE.neighbours[robot]:
-        pose = carry @ GRASPS[other] @ (pose_error or Pose.identity())
-        poses[other] = PoseEstimate(pose.rotation, pose.translation, np.eye(6))
-    return Estimate(
-        robot=robot,
-        block=block,
-        time=(block + 1) * BLOCK,
-        phase="inertia",
-        converged=converged,
-        members=3,
-        payload=believed,
-        poses=poses,
-        total_block=max(-1, block - 4),
-        total_wrench=(1.0 + wrench_error) * carry.adjoint() @ total_wrench(block - 4),
-        not_observable=[] if payload is not None else ["mass: too little motion"],
-        load_changes=list(changes),
-    )
 
 
 def test_a_perfect_run_has_no_errors() -> None:
@@ -130,27 +56,6 @@ def test_errors_are_measured_in_the_robots_own_frame() -> None:
     assert report.consensus.torque_rel_error == pytest.approx(0.05)
 
 
-def changing_run(
-    recovers_at: dict[str, int], notices: dict[str, float]
-) -> tuple[list[Truth], dict[str, list[Estimate]]]:
-    """The load changes at block 100 of 200; each robot believes the old one until its own block."""
-    truths = [truth(block, LIGHT if block < 100 else HEAVY) for block in range(200)]
-    estimates = {}
-    for robot in ROBOTS:
-        notice = notices.get(robot)
-        changes = [LoadChangeNotice(noticed_at=notice, changed_at=2.0)] if notice is not None else []
-        estimates[robot] = [
-            estimate(
-                robot,
-                block,
-                LIGHT if block < recovers_at[robot] else HEAVY,
-                changes=changes if notice is not None and (block + 1) * BLOCK >= notice else [],
-            )
-            for block in range(200)
-        ]
-    return truths, estimates
-
-
 def test_a_load_change_is_reported_with_the_state_before_it() -> None:
     truths, estimates = changing_run({"r1": 110, "r2": 120, "r3": 115}, {"r1": 2.06, "r2": 2.04, "r3": 2.1})
     (change,) = build_report(INFO, SCENE, truths, estimates).load_changes
@@ -187,6 +92,13 @@ def test_nothing_observable_gives_no_numbers() -> None:
         assert robot.mass.estimate is robot.com.estimate is robot.inertia.estimate is None
         assert robot.mass.truth == pytest.approx(10.0)
         assert robot.converged_at_s is None
+
+
+def test_poses_that_are_still_being_found_are_not_reported() -> None:
+    last = {r: [estimate(r, 9, None, converged=False, phase="poses")] for r in ROBOTS}
+    report = build_report(INFO, SCENE, [truth(block, LIGHT) for block in range(10)], last)
+    assert all(robot.poses == {} for robot in report.robots.values())
+    assert report.consensus.force_rel_error is None
 
 
 def test_speed_counts_every_message_of_a_block() -> None:

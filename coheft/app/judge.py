@@ -63,7 +63,7 @@ class RobotReport(msgspec.Struct, frozen=True):
         mass: Of the payload and all that lies on it.
         com: Its centre of mass.
         inertia: Its inertia.
-        poses: Errors of the neighbours' grasp poses, of those that it has found.
+        poses: Errors of the neighbours' grasp poses; none as long as it is still finding them.
         converged: The robot itself calls its estimate good enough.
         converged_at_s: When it first did [s]; None if never.
         not_observable: What it says that its motion could not tell.
@@ -126,7 +126,9 @@ class Judge:
             mass=_mass(truth, last.payload),
             com=_com(truth, last.payload),
             inertia=_inertia(truth, last.payload),
-            poses={name: self.pose_error(last.robot, name, pose) for name, pose in last.poses.items()},
+            poses={name: self.pose_error(last.robot, name, pose) for name, pose in last.poses.items()}
+            if last.phase == "inertia"
+            else {},
             converged=last.converged,
             converged_at_s=next((estimate.time for estimate in estimates if estimate.converged), None),
             not_observable=list(last.not_observable),

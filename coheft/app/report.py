@@ -144,6 +144,7 @@ def build_report(
     if silent:
         raise ValueError(f"a report needs an estimate of every robot, there is none of {', '.join(silent)}")
     judge = Judge(scene, truths)
+    estimates = {name: estimates[name] for name in scene.robots}  # sums depend on the order, in their last digit
     robots = len(scene.robots)
     messages_per_block = 3 * robots + sum(len(names) for names in scene.neighbours.values()) + 1
     return Report(
@@ -151,14 +152,14 @@ def build_report(
         seed=info.seed,
         estimator=info.estimator,
         duration_s=truths[-1].time,
-        robots={name: judge.robot(estimates[name]) for name in scene.robots},
+        robots={name: judge.robot(series) for name, series in estimates.items()},
         load_changes=_load_changes(judge, info.block_duration, estimates),
         consensus=_consensus(judge, estimates),
         processes=robots + 1,
         real_time_factor=info.real_time_factor,
         messages_per_s=messages_per_block * info.real_time_factor / info.block_duration,
         late_blocks=info.late_blocks,
-        history={name: _history(judge, estimates[name]) for name in scene.robots} if with_history else None,
+        history={name: _history(judge, series) for name, series in estimates.items()} if with_history else None,
     )
 
 

@@ -26,6 +26,7 @@ _LEGEND = (
     "Centre of mass: x y z in the robot's grasp frame. Inertia: principal moments.",
     "Own std: how far off the robot itself expects to be (standard deviation).",
 )
+_NOT_OBSERVABLE_LINES = 3
 _DRAW_EVERY = 0.2
 """Wall time between two drawings on a terminal [s]."""
 
@@ -187,7 +188,7 @@ def _live_table(record: Record) -> Table:
         table.add_row(
             name,
             Text(_state(estimate), style="green" if estimate.converged else "dim"),
-            "" if mass.estimate is None else f"{mass.estimate:.2f} ± {mass.std or 0:.2f} kg",
+            "" if mass.estimate is None else f"{mass.estimate:.3f} ± {mass.std or 0:.3f} kg",
             "" if com.error_mm is None else f"off {com.error_mm:.1f} mm",
             "" if inertia.error_pct is None else f"off {inertia.error_pct:.1f} %",
         )
@@ -202,7 +203,7 @@ def print_report(console: Console, report: Report, folder: Path) -> None:
     console.print()
     console.print(_final_table(report))
     for line in _LEGEND:
-        console.print(line, style="dim")
+        console.print(line, style="dim", highlight=False)
     for sentence in _sentences(report):
         console.print(sentence, markup=False, highlight=False)
     console.print(f"Logs of all processes: {folder}", markup=False, highlight=False, soft_wrap=True)
@@ -297,7 +298,11 @@ def _not_observable_sentences(report: Report) -> list[str]:
     for name, robot in report.robots.items():
         for text in robot.not_observable:
             by_text.setdefault(text, []).append(name)
-    return [f"Not observable for {', '.join(names)}: {text}" for text, names in by_text.items()]
+    sentences = [f"Not observable for {', '.join(names)}: {text}." for text, names in by_text.items()]
+    more = len(sentences) - _NOT_OBSERVABLE_LINES
+    if more > 0:
+        sentences[_NOT_OBSERVABLE_LINES:] = [f"And {more} more of the kind; the report (--json FILE) has them all."]
+    return sentences
 
 
 def _convergence_sentence(report: Report) -> str:

@@ -1,0 +1,108 @@
+"""A run of three robots whose outcome is known by construction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Array, Pose
+from coheft.wire.messages import (
+    Estimate,
+    LoadChangeNotice,
+    PayloadEstimate,
+    PayloadTruth,
+    PoseEstimate,
+    Scene,
+    Truth,
+)
+
+BLOCK = 0.02
+ROBOTS = ["r1", "r2", "r3"]
+GRASPS = {name: Pose.exp(np.random.default_rng(k).normal(size=6)) for k, name in enumerate(ROBOTS)}
+SCENE = Scene(
+    robots=ROBOTS,
+    rotations=np.array([GRASPS[name].rotation for name in ROBOTS]),
+    translations=np.array([GRASPS[name].translation for name in ROBOTS]),
+    neighbours={"r1": ["r2"], "r2": ["r1", "r3"], "r3": ["r2"]},
+)
+LIGHT = Inertia(10.0, np.array([0.1, -0.2, 0.05]), np.diag([0.5, 0.8, 1.1]))
+HEAVY = Inertia(13.0, np.array([0.0, -0.1, 0.06]), np.diag([0.7, 0.9, 1.3]))
+STD = np.array([0.1, 0.001, 0.002, 0.003, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06])
+
+
+def total_wrench(block: int) -> Array:
+    return np.array([np.sin(block), 3.0, np.cos(block), 0.5, -np.cos(block), 0.1])
+
+
+def truth(block: int, payload: Inertia) -> Truth:
+    return Truth(
+        block=block,
+        time=(block + 1) * BLOCK,
+        payload=PayloadTruth(payload.mass, payload.com, payload.tensor),
+        loads=[],
+        position=np.zeros(3),
+        quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+        total_wrench=total_wrench(block),
+        wrenches=np.zeros((3, 6)),
+    )
+
+
+def estimate(
+    robot: str,
+    block: int,
+    payload: Inertia | None,
+    *,
+    converged: bool = True,
+    changes: Sequence[LoadChangeNotice] = (),
+    wrench_error: float = 0.0,
+    pose_error: Pose | None = None,
+    phase: Literal["poses", "inertia"] = "inertia",
+) -> Estimate:
+    """What a robot says that believes in ``payload``, given in the payload's frame."""
+    carry = GRASPS[robot].inverse()
+    believed = None
+    if payload is not None:
+        local = payload.carried(carry)
+        believed = PayloadEstimate(local.mass, local.com, local.tensor, np.diag(STD**2))
+    poses = {}
+    for other in SCENE.neighbours[robot]:
+        pose = carry @ GRASPS[other] @ (pose_error or Pose.identity())
+        poses[other] = PoseEstimate(pose.rotation, pose.translation, np.eye(6))
+    return Estimate(
+        robot=robot,
+        block=block,
+        time=(block + 1) * BLOCK,
+        phase=phase,
+        converged=converged,
+        members=3,
+        payload=believed,
+        poses=poses,
+        total_block=max(-1, block - 4),
+        total_wrench=(1.0 + wrench_error) * carry.adjoint() @ total_wrench(block - 4),
+        not_observable=[] if payload is not None else ["mass: too little motion"],
+        load_changes=list(changes),
+    )
+
+
+def changing_run(
+    recovers_at: dict[str, int], notices: dict[str, float]
+) -> tuple[list[Truth], dict[str, list[Estimate]]]:
+    """The load changes at block 100 of 200; each robot believes the old one until its own block."""
+    truths = [truth(block, LIGHT if block < 100 else HEAVY) for block in range(200)]
+    estimates = {}
+    for robot in ROBOTS:
+        notice = notices.get(robot)
+        changes = [LoadChangeNotice(noticed_at=notice, changed_at=2.0)] if notice is not None else []
+        estimates[robot] = [
+            estimate(
+                robot,
+                block,
+                LIGHT if block < recovers_at[robot] else HEAVY,
+                changes=changes if notice is not None and (block + 1) * BLOCK >= notice else [],
+            )
+            for block in range(200)
+        ]
+    return truths, estimates
