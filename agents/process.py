@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections import deque
 from contextlib import ExitStack
 from typing import NoReturn
@@ -108,11 +109,16 @@ class AgentProcess:
 
         A neighbour whose own neighbours are still on their way needs our hellos for as long.
         """
+        next_hello = time.monotonic()
         while not self._measurements:
+            wait = next_hello - time.monotonic()
+            if wait > 0.0:
+                self._handle(self._inbox.receive(wait))
+                continue
             self._hello.send(Hello(sender=self._config.name, heard=sorted(self._heard)))
             if self._heard_by.issuperset(self._config.neighbours):
                 self._ready.send(Ready(robot=self._config.name))
-            self._handle(self._inbox.receive(HELLO_PERIOD))
+            next_hello = time.monotonic() + HELLO_PERIOD
 
     def _answer_block(self) -> None:
         """Wait for all that belongs to one block, step, and say what came of it."""

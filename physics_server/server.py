@@ -264,10 +264,11 @@ def run_server(config: ServerConfig) -> None:
         SimulationError: The simulation cannot go on.
     """
     with ExitStack() as stack:
+        # Observers can dial in first, so as to miss nothing.
+        observers = stack.enter_context(open_session(listen=[config.observe]))
         robots = {
             name: stack.enter_context(open_session(listen=[endpoint])) for name, endpoint in config.robots.items()
         }
-        observers = stack.enter_context(open_session(listen=[config.observe]))
         server = Server(config, robots, observers)
         server.run()
         server.linger(GRACE)
