@@ -13,6 +13,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
+import numpy as np
+
 from coheft.estimation.spatial import Array
 from consensus.pipeline import NeighbourStages, Pipeline
 
@@ -41,7 +43,8 @@ class DynamicConsensus:
             The agent's value of the network's average for the block that entered K blocks before, shape (B, C), or
             None while there is none.
         """
-        finished = self.pipeline.advance(neighbours)
+        own_gains = 1.0 - sum((neighbour.gains for neighbour in neighbours), np.zeros(self.pipeline.rounds))
+        finished = self.pipeline.advance(neighbours, own_gains)
         if finished is None:
             self.pipeline.enter(inputs)
         else:

@@ -1,7 +1,7 @@
 """Rounds of consensus in different coordinates, one round per block for every block of samples under way.
 
-A sample's value goes through ``K`` rounds ``x_i <- x_i + sum_j g_ij (X_ij x_j - x_i)``. Waiting for the neighbours in
-each round would cost ``K`` messages per block. Instead, one message per block carries the ``K`` blocks under way, each
+A sample's value goes through ``K`` rounds ``x_i <- g_i x_i + sum_j g_ij X_ij x_j``. Waiting for the neighbours in each
+round would cost ``K`` messages per block. Instead, one message per block carries the ``K`` blocks under way, each
 one round further than the one that came after it: ``stages[s]`` is the block that entered ``s`` blocks ago, after ``s``
 rounds. Every block leaves exactly ``K`` blocks late, with its own number, to be paired with its own kinematics.
 
@@ -25,13 +25,13 @@ class NeighbourStages:
     """What one neighbour sent, and how to read it.
 
     Attributes:
-        transport: ``X_ij``, shape (C, C): carries C channels from ``F_j`` to ``F_i``.
+        transport: ``X_ij``, shape (C, C): carries C channels from ``F_j`` to ``F_i``; None if both use one frame.
         gains: ``g_ij`` of each round, shape (K,).
         stages: The neighbour's ``Pipeline.stages``; None if its message is missing.
         valid: The neighbour's ``Pipeline.valid``.
     """
 
-    transport: Array
+    transport: Array | None
     gains: Array
     stages: Array | None
     valid: npt.NDArray[np.bool_] | None
@@ -54,23 +54,27 @@ class Pipeline:
         """``K``: rounds per value, and blocks that it is under way."""
         return len(self.stages)
 
-    def advance(self, neighbours: Sequence[NeighbourStages]) -> Array | None:
+    def advance(self, neighbours: Sequence[NeighbourStages], own_gains: Array) -> Array | None:
         """Do one round for every stage, with the neighbours' stages of the same moment.
+
+        Args:
+            neighbours: What they sent.
+            own_gains: ``g_i`` of each round, shape (K,).
 
         Returns:
             The values (B, C) of the block that has now gone through all rounds, or None if it is incomplete. Then
             ``enter`` the next block.
         """
-        rounds, samples, channels = self.stages.shape
-        moved = self.stages.copy()
+        moved = own_gains[:, None, None] * self.stages
         valid = self.valid.copy()
         for neighbour in neighbours:
             if neighbour.stages is None or neighbour.valid is None:
                 valid[:] = False
                 continue
-            carried = neighbour.stages.reshape(-1, channels) @ neighbour.transport.T
-            difference = carried.reshape(rounds, samples, channels) - self.stages
-            moved += neighbour.gains[:, None, None] * difference
+            carried = neighbour.stages
+            if neighbour.transport is not None:
+                carried = carried.reshape(-1, carried.shape[2]) @ neighbour.transport.T
+            moved += neighbour.gains[:, None, None] * carried.reshape(moved.shape)
             valid &= neighbour.valid
         finished = moved[-1].copy() if valid[-1] else None
         self.stages[1:] = moved[:-1]
