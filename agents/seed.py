@@ -82,8 +82,8 @@ class SeedEstimator:
         """See ``Estimator.belief``."""
         poses = self._poses()
         missing = tuple(
-            f"pose of {name}: known to {np.degrees(pose.rotation_std):.2g} degrees and {1e3 * pose.translation_std:.2g} mm"
-            f" only; the payload has to turn more, about at least two axes"
+            f"pose of {name}: known to {np.degrees(pose.rotation_std):.2g} degrees and {1e3 * pose.translation_std:.2g} mm;"
+            f" the payload has to turn more, about at least two axes"
             for name, pose in sorted(poses.items())
             if not self._is_known(pose)
         )

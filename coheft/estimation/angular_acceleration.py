@@ -1,4 +1,4 @@
-"""One robot's estimate of the body's angular acceleration, from its neighbours' accelerometers (Fan et al., eqs 16, 17)."""
+"""Angular acceleration from the neighbours' accelerometers and the own gyro (Fan et al., eqs 16, 17)."""
 
 from __future__ import annotations
 
