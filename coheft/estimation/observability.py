@@ -67,51 +67,54 @@ class PoseEstimate(UncertainPose):
 
 @dataclass(frozen=True, eq=False)
 class SeenInformation:
-    """Information on a pose, divided into directions that were seen and others.
+    """Information on one or several poses, divided into directions that were seen and others.
 
     Attributes:
-        values: Eigenvalues in units of what is required, ascending, shape (6,).
-        directions: As columns, what each belongs to, in units [rad, m], shape (6, 6).
-        unseen: The directions that were not seen.
+        values: Eigenvalues in units of what is required, shape (6 k,), those of unseen directions first.
+        directions: As columns, what each belongs to, in units [rad, m], shape (6 k, 6 k).
+        unseen_count: Number of unseen directions.
+        limits: What is required.
     """
 
     values: Array
     directions: Array
-    unseen: tuple[UnseenDirection, ...]
+    unseen_count: int
+    limits: Visibility
 
-    def step(self, gradient: Array) -> Array:
-        """Newton step (6,) along the directions that were seen, none along the others."""
-        count = len(self.unseen)
-        directions, values = self.directions[:, count:], self.values[count:]
-        result: Array = directions @ ((directions.T @ gradient) / values)
+    def step(self, score: Array) -> Array:
+        """Newton step (6 k,) along the directions that were seen, none along the others."""
+        directions, values = self.directions[:, self.unseen_count :], self.values[self.unseen_count :]
+        result: Array = directions @ ((directions.T @ score) / values)
         return result
 
     def inverse(self) -> Array:
-        """Inverse of the information (6, 6); unseen directions get 1000 times the limit, a stand-in for infinity."""
-        count = len(self.unseen)
-        values = np.concatenate([np.full(count, _FLOOR), self.values[count:]])
+        """Inverse of the information; unseen directions get 1000 times the limit, a stand-in for infinity."""
+        values = np.concatenate([np.full(self.unseen_count, _FLOOR), self.values[self.unseen_count :]])
         result: Array = (self.directions / values) @ self.directions.T
         return result
 
+    def unseen(self) -> tuple[UnseenDirection, ...]:
+        """The unseen directions of a single pose, as pure as they come."""
+        basis = self.directions[:, : self.unseen_count] / self.limits.scale()[:, None]
+        return tuple(UnseenDirection(column[:3], column[3:]) for column in _named_basis(basis).T)
+
 
 def seen_information(information: Array, limits: Visibility, doubt: Array | None = None) -> SeenInformation:
-    """Divide a pose's information by what has been seen of it.
+    """Divide the information on k poses by what has been seen of them.
 
     Args:
-        information: Of the perturbation ``(rotation, translation)``, shape (6, 6), symmetric; need not be definite.
+        information: Of the perturbations ``(rotation, translation)``, shape (6 k, 6 k), symmetric; need not be
+            definite.
         limits: When a direction counts as seen.
-        doubt: Part of the information that may be noise, shape (6, 6).
+        doubt: Part of the information that may be noise, same shape.
     """
-    scale = limits.scale()
+    scale = np.tile(limits.scale(), len(information) // 6)
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     certain = values
     if doubt is not None:
         certain = values - np.einsum("ik,ij,jk->k", vectors, doubt * np.outer(scale, scale), vectors)
     order = np.argsort(certain >= 1.0, kind="stable")
-    count = int(np.sum(certain < 1.0))
-    values, vectors = values[order], vectors[:, order]
-    unseen = tuple(UnseenDirection(column[:3], column[3:]) for column in _named_basis(vectors[:, :count]).T)
-    return SeenInformation(values, scale[:, None] * vectors, unseen)
+    return SeenInformation(values[order], scale[:, None] * vectors[:, order], int(np.sum(certain < 1.0)), limits)
 
 
 def _named_basis(basis: Array) -> Array:

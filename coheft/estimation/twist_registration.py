@@ -104,8 +104,8 @@ def register_twists(
         if np.all(np.abs(step) < _CLOSE * limits.scale()):
             break
     inverse = seen.inverse()
-    covariance = inverse + inverse @ noise @ inverse if not seen.unseen else inverse
-    return PoseEstimate(pose, covariance, seen.unseen)
+    covariance = inverse if seen.unseen_count else inverse + inverse @ noise @ inverse
+    return PoseEstimate(pose, covariance, seen.unseen())
 
 
 def closed_form_pose(second: Array, sigma_i: Array, sigma_j: Array) -> Pose:

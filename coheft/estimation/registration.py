@@ -1,0 +1,153 @@
+"""Registration of one robot's own sensors against the motion of the body that the whole network has agreed on.
+
+The body frame moves with ``(w, v, a, alpha)``; sensors at ``F_i``, with pose ``(R, p)`` in the body frame, read
+
+    w_i = R^T w,   v_i = R^T (v + w x p),   a_i = R^T (a + alpha x p + w x (w x p)).
+
+The residuals are linear in ``FEATURES`` = 28 numbers per sample: 1, the robot's own ``(w_i, v_i, a_i)``, the body's
+``(w, v, a, alpha)``, and six products of ``w``. So their Gram matrix holds all that the samples say about the pose:
+cost, score and Gauss-Newton information, at any pose, without the samples.
+
+When every robot registers itself so, and the network then finds the body's motion anew with the new poses, this is
+coordinate descent on the joint likelihood of all poses and motions: it closes all loops, and reaches the joint bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.body_motion import BODY_W, MOTION_SIZE, perturbed
+from coheft.estimation.inertia import symmetric_products
+from coheft.estimation.measurement import KINEMATICS, SensorNoise
+from coheft.estimation.observability import PoseEstimate, Visibility, seen_information
+from coheft.estimation.rigid_body import inertia_operator
+from coheft.estimation.spatial import Array, Pose, skew
+
+FEATURES = 28
+OWN = slice(1, 10)
+MOTION = slice(10, 22)
+TWIST, ACCELERATION, PRODUCTS = slice(10, 16), slice(16, 22), slice(22, 28)
+TWIST_ROWS, ACCELERATION_ROWS = slice(0, 6), slice(6, 9)
+_W, _V, _A, _ALPHA = slice(10, 13), slice(13, 16), slice(16, 19), slice(19, 22)
+_STEPS = 6
+_CLOSE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class RegistrationMoments:
+    """Sums over samples that a robot's own pose is found from. Add up those of several blocks.
+
+    Attributes:
+        gram: ``Z^T Z`` of the features' rows, shape (28, 28).
+    """
+
+    gram: Array
+
+    @staticmethod
+    def none() -> RegistrationMoments:
+        """Of no samples."""
+        return RegistrationMoments(np.zeros((FEATURES, FEATURES)))
+
+    @staticmethod
+    def of(own: Array, motion: Array) -> RegistrationMoments:
+        """Of simultaneous samples.
+
+        Args:
+            own: What the robot's sensors read, ``(w_i, v_i, a_i)``, shape (n, 9).
+            motion: Motion of the body frame, shape (n, 12).
+
+        Raises:
+            ValueError: Shapes do not fit.
+        """
+        if own.shape[1:] != (9,) or motion.shape != (len(own), MOTION_SIZE):
+            raise ValueError(f"{own.shape=} and {motion.shape=} but expected (n, 9) and (n, 12)")
+        rows = np.hstack([np.ones((len(own), 1)), own, motion, symmetric_products(motion[:, BODY_W])])
+        return RegistrationMoments(rows.T @ rows)
+
+    def __add__(self, other: RegistrationMoments) -> RegistrationMoments:
+        return RegistrationMoments(self.gram + other.gram)
+
+    def mapped(self, feature_map: Array) -> RegistrationMoments:
+        """As if every sample's features had been ``feature_map`` (28, 28) times what they were."""
+        return RegistrationMoments(feature_map @ self.gram @ feature_map.T)
+
+    @property
+    def count(self) -> float:
+        """Number of samples."""
+        return float(self.gram[0, 0])
+
+    def centred(self) -> Array:
+        """The Gram matrix of the features with their means removed."""
+        result: Array = self.gram - np.outer(self.gram[0], self.gram[0]) / max(self.count, 1.0)
+        return result
+
+
+def residual_operator(pose: Pose) -> Array:
+    """Matrix (9, 28) from a sample's features to its residuals of gyro, velocity and accelerometer."""
+    p, to_i = pose.translation, pose.rotation.T
+    operator = np.zeros((9, FEATURES))
+    operator[:, OWN] = np.eye(9)
+    operator[0:3, _W] = operator[3:6, _V] = operator[6:9, _A] = -to_i
+    operator[3:6, _W] = operator[6:9, _ALPHA] = to_i @ skew(p)
+    operator[6:9, PRODUCTS] = -to_i @ centripetal_operator(p)
+    return operator
+
+
+def centripetal_operator(p: Array) -> Array:
+    """Matrix (3, 6) with ``w x (w x p) == result @ symmetric_products(w)``."""
+    operator: Array = inertia_operator(p)
+    operator[:, :3] -= p[:, None]
+    return operator
+
+
+def residual_derivative(pose: Pose) -> Array:
+    """Derivatives of ``residual_operator`` by the pose's perturbation, shape (6, 9, 28), the perturbation first."""
+    p, to_i = pose.translation, pose.rotation.T
+    derivative = np.zeros((6, 9, FEATURES))
+    in_body_axes = residual_operator(Pose(np.eye(3), p))[:, MOTION.start :].reshape(3, 3, -1)
+    for k, axis in enumerate(np.eye(3)):
+        derivative[k, :, MOTION.start :] = (-to_i @ skew(axis) @ in_body_axes).reshape(9, -1)
+        derivative[3 + k, 3:6, _W] = derivative[3 + k, 6:9, _ALPHA] = to_i @ skew(axis)
+        derivative[3 + k, 6:9, PRODUCTS] = -to_i @ centripetal_operator(axis)
+    return derivative
+
+
+def score_and_information(moments: RegistrationMoments, pose: Pose, noise: SensorNoise) -> tuple[Array, Array, float]:
+    """Score (6,) and Gauss-Newton information (6, 6) of the pose's perturbation, and the cost (half chi-square).
+
+    The body's motion is taken as it is. Constant offsets of gyro and velocity are allowed for: these residuals are
+    centred. The accelerometer's are not, because gravity, nearly constant, says most about the rotation.
+    """
+    weights = noise.per_column()[KINEMATICS] ** -2
+    operator, derivative = residual_operator(pose), residual_derivative(pose)
+    score, information, cost = np.zeros(6), np.zeros((6, 6)), 0.0
+    for rows, gram in ((TWIST_ROWS, moments.centred()), (ACCELERATION_ROWS, moments.gram)):
+        weighted = weights[rows, None] * derivative[:, rows]
+        residual = operator[rows] @ gram
+        score -= np.einsum("kab,ab->k", weighted, residual)
+        information += np.einsum("kab,lab->kl", weighted @ gram, derivative[:, rows])
+        cost += 0.5 * float(np.sum(weights[rows, None] * residual * operator[rows]))
+    return score, information, cost
+
+
+def register_own(
+    moments: RegistrationMoments, start: Pose, noise: SensorNoise, limits: Visibility | None = None
+) -> PoseEstimate:
+    """Pose of a robot in the body frame from its own sensors, the body's motion taken as exact.
+
+    A few Gauss-Newton steps. Alternated with sums over the network it leads to the joint optimum, slowly along some
+    directions. The covariance is that for a body motion known from elsewhere, and too small where the own sensors
+    helped to find it. ``team_registration`` does better in both.
+    """
+    limits = limits or Visibility()
+    pose = start
+    for _ in range(_STEPS):
+        score, information, _ = score_and_information(moments, pose, noise)
+        seen = seen_information(information, limits)
+        step = seen.step(score)
+        pose = perturbed(pose, step)
+        if np.all(np.abs(step) < _CLOSE * limits.scale()):
+            break
+    return PoseEstimate(pose, seen.inverse(), seen.unseen())

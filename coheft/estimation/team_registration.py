@@ -1,0 +1,166 @@
+"""Poses of a whole team at the joint optimum, from what single robots know of themselves.
+
+Every robot keeps ``RegistrationMoments``: its own samples against the body's motion that the network found. From time
+to time all robots tell their pose and their score, 6 numbers each. As all of them see the same body motion, each can
+then compute the **joint** information of all poses, with every sample's body motion eliminated, take the joint
+Gauss-Newton step, and state the covariance of any relative pose.
+
+The samples had been summed with the poses of their time. ``refit_map`` is what the new poses would have made of them:
+a constant linear map of the moments' features, so nothing is summed again, and the recursion keeps to the
+maximum-likelihood estimate of all samples so far.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.body_motion import perturbed, relative_pose_derivative
+from coheft.estimation.measurement import KINEMATICS, SensorNoise
+from coheft.estimation.observability import PoseEstimate, Visibility, seen_information
+from coheft.estimation.registration import (
+    ACCELERATION,
+    ACCELERATION_ROWS,
+    FEATURES,
+    OWN,
+    PRODUCTS,
+    TWIST,
+    TWIST_ROWS,
+    RegistrationMoments,
+    residual_derivative,
+    residual_operator,
+)
+from coheft.estimation.rigid_body import pack_symmetric, unpack_symmetric
+from coheft.estimation.spatial import Array, Pose
+
+_NO_PRIOR = 1e-6
+"""Information on each sample's body motion, in SI units, that keeps matrices regular where two robots do not see all
+of alpha."""
+_DOUBT = 5.0
+"""Standard deviations of the noise in the information by which a direction must exceed it to count as seen."""
+_CHANNELS = ((TWIST_ROWS, TWIST), (ACCELERATION_ROWS, ACCELERATION))
+"""Residuals, and the part of the body's motion that they are to find."""
+
+
+@dataclass(frozen=True, eq=False)
+class TeamPoses:
+    """Poses of all robots and how well they are known.
+
+    Attributes:
+        poses: In the body frame; the first, the reference robot's, defines it.
+        covariance: Of all perturbations, shape (6 N, 6 N); zero for the first.
+        limits: When a direction counts as seen.
+    """
+
+    poses: tuple[Pose, ...]
+    covariance: Array
+    limits: Visibility
+
+    def relative(self, i: int, j: int) -> PoseEstimate:
+        """``pose_j_in_i`` of two different robots."""
+        rows = np.r_[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
+        derivative = relative_pose_derivative(self.poses[i], self.poses[j])
+        covariance = derivative @ self.covariance[np.ix_(rows, rows)] @ derivative.T
+        seen = seen_information(np.linalg.inv(covariance), self.limits)
+        return PoseEstimate(self.poses[i].inverse() @ self.poses[j], covariance, seen.unseen())
+
+
+def register_team(
+    poses: Sequence[Pose],
+    scores: Array,
+    moments: RegistrationMoments,
+    noise: SensorNoise,
+    limits: Visibility | None = None,
+) -> TeamPoses:
+    """One joint Gauss-Newton step.
+
+    Args:
+        poses: Of all robots in the body frame; the first stays as it is.
+        scores: Of all robots at these poses, from ``score_and_information``, shape (N, 6).
+        moments: Of any one robot: only what they say of the body's motion is used, and is the same for all.
+        noise: Of every robot's sensors.
+        limits: When a direction counts as seen.
+    """
+    limits = limits or Visibility()
+    information, from_noise = team_information(moments, poses, noise)
+    doubt = _DOUBT / np.sqrt(max(moments.count, 1.0)) * from_noise
+    seen = seen_information((information - from_noise)[6:, 6:], limits, doubt[6:, 6:])
+    steps = seen.step(scores[1:].ravel()).reshape(-1, 6)
+    covariance = np.zeros_like(information)
+    covariance[6:, 6:] = seen.inverse()
+    moved = (perturbed(pose, step) for pose, step in zip(poses[1:], steps, strict=True))
+    return TeamPoses((poses[0], *moved), covariance, limits)
+
+
+def team_information(moments: RegistrationMoments, poses: Sequence[Pose], noise: SensorNoise) -> tuple[Array, Array]:
+    """Joint information of all poses, the motions of all samples eliminated, and what of it is due to noise.
+
+    With ``D_i`` the derivative of robot i's predicted measurements, linear in the features ``x``, and ``B_i`` that by
+    the motion: ``H_ij = sum over samples of  delta_ij D_i^T W D_i - (D_i^T W B_i) P (B_j^T W D_j)`` with
+    ``P = (sum_i B_i^T W B_i)^-1``, and ``D_i`` enters only with the features' moments. That ``w`` in centripetal
+    accelerations is noisy is left out: 2 % of the standard deviation in the worst direction of a usual team.
+
+    Returns:
+        Two matrices, shape (6 N, 6 N). The motion's own noise makes the first too large by the second.
+    """
+    weights = noise.per_column()[KINEMATICS] ** -2
+    size = 6 * len(poses)
+    information, from_noise = np.zeros((size, size)), np.zeros((size, size))
+    for (rows, columns), gram in zip(_CHANNELS, (moments.centred(), moments.gram), strict=True):
+        weight = weights[rows, None]
+        by_motion = [_predicted(pose)[rows, columns] for pose in poses]
+        by_pose = [-residual_derivative(pose)[:, rows] for pose in poses]
+        seen: Array = sum((b.T @ (weight * b) for b in by_motion), start=np.zeros((6, 6)))
+        covariance: Array = np.linalg.inv(seen + _NO_PRIOR * np.eye(6))
+        noise_gram = np.zeros((FEATURES, FEATURES))
+        noise_gram[columns, columns] = moments.count * covariance @ seen @ covariance
+        coupling = np.concatenate([np.swapaxes(weight * b, 0, 1) @ d for b, d in zip(by_motion, by_pose, strict=True)])
+        for total, features in ((information, gram), (from_noise, noise_gram)):
+            explained = (covariance @ coupling @ features).reshape(size, -1)
+            total -= explained @ coupling.reshape(size, -1).T
+            for k, derivative in enumerate(by_pose):
+                own = slice(6 * k, 6 * k + 6)
+                total[own, own] += np.einsum("kab,lab->kl", weight * derivative @ features, derivative)
+    return information, from_noise
+
+
+def refit_map(old: Sequence[Pose], new: Sequence[Pose], noise: SensorNoise) -> Array:
+    """Features of a sample had its body motion been found with the poses ``new`` instead of ``old``, shape (28, 28).
+
+    The motion found with ``old`` predicts what all robots measured; the map fits the motion to that with ``new``.
+    What it neglects is the change of poses times the residuals. In the products of ``w``, the (small) share of the
+    velocities in ``w`` is left as it was.
+    """
+    weights = noise.per_column()[KINEMATICS] ** -2
+    feature_map = np.eye(FEATURES)
+    before, after = ([_predicted(pose) for pose in poses] for poses in (old, new))
+
+    def fit(rows: slice, columns: slice, predictions: Sequence[Array]) -> Array:
+        """Weighted least squares of the motion's ``columns`` to what is predicted for ``rows``."""
+        weighted = [new_operator[rows, columns].T * weights[rows] for new_operator in after]
+        seen: Array = sum((b @ p[rows, columns] for b, p in zip(weighted, after, strict=True)), start=np.zeros((6, 6)))
+        vector: Array = sum(
+            (b @ p[rows] for b, p in zip(weighted, predictions, strict=True)), start=np.zeros((6, FEATURES))
+        )
+        result: Array = np.linalg.solve(seen + _NO_PRIOR * np.eye(6), vector + _NO_PRIOR * np.eye(FEATURES)[columns])
+        return result
+
+    feature_map[TWIST] = fit(TWIST_ROWS, TWIST, before)
+    turn = feature_map[TWIST.start : TWIST.start + 3, TWIST.start : TWIST.start + 3]
+    feature_map[PRODUCTS, PRODUCTS] = pack_symmetric(turn @ unpack_symmetric(np.eye(6)) @ turn.T).T
+    centripetal = []
+    for old_operator, new_operator in zip(before, after, strict=True):
+        rest = old_operator.copy()
+        rest[:, PRODUCTS] -= new_operator[:, PRODUCTS] @ feature_map[PRODUCTS, PRODUCTS]
+        centripetal.append(rest)
+    feature_map[ACCELERATION] = fit(ACCELERATION_ROWS, ACCELERATION, centripetal)
+    return feature_map
+
+
+def _predicted(pose: Pose) -> Array:
+    """Matrix (9, 28) from a sample's features to what the robot's sensors should read."""
+    operator = -residual_operator(pose)
+    operator[:, OWN] = 0.0
+    return operator
