@@ -33,6 +33,9 @@ _PARAMETER_CHANNELS = 11
 _START = np.array([1.0, 1.0] + [0.0] * 9)
 """Before the first estimate: 1 kg, and h at the own grasp, so that the consensus on h is the centre of the grasps."""
 
+_SOLVE_EVERY = 5
+"""Blocks per solution of a pose filter: poses do not change, and solving costs more than taking in."""
+
 _SURPRISE = 9.0
 _SURPRISED_BLOCKS = 2
 _SETTLED = 1.0
@@ -50,7 +53,7 @@ class SeedEstimator:
         self._forgetting = 1.0 - 1.0 / (self._settings.memory * config.rate)
         # Both ends of an edge run the same filter on the same numbers and take each other's inverse, so the transports
         # of an edge are exactly inverse to each other, as Proposition 3 demands.
-        self._filters = {name: PoseRls(config.noise) for name in config.neighbours}
+        self._filters = {name: PoseRls(config.noise, solve_every=_SOLVE_EVERY) for name in config.neighbours}
         self._blocks: dict[int, Array] = {}
         self._inertial_phase: _InertialPhase | None = None
 

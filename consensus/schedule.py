@@ -3,7 +3,7 @@
 All schedules are rounds ``x_i <- g_i x_i + sum_j g_ij x_j`` with gains that depend on the round:
 
 - *finite time*: with ``lambda_1 ... lambda_K`` the distinct non-zero eigenvalues of the Laplacian, K rounds
-  ``x <- x - L x / lambda_s`` give the exact average (Kibangou 2012). In Leja's order the product stays well conditioned.
+  ``x <- x - L x / lambda_s`` give the exact average (Kibangou 2012). In Leja's order their product is well conditioned.
 - *Chebyshev*: the same form with the roots of the Chebyshev polynomial on ``[lambda_2, lambda_N]`` in place of the
   eigenvalues: the fewest rounds that bring all disagreement below a tolerance.
 - *tree*: sums flow up a breadth-first tree to its root, and the total flows down: twice the depth in rounds.

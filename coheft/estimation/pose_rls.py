@@ -7,7 +7,6 @@ import numpy as np
 from coheft.estimation.dual_quaternion import (
     dual_from_pose,
     dual_tangent,
-    left_multiplication,
     pair_operator,
     pose_from_dual,
     right_multiplication,
@@ -22,8 +21,18 @@ _PRIOR_STD = np.repeat([3.0, 10.0], 3)
 """What is known beforehand: next to nothing. Rotation [rad], translation [m]."""
 
 
-_LEFT_UNITS = left_multiplication(np.eye(4)[1:])
-_RIGHT_UNITS = right_multiplication(np.eye(4)[1:])
+_UNITS = np.eye(12).reshape(12, 4, 3)
+_OPERATORS = np.concatenate(
+    [pair_operator(_UNITS[:, 0], _UNITS[:, 2]), pair_operator(_UNITS[:, 1], _UNITS[:, 3])], axis=2
+)
+"""``[H(w_i, w_j), H(v_i, v_j)]`` of each unit vector of ``z = (w_i, v_i, w_j, v_j)``, shape (12, 4, 8): linear in z."""
+_GYROS = np.diag(np.repeat([1.0, 0.0, 1.0, 0.0], 3))
+
+
+def _operator_moment(moment: Array, weight: Array) -> Array:
+    """``sum H^T W H`` (8, 8) of samples with the second moment ``sum z z^T`` (12, 12)."""
+    weighted = np.tensordot(moment, weight @ _OPERATORS, axes=1)
+    return np.tensordot(_OPERATORS, weighted, ([0, 1], [0, 1]))
 
 
 class PoseRls:
@@ -32,20 +41,23 @@ class PoseRls:
     Args:
         noise: Of the sensors of both robots.
         forgetting: Factor per sample by which older samples count less; 1 forgets nothing.
+        solve_every: Updates per solution; the estimate, and the weights that depend on it, are that old at most.
     """
 
-    def __init__(self, noise: SensorNoise, forgetting: float = 1.0) -> None:
+    def __init__(self, noise: SensorNoise, forgetting: float = 1.0, solve_every: int = 1) -> None:
+        self._solve_every = solve_every
+        self._updates = 0
         self._gyro_variance = noise.gyro**2
         self._velocity_variance = noise.velocity**2
         self._forgetting = forgetting
         self._rotation_moment = np.zeros((4, 4))  # H(w)^T W H(w), weighted for the rotation's equation
-        self._translation_moment = np.zeros((8, 8))  # of [H(w), H(v)], weighted for the translation's equation
+        self._translation_moment = np.zeros((4, 8))  # H(w)^T W [H(w), H(v)], for the translation's equation
         self._noise_share = np.zeros((4, 4))  # what unit noise in a regressor adds to the latter on average
         self._set(*dual_from_pose(Pose.identity()), np.diag(_PRIOR_STD**2))
 
     @property
     def estimate(self) -> UncertainPose:
-        """The pose so far, with its covariance; identity and next to no knowledge at first."""
+        """The pose at the last solution, with its covariance; identity and next to no knowledge at first."""
         return UncertainPose(pose_from_dual(self._q_r, self._q_d), self._covariance)
 
     def update(self, twist_i: Array, twist_j: Array) -> None:
@@ -53,22 +65,22 @@ class PoseRls:
 
         The same as B updates with one sample each, except that the weight is evaluated once per call.
         """
-        h_w = pair_operator(twist_i[:, :3], twist_j[:, :3])
-        h = np.concatenate([h_w, pair_operator(twist_i[:, 3:], twist_j[:, 3:])], axis=2)
-        age_weights = self._forgetting ** np.arange(len(h) - 1, -1, -1.0)
-        decay = self._forgetting ** len(h)
+        z = np.hstack([twist_i, twist_j])
+        age_weights = self._forgetting ** np.arange(len(z) - 1, -1, -1.0)
+        decay = self._forgetting ** len(z)
+        moment = (age_weights * z.T) @ z
 
         # cov(H(w) q_r) = 2 sigma_w^2 (I - q_r q_r^T), and the residual has no part along q_r: a scalar weight.
-        weighted = (0.5 * age_weights / self._gyro_variance)[:, None, None] * h_w
-        self._rotation_moment *= decay
-        self._rotation_moment += np.tensordot(weighted, h_w, ([0, 1], [0, 1]))
+        weight = 0.5 / self._gyro_variance * np.eye(4)
+        self._rotation_moment = decay * self._rotation_moment + _operator_moment(moment, weight)[:4, :4]
 
         weight = np.linalg.inv(self._translation_noise())
-        self._translation_moment *= decay
-        self._translation_moment += np.tensordot(age_weights[:, None, None] * h, weight @ h, ([0, 1], [0, 1]))
-        self._noise_share *= decay
-        self._noise_share += age_weights.sum() * sum(u.T @ weight @ u for u in (*_LEFT_UNITS, *_RIGHT_UNITS))
-        self._solve()
+        self._translation_moment = decay * self._translation_moment + _operator_moment(moment, weight)[:4]
+        noise_share = age_weights.sum() * _operator_moment(_GYROS, weight)[:4, :4]
+        self._noise_share = decay * self._noise_share + noise_share
+        self._updates += 1
+        if self._updates % self._solve_every == 0:
+            self._solve()
 
     def _translation_noise(self) -> Array:
         """Covariance (4, 4) of ``H(v_i, v_j) q_r + H(w_i, w_j) q_d`` at the current estimate (Fan et al., Prop. 2).
@@ -89,7 +101,7 @@ class PoseRls:
         q_r = solve_rotation(self._rotation_moment)
         noise_ww = self._gyro_variance * self._noise_share
         # Noise in the regressor would shrink the translation; take its share out, as far as signal remains.
-        ww, wv = self._translation_moment[:4, :4], self._translation_moment[:4, 4:]
+        ww, wv = self._translation_moment[:, :4], self._translation_moment[:, 4:]
         across = right_multiplication(q_r)[:, 1:]  # q_d is orthogonal to q_r
         ratios = np.linalg.eigvals(np.linalg.solve(across.T @ noise_ww @ across, across.T @ ww @ across))
         smallest = float(ratios.real.min())
