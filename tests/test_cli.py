@@ -78,6 +78,8 @@ def test_a_change_that_makes_no_sense_is_explained(ring6: Scenario, text: str, c
         (["run", "ring6", "--estimator", "magic"], "estimator"),
         (["run", "ring6", "--change", "mass=3"], "key 't'"),
         (["run", "--no-such-flag"], "--no-such-flag"),
+        (["run", "ring6", "--json", "/no/such/folder/report.json"], "/no/such/folder"),
+        (["run", "ring6", "--json", "--quiet"], "--quiet"),
         (["inject", "--mass", "3"], "--at"),
     ],
 )

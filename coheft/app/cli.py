@@ -29,6 +29,19 @@ app = cyclopts.App(
 
 Vector = tuple[float, float, float]
 RunFolder = Annotated[Path | None, Parameter(name="--run")]
+Flag = Annotated[bool, Parameter(negative=(), show_default=False)]
+
+
+def _is_target(_: object, value: str | None) -> None:
+    if value is None or value == "-":
+        return
+    if value.startswith("-"):
+        raise ValueError(f"expected a file, or - for standard output; found {value!r}")
+    if not Path(value).absolute().parent.is_dir():
+        raise ValueError(f"there is no folder {str(Path(value).parent)!r} to write {value!r} into")
+
+
+ReportTarget = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_is_target)]
 
 
 def run_command_line(arguments: Sequence[str]) -> int:
@@ -56,15 +69,15 @@ def _fail(error: CoheftError, status: int) -> int:
 def run(
     scenario: str = "ring6",
     *,
-    change: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    change: Annotated[list[str] | None, Parameter(negative=())] = None,
     duration: float | None = None,
     seed: int | None = None,
     estimator: str | None = None,
     sensor_rate: int | None = None,
-    realtime: Annotated[bool, Parameter(negative=())] = False,
-    json: str | None = None,
-    history: Annotated[bool, Parameter(negative=())] = False,
-    quiet: Annotated[bool, Parameter(negative=())] = False,
+    realtime: Flag = False,
+    json: ReportTarget = None,
+    history: Flag = False,
+    quiet: Flag = False,
     logs: Path | None = None,
     write_configs: Path | None = None,
 ) -> int:
@@ -112,7 +125,7 @@ def run(
 
     chosen = override(
         load_scenario(scenario),
-        changes=change,
+        changes=change or (),
         duration=duration,
         seed=seed,
         estimator=estimator,

@@ -175,10 +175,15 @@ def test_the_same_seed_gives_the_same_numbers(report: dict[str, Any], tmp_path: 
         assert again[key] == report[key]
 
 
-def test_a_run_that_is_too_short_has_not_converged(start: Callable[..., Run]) -> None:
-    run = start("--duration", "1")
-    assert run.wait() == 3, run.text
-    assert "Not converged: r1, r2, r3" in run.text
+def test_a_run_that_is_too_short_has_not_converged_and_says_so(tmp_path: Path) -> None:
+    command = ["run", "ring3", "--duration", "1", "--json", "-", "--logs", str(tmp_path)]
+    run = subprocess.run(
+        [sys.executable, "-m", "coheft", *command], capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
+    assert run.returncode == 3, run.stderr
+    assert "Not converged: r1, r2, r3" in run.stderr
+    assert list(json.loads(run.stdout)["robots"]) == ["r1", "r2", "r3"], "standard output is the report alone"
+    assert {path.name for path in tmp_path.iterdir()} == {"server.log", "r1.log", "r2.log", "r3.log"}
 
 
 def test_ctrl_c_stops_everything_within_two_seconds(start: Callable[..., Run]) -> None:
