@@ -1,0 +1,93 @@
+"""An agent that also listens to whatever comes, on all of its links, and asks everybody who is there.
+
+The agent itself is the real one. What it hears is written to ``$HEARD_FOLDER/<name>.json`` when the run is over.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import zenoh
+
+from agents import process
+from agents.agent import Agent, Outbox
+from coheft.wire.config import AgentProcessConfig
+from coheft.wire.messages import StatusRequest, encode
+from coheft.wire.supervised import supervised_main
+from coheft.wire.transport import Keys, open_session
+
+ASK_EVERY = 20
+"""Blocks between two rounds of questions."""
+
+
+class Spy:
+    """Ears and mouth on one session."""
+
+    def __init__(self, session: zenoh.Session, plane: str, name: str, run: str) -> None:
+        self._session = session
+        self._request = Keys(run).request
+        self.heard: set[str] = set()
+        self.answered: set[str] = set()
+        self.alive: set[str] = set()
+        own = f"leak/{plane}/{name}"
+        remote = zenoh.Locality.REMOTE
+        self._kept = [
+            session.declare_subscriber(
+                "**", lambda sample: self.heard.add(str(sample.key_expr)), allowed_origin=remote
+            ),
+            session.declare_queryable(own, lambda query: _answer(query, own), allowed_origin=remote),
+            session.liveliness().declare_token(own),
+        ]
+
+    def ask_around(self) -> None:
+        for key in ("leak/**", self._request):
+            for reply in self._session.get(key, target=zenoh.QueryTarget.ALL, payload=encode(StatusRequest())):
+                if reply.ok is not None:
+                    self.answered.add(str(reply.ok.key_expr))
+        for reply in self._session.liveliness().get("leak/**"):
+            if reply.ok is not None:
+                self.alive.add(str(reply.ok.key_expr))
+
+
+def _answer(query: zenoh.Query, own: str) -> None:
+    with query:
+        query.reply(own, b"")
+
+
+def run(config: AgentProcessConfig) -> None:
+    planes = iter(("robot", "neighbour", "observer"))
+    spies: dict[str, Spy] = {}
+
+    @contextmanager
+    def open_with_spy(listen: Iterable[str] = (), connect: Iterable[str] = ()) -> Iterator[zenoh.Session]:
+        with open_session(listen, connect) as session:
+            plane = next(planes)
+            spies[plane] = Spy(session, plane, config.agent.name, config.run)
+            yield session
+
+    class AskingAgent(Agent):
+        """All others are alive while it asks: none can go on without its message."""
+
+        def step(self, block, inbox) -> Outbox:  # type: ignore[no-untyped-def]
+            outbox = super().step(block, inbox)
+            if outbox.message.block % ASK_EVERY == ASK_EVERY - 1:
+                for spy in spies.values():
+                    spy.ask_around()
+            return outbox
+
+    process.open_session = open_with_spy  # type: ignore[attr-defined]
+    process.Agent = AskingAgent  # type: ignore[attr-defined,misc]
+    process.run_agent(config)
+    report = {
+        plane: {"heard": sorted(spy.heard), "answered": sorted(spy.answered), "alive": sorted(spy.alive)}
+        for plane, spy in spies.items()
+    }
+    (Path(os.environ["HEARD_FOLDER"]) / f"{config.agent.name}.json").write_text(json.dumps(report))
+
+
+if __name__ == "__main__":
+    supervised_main(AgentProcessConfig, run)

@@ -1,0 +1,131 @@
+"""A team of real processes for tests: a server, agents, and an observer in the test's own process."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import zenoh
+
+from coheft.app.plan import Plan, make_plan
+from coheft.errors import LinkError
+from coheft.wire.messages import Request, Status, StatusRequest
+from coheft.wire.scenario import Scenario, parse_scenario
+from coheft.wire.transport import Keys, ask, open_session
+
+ROOT = Path(__file__).parents[2]
+AGENT = ("-m", "agents.process")
+SERVER = ("-m", "physics_server.server")
+LIMIT = 60.0
+"""Nothing takes so long unless it is broken [s]."""
+
+
+def small_scenario(count: int, kind: str = "ring", duration: float = 1e4) -> Scenario:
+    """A few robots around a box; without a set duration it runs until it is told to stop."""
+    text = f"""
+        name = "small"
+        duration = {duration}
+        payload = {{ boxes = [{{ mass = 8.0, size = [0.8, 0.6, 0.1] }}], load_slots = 2 }}
+        robots = {{ perimeter = {{ count = {count}, extent = [0.8, 0.6] }} }}
+        graph = {{ kind = "{kind}" }}
+    """
+    return parse_scenario(text, "small_scenario")
+
+
+def wait_until(condition: Callable[[], bool], what: str) -> None:
+    """Poll a condition that comes true unless something is broken."""
+    deadline = time.monotonic() + LIMIT
+    while not condition():
+        assert time.monotonic() < deadline, f"waited {LIMIT:g} s for {what}"
+        time.sleep(0.01)
+
+
+@dataclass
+class Team:
+    """Running processes of a plan, by name (``server`` is one of them), and a link to the server."""
+
+    plan: Plan
+    keys: Keys
+    folder: Path
+    observer: zenoh.Session
+    processes: dict[str, subprocess.Popen[bytes]]
+
+    def start(self, name: str, command: tuple[str, ...], config: msgspec.Struct) -> None:
+        """Start one more process; what it prints goes to ``<name>.log``."""
+        with (self.folder / f"{name}.log").open("wb") as log:
+            self.processes[name] = subprocess.Popen(
+                [sys.executable, *command],
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                cwd=ROOT,
+                env={**os.environ, "PYTHONPATH": str(ROOT), "HEARD_FOLDER": str(self.folder)},
+            )
+        stdin = self.processes[name].stdin
+        assert stdin is not None
+        stdin.write(msgspec.json.encode(config) + b"\n")
+        stdin.flush()
+
+    def ask(self, request: Request) -> Status:
+        """The server's answer to a request that it can carry out."""
+        answer = ask(self.observer, self.keys.request, request)
+        assert isinstance(answer, Status), answer
+        return answer
+
+    def status(self) -> Status | None:
+        """How the run is; None while the server does not answer."""
+        try:
+            return self.ask(StatusRequest())
+        except LinkError:
+            return None
+
+    def wait_for_block(self, block: int) -> None:
+        """Wait until so many blocks have been simulated."""
+
+        def is_there() -> bool:
+            for name, process in self.processes.items():
+                assert process.poll() in (None, 0), f"{name}: {self.log(name)}"
+            status = self.status()
+            return status is not None and status.block >= block
+
+        wait_until(is_there, f"block {block}")
+
+    def log(self, name: str) -> str:
+        """What a process has printed so far."""
+        return (self.folder / f"{name}.log").read_text()
+
+    def exit_status(self, name: str) -> int:
+        """Of a process that is about to end."""
+        return self.processes[name].wait(LIMIT)
+
+
+@contextmanager
+def running_team(
+    scenario: Scenario,
+    folder: Path,
+    clock: Literal["lockstep", "realtime"] = "lockstep",
+    agent_command: tuple[str, ...] = AGENT,
+) -> Iterator[Team]:
+    """Start a team; whatever happens, no process is left at the end."""
+    plan = make_plan(scenario, clock)
+    with open_session(connect=[plan.server.observe]) as observer:
+        team = Team(plan, Keys(plan.run), folder, observer, {})
+        try:
+            team.start("server", SERVER, plan.server)
+            for name, config in plan.agents.items():
+                team.start(name, agent_command, config)
+            yield team
+        finally:
+            for process in team.processes.values():
+                process.kill()
+                process.wait()
+                if process.stdin is not None:
+                    process.stdin.close()
