@@ -126,9 +126,7 @@ class MotionFusion:
         """
         wrench_covariance, acceleration_information, velocity_information = constants
         velocity_covariance = np.linalg.inv(velocity_information)
-        unseen = _unseen_information(
-            acceleration_information, velocity_covariance[3:, 3:] * float(kernel @ kernel)
-        )
+        unseen = _unseen_information(acceleration_information, velocity_covariance[3:, 3:] * float(kernel @ kernel))
         information = acceleration_information.copy()
         information[3:, 3:] += unseen
         gain = np.zeros((3, 6))
@@ -185,4 +183,3 @@ def _unseen_information(acceleration_information: Array, derivative_covariance: 
     missed = np.linalg.solve(root.T, directions[:, shares * _DERIVATIVE_IS_BETTER < 1.0])
     result: Array = missed @ missed.T
     return result
-

@@ -70,7 +70,7 @@ def nearest_possible(parameters: Array, information: Array, length: float) -> Ar
         return parameters
     # Coordinates in which the point to start from is the identity: no units, no stretched directions.
     to_theta = _coordinates_around(_clipped(parameters, length))
-    target = np.linalg.solve(to_theta, parameters)
+    target = np.linalg.solve(to_theta, parameters).astype(np.float64)
     metric = to_theta.T @ information @ to_theta
     metric += _SMALLEST_SHARE * np.trace(metric) * np.eye(10)
     start = _BASIS_TRACE
@@ -109,7 +109,7 @@ def _clipped(parameters: Array, length: float) -> Array:
 
 
 def _coordinates_around(pseudo: Array) -> Array:
-    """Matrix (10, 10): coordinates z to the ``theta`` of pseudo-inertia ``T (sum_k z_k basis_k) T^T``, ``T T^T = pseudo``."""
+    """Matrix (10, 10): coordinates z to the ``theta`` of ``T (sum_k z_k basis_k) T^T``, where ``T T^T = pseudo``."""
     root = np.linalg.cholesky(pseudo)
     return np.stack([parameters_of(matrix) for matrix in root @ _BASIS @ root.T], axis=1)
 

@@ -96,7 +96,10 @@ class InertiaInformation:
     score_covariance: Array
 
     def mean_square(self, unknowns: Array) -> float:
-        """Mean weighted square of the residuals: 1 up to sampling if model, noise and unknowns are right."""
+        """Mean weighted square of the residuals: 1 up to sampling if model, noise and unknowns are right.
+
+        Only for what ``InertiaModel.information`` gave: a prior that was added has no residuals.
+        """
         explained = 2.0 * self.vector @ unknowns - unknowns @ self.uncompensated @ unknowns
         return float((self.square - explained) / (6.0 * self.count))
 
@@ -133,9 +136,7 @@ class InertiaModel:
         # Entry [k, i, l, j]: what the product of features k and l adds to entry (i, j) of the information.
         flat = coefficients.transpose(1, 0, 2).reshape(6, FEATURES * size)
         products = (flat.T @ np.linalg.solve(covariance, flat)).reshape(FEATURES, size, FEATURES, size)
-        noise = np.einsum(
-            "kl,kilj->ij", acceleration_covariance, products[_ACCELERATIONS, :, _ACCELERATIONS, :]
-        )
+        noise = np.einsum("kl,kilj->ij", acceleration_covariance, products[_ACCELERATIONS, :, _ACCELERATIONS, :])
         products = products.transpose(0, 2, 1, 3)
         table = products[_ROWS, _COLUMNS] + products[_COLUMNS, _ROWS]
         table[_ROWS == _COLUMNS] *= 0.5

@@ -14,9 +14,9 @@ from coheft.estimation.spatial import Array
 
 _GRAVITY = 9.81
 _SEEN = 0.3
-"""A direction counts as seen if its standard deviation is below this share of its scale."""
+"""No number is claimed for what has a standard deviation above this share of its scale."""
 _SIGNAL = 0.1
-"""Nor does it count while less than about this share of its information is motion, and the rest noise of motion."""
+"""Data are trusted only in directions where at least this share of the information is motion, and not its noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,9 @@ class InertiaEstimate:
 
 
 def estimate_inertia(information: InertiaInformation, centre: Array, length: float) -> InertiaEstimate:
-    """Weighted least squares in all directions that the motion shows; the guess in the others.
+    """Weighted least squares in all directions where the data know better than a guess; the guess in the others.
+
+    The guess, of which every part may be 100 % wrong, is a body with the centre of mass in ``centre``.
 
     Args:
         information: Of all samples that count.
@@ -67,7 +69,7 @@ def estimate_inertia(information: InertiaInformation, centre: Array, length: flo
     noise = (information.uncompensated - information.matrix) * scale[:, None] * scale
     matrix = information.matrix * scale[:, None] * scale
     values, vectors = np.linalg.eigh(matrix - _SIGNAL * noise)
-    is_seen = values > _SEEN**-2
+    is_seen = values > 1.0
     seen, unseen = scale[:, None] * vectors[:, is_seen], scale[:, None] * vectors[:, ~is_seen]
     inverse = np.linalg.inv(seen.T @ information.matrix @ seen)
     spread = inverse @ (seen.T @ information.score_covariance @ seen) @ inverse

@@ -13,10 +13,12 @@ matrices of blocks (``inertia.packed_gram``).
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 from scipy.special import chdtri
 
 from coheft.estimation.inertia import GRAM_SIZE, InertiaInformation, InertiaModel
@@ -25,8 +27,16 @@ from coheft.estimation.spatial import Array
 FALSE_ALARM = 1e-12
 """Probability that a single test reports a change where there is none. Tests of one border on successive blocks, and of
 neighbouring borders, have much data in common."""
-_SIGNAL = 0.2
-"""Directions are tested in which at least this share of the information is motion, and not noise of motion."""
+_DRIFT = 3
+"""So many small changes in a row are a drift,"""
+_SMALL = 4.0
+"""where small means that the statistic was below this many times the threshold."""
+_OVERDUE = 3.0
+"""A drift is over when this many times the usual interval went by without a change."""
+_TESTED = 0.2
+"""Directions are tested in which at least this share of the information is motion, and not noise of motion,"""
+_SHOWN = 0.5
+"""and forgetting, which has few samples to tell that from, keeps the estimate where the share is below this one."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +60,7 @@ class Memory(Protocol):
     def push(self, block: int, gram: Array) -> None:
         """Take in a block: its number, larger than all before, and packed Gram matrix (190,)."""
 
-    def review(self, model: InertiaModel) -> LoadChange | None:
+    def review(self, model: InertiaModel, tolerance: Array | None = None) -> LoadChange | None:
         """Look at what is remembered, and forget what belongs to another load."""
 
     def forget_before(self, block: int) -> None:
@@ -74,6 +84,7 @@ class LoadWindow:
         self._stride = stride
         self._false_alarm = false_alarm
         self._reviews = 0
+        self._changes: deque[tuple[int, float]] = deque(maxlen=_DRIFT)
         self._count = 0
         self._last_block = -1
         # Border k is the beginning of block _firsts[k], the _orders[k]-th that came; _sums[k] is all that came since.
@@ -86,6 +97,11 @@ class LoadWindow:
     def first_block(self) -> int:
         """Number of the oldest block that counts; only meaningful after the first ``push``."""
         return int(self._firsts[0])
+
+    @property
+    def borders(self) -> npt.NDArray[np.int64]:
+        """First blocks of the stretches that can be told apart, oldest first."""
+        return self._firsts[: self._borders].copy()
 
     def push(self, block: int, gram: Array) -> None:
         """Take in a block: its number, larger than all before, and packed Gram matrix (190,)."""
@@ -102,18 +118,29 @@ class LoadWindow:
         self._count += 1
         self._last_block = block
 
-    def review(self, model: InertiaModel) -> LoadChange | None:
-        """Test whether the load changed at one of the borders; if so, forget all that is older than the likeliest."""
+    def review(self, model: InertiaModel, tolerance: Array | None = None) -> LoadChange | None:
+        """Test whether the load changed at one of the borders; if so, forget all that is older than the likeliest.
+
+        Args:
+            model: The weights.
+            tolerance: Standard deviation (u,) of the unknowns by which two stretches may differ though the load is the
+                same, because the model is not exact; see ``pose_tolerance``.
+        """
         phase = 1 + self._reviews % self._stride
         self._reviews += 1
-        statistics, threshold = self._statistics(model, slice(phase, self._borders, self._stride))
+        statistics, threshold = self._statistics(model, tolerance, slice(phase, self._borders, self._stride))
         if not np.any(statistics > threshold):
             return None
-        statistics, _ = self._statistics(model, slice(1, self._borders))
+        statistics, _ = self._statistics(model, tolerance, slice(1, self._borders))
         found = int(np.argmax(statistics))
         change = LoadChange(int(self._firsts[1 + found]), self._last_block, float(statistics[found]))
+        self._changes.append((self._count, change.statistic / threshold))
         self.forget_before(change.first_block)
         return change
+
+    def statistics(self, model: InertiaModel) -> Array:
+        """Twice the logarithm of the likelihood ratio at all ``borders`` but the first."""
+        return self._statistics(model, None, slice(1, self._borders))[0]
 
     def forget_before(self, block: int) -> None:
         """Forget all blocks with smaller numbers, and those that cannot be told apart from them any more."""
@@ -123,9 +150,21 @@ class LoadWindow:
             array[:end] = array[kept : self._borders].copy()
         self._borders = end
 
+    @property
+    def drifting(self) -> bool:
+        """Whether the load seems to change all the time: small changes keep coming, and the next is not overdue."""
+        if len(self._changes) < _DRIFT or max(size for _, size in self._changes) > _SMALL:
+            return False
+        interval = (self._changes[-1][0] - self._changes[0][0]) / (_DRIFT - 1)
+        return self._count - self._changes[-1][0] < _OVERDUE * interval
+
     def information(self, model: InertiaModel) -> InertiaInformation:
-        """Of all blocks since the last change."""
-        return model.information(self._sums[0] if self._borders else np.zeros(GRAM_SIZE))
+        """Of all blocks since the last change.
+
+        While the load drifts it is divided by the threshold: so much the load can have moved on unnoticed.
+        """
+        total = self._sums[0] if self._borders else np.zeros(GRAM_SIZE)
+        return model.information(total / _threshold(model.unknowns, self._false_alarm) if self.drifting else total)
 
     def _thin_out(self) -> None:
         """Drop the newest border whose neighbours are close to each other for their age."""
@@ -137,7 +176,7 @@ class LoadWindow:
                 array[drop : self._borders - 1] = array[drop + 1 : self._borders].copy()
             self._borders -= 1
 
-    def _statistics(self, model: InertiaModel, borders: slice) -> tuple[Array, float]:
+    def _statistics(self, model: InertiaModel, tolerance: Array | None, borders: slice) -> tuple[Array, float]:
         """Statistic of each border, chi-square if nothing changed, and the threshold.
 
         If the load is one, the score of the newer part, ``u = vector - matrix @ estimate`` with the estimate from all,
@@ -149,31 +188,77 @@ class LoadWindow:
         if len(sums) == 0:
             return np.empty(0), np.inf
         everything, newer = model.information(self._sums[0]), model.information(sums)
-        # Coordinates in which the score covariance of everything is the identity, and its matrix the diagonal shares.
-        covariance = everything.score_covariance
-        scale = 1.0 / np.sqrt(np.diag(covariance))
-        balanced = scale[:, None] * covariance * scale + 1e-12 * np.eye(len(scale))
-        whitening = np.linalg.inv(np.linalg.cholesky(balanced)) * scale
-        shares, directions = np.linalg.eigh(whitening @ everything.matrix @ whitening.T)
-        seen = shares > _SIGNAL
-        if not seen.any():
+        # In these coordinates the score covariance of everything is the identity, and its matrix diagonal.
+        basis, dual, shares = _signal(everything.matrix, _safe_score_covariance(everything), _TESTED)
+        if len(basis) == 0:
             return np.zeros(len(sums)), np.inf
-        basis, shares = directions[:, seen].T @ whitening, shares[seen]
-        gain = basis @ newer.matrix @ basis.T / shares
+        matrix = basis @ newer.matrix @ basis.T
+        gain = matrix / shares
         score = newer.vector @ basis.T - gain @ (basis @ everything.vector)
-        own = basis @ newer.score_covariance @ basis.T
+        own = basis @ _safe_score_covariance(newer) @ basis.T
         cross = gain @ own
         spread = own - cross - cross.swapaxes(-1, -2) + gain @ gain.swapaxes(-1, -2)
+        if tolerance is not None:
+            by_difference = (matrix - gain @ matrix) @ (dual * tolerance)
+            spread += by_difference @ by_difference.swapaxes(-1, -2)
         spread += 1e-9 * np.eye(len(basis))
         statistics = np.einsum("ki,ki->k", score, np.linalg.solve(spread, score[..., None])[..., 0])
-        return statistics, float(chdtri(len(basis), self._false_alarm))
+        return statistics, _threshold(len(basis), self._false_alarm)
+
+
+def _threshold(degrees_of_freedom: int, false_alarm: float) -> float:
+    """What a chi-square variable exceeds with the given probability."""
+    return float(chdtri(degrees_of_freedom, false_alarm))
+
+
+def pose_tolerance(mass: float, length: float, rotation: float, translation: float) -> Array:
+    """What errors of the poses can make of ``theta``, differently at different times.
+
+    Args:
+        mass: Of the load [kg].
+        length: Rough size of the body [m].
+        rotation: Standard deviation of the poses' rotations [rad].
+        translation: And of their translations [m].
+
+    Returns:
+        Standard deviations of ``theta``, shape (10,).
+    """
+    lever = translation + length * rotation
+    return np.repeat([mass * rotation, mass * lever, mass * length * lever], [1, 3, 6])
+
+
+def _signal(matrix: Array, covariance: Array, least: float) -> tuple[Array, Array, Array]:
+    """The directions in which information is motion and not mostly its noise.
+
+    Args:
+        matrix: Of the information, shape (u, u).
+        covariance: Of its vector, shape (u, u).
+        least: Share of motion from which on a direction is returned.
+
+    Returns:
+        ``basis`` (r, u), ``dual`` (r, u) and ``shares`` (r,): ``basis @ vector`` has the identity as covariance,
+        ``basis @ matrix @ basis.T == diag(shares)``, and ``dual @ theta`` are the unknowns in these coordinates.
+    """
+    scale = np.sqrt(np.diag(covariance))
+    balanced = covariance / scale[:, None] / scale + 1e-12 * np.eye(len(scale))
+    root = scale[:, None] * np.linalg.cholesky(balanced)
+    whitening = np.linalg.inv(root)
+    shares, directions = np.linalg.eigh(whitening @ matrix @ whitening.T)
+    seen = shares > least
+    return directions[:, seen].T @ whitening, directions[:, seen].T @ root.T, shares[seen]
+
+
+def _safe_score_covariance(information: InertiaInformation) -> Array:
+    """With the regressor's noise as expected on top of what it happened to be: in a few samples that can be nil."""
+    result: Array = 2.0 * information.uncompensated - information.matrix
+    return result
 
 
 class ForgettingWindow:
     """Exponential forgetting, down to a floor.
 
     Args:
-        memory: Blocks after which ``1/e`` of a block's weight is left.
+        memory: Blocks after which ``1/e`` of a block's weight is left. There should be a review for each block.
         floor: Standard deviation (u,) of the unknowns ``theta`` (and offset) up to which information may be lost. In
             directions that no longer show, the estimate stays where it was, with this uncertainty.
     """
@@ -181,7 +266,7 @@ class ForgettingWindow:
     def __init__(self, memory: float, floor: Array) -> None:
         self._factor = float(np.exp(-1.0 / memory))
         self._floor = np.diag(floor**-2.0)
-        self._anchor = np.zeros(len(floor))
+        self._anchor: Array = np.zeros(len(floor))
         self._gram = np.zeros(GRAM_SIZE)
         self._gram_of_squared_weights = np.zeros(GRAM_SIZE)
 
@@ -190,21 +275,38 @@ class ForgettingWindow:
         self._gram = self._factor * self._gram + gram
         self._gram_of_squared_weights = self._factor**2 * self._gram_of_squared_weights + gram
 
-    def review(self, model: InertiaModel) -> None:
+    def review(self, model: InertiaModel, tolerance: Array | None = None) -> None:
         """Remember the estimate, to stay there in directions that are not going to show."""
         information = self.information(model)
-        self._anchor = np.linalg.solve(information.matrix, information.vector)
+        estimate = np.linalg.solve(information.matrix, information.vector)
+        # Slowly, because neighbouring estimates come from the same data: those must not count again and again.
+        self._anchor = self._anchor + (1.0 - self._factor) * (estimate - self._anchor)
 
     def forget_before(self, block: int) -> None:
         """Nothing: older blocks fade by themselves."""
 
     def information(self, model: InertiaModel) -> InertiaInformation:
         """Of all blocks with their weights, and the floor."""
+        if not self._gram.any():
+            return _with_prior(model.information(self._gram), self._floor, self._anchor)
         information = model.information(self._gram)
         spread = model.information(self._gram_of_squared_weights).score_covariance
-        return replace(
+        basis, dual, shares = _signal(information.matrix, information.uncompensated, _SHOWN)
+        shown = replace(
             information,
-            matrix=information.matrix + self._floor,
-            vector=information.vector + self._floor @ self._anchor,
-            score_covariance=spread + self._floor,
+            matrix=(dual.T * shares) @ dual,
+            vector=dual.T @ (basis @ information.vector),
+            score_covariance=dual.T @ (basis @ spread @ basis.T) @ dual,
         )
+        return _with_prior(shown, self._floor, self._anchor)
+
+
+def _with_prior(information: InertiaInformation, prior: Array, mean: Array) -> InertiaInformation:
+    """Added: that the unknowns are ``mean`` (u,) with the information ``prior`` (u, u)."""
+    return replace(
+        information,
+        matrix=information.matrix + prior,
+        vector=information.vector + prior @ mean,
+        uncompensated=information.uncompensated + prior,
+        score_covariance=information.score_covariance + prior,
+    )

@@ -1,0 +1,203 @@
+"""Windows that notice load changes: where, how soon, and never without reason."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from coheft.estimation.acceleration import MotionFusion
+from coheft.estimation.bounds import wrench_regressor
+from coheft.estimation.inertia import GRAM_SIZE, InertiaModel, features, packed_gram
+from coheft.estimation.load_change import ForgettingWindow, LoadChange, LoadWindow, Memory, pose_tolerance
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Array, Pose
+from tests.estimation.fusion import fusion_of
+from tests.estimation.team import Team, make_team
+
+BLOCK = 5
+"""Samples; at 100 Hz there are 20 blocks a second."""
+
+
+class Run:
+    """Blocks of a team whose load changes: what fusion makes of their sensors."""
+
+    def __init__(self, seed: int, duration: float, at_rest_until: float = 0.0) -> None:
+        self.team: Team = make_team(seed, duration=duration)
+        self.fusion: MotionFusion = fusion_of(self.team)
+        self.theta = self.team.inertia.barycentric()
+        self.model = InertiaModel(self.fusion.wrench_covariance, self.fusion.acceleration_covariance, self.theta)
+        self.motion = self.team.motion.copy()
+        rest = round(100 * at_rest_until)
+        self.motion[:rest] = 0.0
+        self.motion[:rest, 6:9] = self.team.motion[0, 6:9]
+        self._rng = np.random.default_rng(seed)
+
+    def dropped(self, mass: float) -> Array:
+        """``theta`` of a load that lies 0.3 m off."""
+        place = Pose(np.eye(3), self.team.inertia.com + [0.3, 0.0, 0.0])
+        return Inertia.of_box(mass, (0.1, 0.1, 0.1), place).barycentric()
+
+    def grams(self, thetas: Array) -> Array:
+        """Packed Gram matrices (n, 190) of all blocks, for ``theta`` (10,) or one for each sample (n * BLOCK, 10)."""
+        bodies = np.broadcast_to(thetas, (len(self.motion), 10))
+        exact = np.einsum("nij,nj->ni", wrench_regressor(self.motion), bodies)
+        count, rng = len(self.motion), self._rng
+        motion = self.motion.copy()
+        motion[:, 6:] += rng.multivariate_normal(np.zeros(6), self.fusion.acceleration_covariance, count)
+        wrench = exact + rng.multivariate_normal(np.zeros(6), self.fusion.wrench_covariance, count)
+        return np.array([packed_gram(block) for block in features(motion, wrench).reshape(-1, BLOCK, 19)])
+
+    def feed(self, memory: Memory, grams: Array, first: int = 0) -> list[LoadChange]:
+        found = []
+        for block, gram in enumerate(grams, start=first):
+            memory.push(block, gram)
+            change = memory.review(self.model)
+            if change is not None:
+                found.append(change)
+        return found
+
+    def estimate(self, memory: Memory) -> Array:
+        information = memory.information(self.model)
+        return np.linalg.solve(information.matrix, information.vector)
+
+
+@pytest.mark.parametrize(("mass", "blocks"), [(6.0, 3), (-6.0, 3), (1.0, 40), (0.2, 200)])
+def test_a_change_is_found_soon_at_its_block_and_older_blocks_are_forgotten(mass: float, blocks: int) -> None:
+    run = Run(seed=1, duration=24.0)
+    other = run.theta + np.sign(mass) * run.dropped(abs(mass)) if mass > 0 else run.theta
+    before = run.theta if mass > 0 else run.theta + run.dropped(-mass)
+    change_at = 240
+    old, new = run.grams(before)[:change_at], run.grams(other)[change_at:]
+    window = LoadWindow()
+    changes = run.feed(window, np.concatenate([old, new]))
+    assert len(changes) == 1
+    assert change_at <= changes[0].last_block < change_at + blocks
+    assert abs(changes[0].first_block - change_at) <= blocks // 10
+    fresh = LoadWindow()
+    run.feed(fresh, np.concatenate([old, new])[changes[0].first_block :], changes[0].first_block)
+    np.testing.assert_allclose(run.estimate(window), run.estimate(fresh), rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("at_rest_until", [0.0, 10.0])
+def test_one_load_is_one_load_even_if_it_rests_for_long(at_rest_until: float) -> None:
+    for seed in range(3):
+        run = Run(seed, duration=25.0, at_rest_until=at_rest_until)
+        window = LoadWindow()
+        assert run.feed(window, run.grams(run.theta)) == []
+        assert window.first_block == 0
+
+
+def test_statistics_are_chi_square_if_nothing_changes() -> None:
+    total, runs = 0.0, 40
+    for seed in range(runs):
+        run = Run(seed, duration=4.0)
+        window = LoadWindow()
+        for block, gram in enumerate(run.grams(run.theta)):
+            window.push(block, gram)
+        total += window.statistics(run.model)[10]
+    low, high = chi2.ppf([0.001, 0.999], 10 * runs)
+    assert low < total < high
+
+
+def test_borders_grow_with_the_logarithm_and_are_dense_among_the_newest() -> None:
+    window = LoadWindow(resolution=8)
+    counts = {}
+    for block in range(4096):
+        window.push(block, np.ones(GRAM_SIZE))
+        counts[block + 1] = len(window.borders)
+    assert counts[4096] - counts[2048] <= 10
+    assert counts[4096] < 100
+    ages = 4096 - window.borders
+    assert ages[0] == 4096
+    assert set(range(1, 17)) <= set(ages.tolist())
+    assert np.all(ages[:-1] - ages[1:] <= 1 + ages[:-1] / 8)
+
+
+def test_forgetting_what_neighbours_say_leaves_the_blocks_from_there_on() -> None:
+    run = Run(seed=3, duration=4.0)
+    grams = run.grams(run.theta)
+    window, fresh = LoadWindow(), LoadWindow()
+    run.feed(window, grams)
+    window.forget_before(72)
+    window.forget_before(50)
+    run.feed(fresh, grams[72:], first=72)
+    assert window.first_block == 72
+    np.testing.assert_allclose(run.estimate(window), run.estimate(fresh), rtol=1e-9)
+    window.forget_before(1000)
+    assert not window.information(run.model).matrix.any()
+    window.push(1000, grams[0])
+    assert window.first_block == 1000
+    assert window.information(run.model).count == BLOCK
+
+
+def test_missing_blocks_are_no_matter() -> None:
+    run = Run(seed=4, duration=10.0)
+    grams = np.concatenate([run.grams(run.theta)[:100], run.grams(run.theta + run.dropped(6.0))[100:]])
+    window = LoadWindow()
+    found = []
+    for block, gram in enumerate(grams):
+        if 95 <= block < 105 or block % 7 == 0:
+            continue
+        window.push(block, gram)
+        change = window.review(run.model)
+        found += [change] if change else []
+    assert [change.first_block for change in found] == [106]
+
+
+def test_tolerance_overlooks_what_poses_may_explain_and_nothing_else() -> None:
+    run = Run(seed=5, duration=14.0)
+    tolerance = pose_tolerance(20.0, 0.5, rotation=5e-3, translation=5e-3)
+    for moved, seen in ((0.005, False), (0.06, True)):
+        theta = run.theta.copy()
+        theta[1] += 20.0 * moved
+        grams = np.concatenate([run.grams(run.theta)[:200], run.grams(theta)[200:]])
+        strict, tolerant = LoadWindow(), LoadWindow()
+        changes = 0
+        for block, gram in enumerate(grams):
+            strict.push(block, gram)
+            tolerant.push(block, gram)
+            strict.review(run.model)
+            changes += tolerant.review(run.model, tolerance) is not None
+        assert strict.first_block == pytest.approx(200, abs=5)
+        assert bool(changes) == seen
+
+
+def test_a_leaking_load_is_followed_and_its_estimate_called_uncertain() -> None:
+    run = Run(seed=6, duration=30.0)
+    time = 0.01 * np.arange(len(run.motion))
+    left = 1.0 - np.clip((time - 10.0) * 0.1 / 3.0, 0.0, 1.0)
+    grams = run.grams(run.theta + left[:, None] * run.dropped(3.0))
+    window = LoadWindow()
+    errors, deviations, flags = [], [], []
+    for block, gram in enumerate(grams):
+        window.push(block, gram)
+        window.review(run.model)
+        assert not (window.drifting and block < 200)
+        if block >= 320:
+            flags.append(window.drifting)
+            truth = run.theta[0] + 3.0 * left[BLOCK * block + BLOCK - 1]
+            information = window.information(run.model)
+            covariance = np.linalg.inv(information.matrix)
+            errors.append(np.linalg.solve(information.matrix, information.vector)[0] - truth)
+            deviations.append(np.sqrt(covariance[0, 0]))
+    assert np.mean(flags) > 0.9
+    assert np.sqrt(np.mean(np.square(errors))) < 0.1
+    assert np.mean(np.abs(errors) < 2.0 * np.array(deviations)) > 0.9
+
+
+def test_forgetting_follows_slowly_and_does_not_forget_what_no_longer_shows() -> None:
+    run = Run(seed=7, duration=20.0)
+    floor = np.repeat([0.5, 0.2, 0.2], [1, 3, 6])
+    window = ForgettingWindow(20.0, floor)
+    run.feed(window, run.grams(run.theta))
+    run.feed(window, run.grams(run.theta + run.dropped(6.0)))
+    learned = run.estimate(window)
+    np.testing.assert_allclose(learned, run.theta + run.dropped(6.0), atol=0.2)
+
+    rest = Run(seed=7, duration=60.0, at_rest_until=60.0)
+    run.feed(window, rest.grams(run.theta + run.dropped(6.0)))
+    information = window.information(run.model)
+    np.testing.assert_allclose(run.estimate(window), learned, atol=0.2)
+    deviations = np.sqrt(np.diag(np.linalg.inv(information.matrix)))
+    assert np.all(deviations < 1.2 * floor)
