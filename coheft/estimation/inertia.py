@@ -116,6 +116,11 @@ class InertiaModel:
         acceleration_covariance: Of ``(a, alpha)`` of one sample, shape (6, 6).
         parameters: The best known ``theta``, shape (10,); weights hardly depend on it. None: nothing known yet.
         with_offset: Whether the constant offset is among the unknowns.
+
+    Attributes:
+        unknowns: ``u``, 10 or 16.
+        residual_covariance: ``Sigma_r``, shape (6, 6).
+        regressor_coefficients: Shape (19, 6, u): features times these add up to the regressor.
     """
 
     def __init__(
@@ -133,6 +138,7 @@ class InertiaModel:
         self.residual_covariance = covariance
         size = self.unknowns + 1
         coefficients = _coefficients(with_offset)
+        self.regressor_coefficients = coefficients[:, :, :-1]
         # Entry [k, i, l, j]: what the product of features k and l adds to entry (i, j) of the information.
         flat = coefficients.transpose(1, 0, 2).reshape(6, FEATURES * size)
         products = (flat.T @ np.linalg.solve(covariance, flat)).reshape(FEATURES, size, FEATURES, size)
