@@ -21,6 +21,9 @@ _PRIOR_STD = np.repeat([3.0, 10.0], 3)
 """What is known beforehand: next to nothing. Rotation [rad], translation [m]."""
 
 
+_DOUBT = 5.0
+"""Standard deviations of the noise by which motion must exceed it to count as information."""
+
 _UNITS = np.eye(12).reshape(12, 4, 3)
 _OPERATORS = np.concatenate(
     [pair_operator(_UNITS[:, 0], _UNITS[:, 2]), pair_operator(_UNITS[:, 1], _UNITS[:, 3])], axis=2
@@ -52,7 +55,8 @@ class PoseRls:
         self._forgetting = forgetting
         self._rotation_moment = np.zeros((4, 4))  # H(w)^T W H(w), weighted for the rotation's equation
         self._translation_moment = np.zeros((4, 8))  # H(w)^T W [H(w), H(v)], for the translation's equation
-        self._noise_share = np.zeros((4, 4))  # what unit noise in a regressor adds to the latter on average
+        self._noise_share = np.zeros((4, 4))  # what unit noise of the gyros adds to the latter on average
+        self._count = 0.0
         self._set(*dual_from_pose(Pose.identity()), np.diag(_PRIOR_STD**2))
 
     @property
@@ -78,6 +82,7 @@ class PoseRls:
         self._translation_moment = decay * self._translation_moment + _operator_moment(moment, weight)[:4]
         noise_share = age_weights.sum() * _operator_moment(_GYROS, weight)[:4, :4]
         self._noise_share = decay * self._noise_share + noise_share
+        self._count = decay * self._count + float(age_weights.sum())
         self._updates += 1
         if self._updates % self._solve_every == 0:
             self._solve()
@@ -112,10 +117,18 @@ class PoseRls:
     def _covariance_of_steps(self, derivative: Array, ww: Array, wv: Array) -> Array:
         """Covariance (6, 6): first the rotation from its own equation, then the translation that goes with it."""
         prior = _PRIOR_STD**-2.0
-        rotation_information = derivative[:4, :3].T @ self._rotation_moment @ derivative[:4, :3]
+        # H(w) holds noise of both gyros: 6 sigma_w^2 per sample on average, weighted with 1 / (2 sigma_w^2).
+        surely_noise = self._count + _DOUBT * np.sqrt(self._count)
+        rotation_information = _positive_part(
+            derivative[:4, :3].T @ (self._rotation_moment - 3.0 * surely_noise * np.eye(4)) @ derivative[:4, :3]
+        )
         rotation_covariance = np.linalg.inv(rotation_information + prior[0] * np.eye(3))
         by_theta, by_translation = derivative[:, :3], derivative[4:, 3:]
-        translation_covariance = np.linalg.inv(by_translation.T @ ww @ by_translation + prior[3] * np.eye(3))
+        noise_ww = self._gyro_variance * self._noise_share * surely_noise / max(self._count, 1.0)
+        translation_information = _positive_part(
+            by_translation.T @ (self._translation_moment[:, :4] - noise_ww) @ by_translation
+        )
+        translation_covariance = np.linalg.inv(translation_information + prior[3] * np.eye(3))
         follow = -translation_covariance @ by_translation.T @ (ww @ by_theta[4:] + wv @ by_theta[:4])
         coupling = follow @ rotation_covariance
         return np.block([[rotation_covariance, coupling.T], [coupling, translation_covariance + coupling @ follow.T]])
@@ -124,3 +137,9 @@ class PoseRls:
         self._q_r, self._q_d, self._covariance = q_r, q_d, covariance
         derivative = dual_tangent(q_r, q_d)
         self._spread = np.diag(derivative @ covariance @ derivative.T)
+
+
+def _positive_part(symmetric: Array) -> Array:
+    values, vectors = np.linalg.eigh(symmetric)
+    result: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return result
