@@ -36,6 +36,9 @@ _START = np.array([1.0, 1.0] + [0.0] * 9)
 _SOLVE_EVERY = 5
 """Blocks per solution of a pose filter: poses do not change, and solving costs more than taking in."""
 
+_UNSEEN_DEG = 20.0
+"""A pose whose rotation is less certain than this is not worth a number [degrees]."""
+
 _SURPRISE = 9.0
 _SURPRISED_BLOCKS = 2
 _SETTLED = 1.0
@@ -85,8 +88,7 @@ class SeedEstimator:
         """See ``Estimator.belief``."""
         poses = self._poses()
         missing = tuple(
-            f"pose of {name}: known to {np.degrees(pose.rotation_std):.2g} degrees and {1e3 * pose.translation_std:.2g} mm;"
-            f" the payload has to turn more, about at least two axes"
+            f"pose of {name}: {_in_words(pose)}; the payload has to turn more, about at least two axes"
             for name, pose in sorted(poses.items())
             if not self._is_known(pose)
         )
@@ -254,6 +256,13 @@ class _InertialPhase:
     def _time(self, block: int) -> float:
         """Start of a block [s]."""
         return block * self._config.block / self._config.rate
+
+
+def _in_words(pose: UncertainPose) -> str:
+    degrees, millimetres = np.degrees(pose.rotation_std), 1e3 * pose.translation_std
+    if degrees > _UNSEEN_DEG:
+        return "not seen yet"
+    return f"known to {degrees:.2g} degrees and {millimetres:.0f} mm only"
 
 
 def _transports(pose_j_in_i: Pose) -> tuple[Array, Array]:
