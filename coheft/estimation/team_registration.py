@@ -112,8 +112,8 @@ def team_information(moments: RegistrationMoments, poses: Sequence[Pose], noise:
         weight = weights[rows, None]
         by_motion = [_predicted(pose)[rows, columns] for pose in poses]
         by_pose = [-residual_derivative(pose)[:, rows] for pose in poses]
-        seen: Array = sum((b.T @ (weight * b) for b in by_motion), start=np.zeros((6, 6)))
-        covariance: Array = np.linalg.inv(seen + _NO_PRIOR * np.eye(6))
+        seen = np.sum([b.T @ (weight * b) for b in by_motion], axis=0)
+        covariance = np.linalg.inv(seen + _NO_PRIOR * np.eye(6))
         noise_gram = np.zeros((FEATURES, FEATURES))
         noise_gram[columns, columns] = moments.count * covariance @ seen @ covariance
         coupling = np.concatenate([np.swapaxes(weight * b, 0, 1) @ d for b, d in zip(by_motion, by_pose, strict=True)])
@@ -140,10 +140,8 @@ def refit_map(old: Sequence[Pose], new: Sequence[Pose], noise: SensorNoise) -> A
     def fit(rows: slice, columns: slice, predictions: Sequence[Array]) -> Array:
         """Weighted least squares of the motion's ``columns`` to what is predicted for ``rows``."""
         weighted = [new_operator[rows, columns].T * weights[rows] for new_operator in after]
-        seen: Array = sum((b @ p[rows, columns] for b, p in zip(weighted, after, strict=True)), start=np.zeros((6, 6)))
-        vector: Array = sum(
-            (b @ p[rows] for b, p in zip(weighted, predictions, strict=True)), start=np.zeros((6, FEATURES))
-        )
+        seen = np.sum([b @ p[rows, columns] for b, p in zip(weighted, after, strict=True)], axis=0)
+        vector = np.sum([b @ p[rows] for b, p in zip(weighted, predictions, strict=True)], axis=0)
         result: Array = np.linalg.solve(seen + _NO_PRIOR * np.eye(6), vector + _NO_PRIOR * np.eye(FEATURES)[columns])
         return result
 

@@ -141,7 +141,7 @@ def test_recursion_reaches_the_bound_and_knows_it() -> None:
     for seed in range(runs):
         team = make_team(seed, noise=noise)
         samples = team.measured(np.random.default_rng([seed, 1]))
-        estimate = recursive(samples, noise)
+        estimate = recursive(samples, noise, every=200)
         error = errors(team, estimate.poses)
         nees += error @ np.linalg.solve(estimate.covariance[6:, 6:], error)
         bound = joint_bound(
