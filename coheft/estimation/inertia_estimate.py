@@ -15,7 +15,7 @@ from coheft.estimation.spatial import Array
 _GRAVITY = 9.81
 _SEEN = 0.3
 """No number is claimed for what has a standard deviation above this share of its scale."""
-_SIGNAL = 0.1
+_SIGNAL = 0.3
 """Data are trusted only in directions where at least this share of the information is motion, and not its noise."""
 
 
@@ -39,7 +39,7 @@ class InertiaEstimate:
     Attributes:
         inertia: Always physically possible. Where something is unseen it holds the guess.
         covariance: Of ``(m, h, J)`` [kg, m, kg·m²] with ``J`` packed, at the centre of mass, shape (10, 10).
-        parameters: ``theta = (m, m h, I_o)`` as the data say it, shape (10,): not forced to be possible.
+        parameters: ``theta = (m, m h, I_o)`` as it was solved for, shape (10,): not forced to be possible.
         parameters_covariance: Of ``theta``, shape (10, 10).
         offset: Constant excess ``(F_0, T_0)`` of the total wrench [N, N·m], shape (6,), or None if not estimated.
         unseen: What no number should be claimed for.
@@ -54,7 +54,7 @@ class InertiaEstimate:
 
 
 def estimate_inertia(information: InertiaInformation, centre: Array, length: float) -> InertiaEstimate:
-    """Weighted least squares in all directions where the data know better than a guess; the guess in the others.
+    """Weighted least squares together with a guess, which alone decides where the data know less than it does.
 
     The guess, of which every part may be 100 % wrong, is a body with the centre of mass in ``centre``.
 
@@ -71,8 +71,10 @@ def estimate_inertia(information: InertiaInformation, centre: Array, length: flo
     values, vectors = np.linalg.eigh(matrix - _SIGNAL * noise)
     is_seen = values > 1.0
     seen, unseen = scale[:, None] * vectors[:, is_seen], scale[:, None] * vectors[:, ~is_seen]
-    inverse = np.linalg.inv(seen.T @ information.matrix @ seen)
-    spread = inverse @ (seen.T @ information.score_covariance @ seen) @ inverse
+    # In units of the scale the guess has the identity as covariance, and as information.
+    one = np.eye(seen.shape[1])
+    inverse = np.linalg.inv(seen.T @ information.matrix @ seen + one)
+    spread = inverse @ (seen.T @ information.score_covariance @ seen + one) @ inverse
     covariance = (seen @ spread @ seen.T + unseen @ unseen.T)[:INERTIA_SIZE, :INERTIA_SIZE]
 
     # What is guessed about the inertia at the centre of mass hangs on where that is: twice, first to learn that.
