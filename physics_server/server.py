@@ -183,18 +183,16 @@ class Server:
                     self._tell_problem(f"refused from {name}: {error}")
             case Refused(source, error):
                 self._tell_problem(f"refused from {source}: {error}")
-            case LinkChange(name, is_up):
-                self._note_link(name, is_up)
+            case LinkChange(name, links):
+                self._note_links(name, links)
             case Question(request):
                 event.answer(self._answer(request))
 
-    def _note_link(self, name: str, is_up: bool) -> None:
-        robot = self._robots[name]
-        was_linked = robot.is_linked
-        robot.note_links()
-        if not was_linked or robot.is_linked or is_up or self._state in ("waiting", "finished"):
+    def _note_links(self, name: str, count: int) -> None:
+        self._robots[name].note_links(count)
+        if count > 0 or self._state in ("waiting", "finished"):
             return
-        text = f"lost the link with {name}, which had answered block {robot.answered}"
+        text = f"lost the link with {name}, which had answered block {self._robots[name].answered}"
         if self._is_lockstep:
             raise LinkError(text)
         self._tell_problem(text)

@@ -143,8 +143,8 @@ def test_links_that_come_and_go_are_told(endpoint):
     with open_session(listen=[endpoint]) as near:
         inbox.watch_links(near, "r1")
         with open_session(connect=[endpoint]):
-            assert next_event(inbox) == LinkChange("r1", is_up=True)
-        assert next_event(inbox) == LinkChange("r1", is_up=False)
+            assert next_event(inbox) == LinkChange("r1", links=1)
+        assert next_event(inbox) == LinkChange("r1", links=0)
 
 
 def test_who_dials_first_is_linked_when_the_other_one_comes(endpoint, keys):

@@ -155,10 +155,10 @@ class Refused:
 
 @dataclass(frozen=True)
 class LinkChange:
-    """A process has dialled in, or somebody answered, at the link called ``source``; or one has gone."""
+    """A process has come to, or gone from, the session called ``source``, which now has so many ``links``."""
 
     source: str
-    is_up: bool
+    links: int
 
 
 @dataclass(frozen=True)
@@ -210,9 +210,15 @@ class Inbox:
 
     def watch_links(self, session: zenoh.Session, source: str) -> None:
         """Hear of processes that come and go at a session."""
+        linked: set[str] = set()  # the session's own list may lag behind its events
 
         def put(event: zenoh.TransportEvent) -> None:
-            self._queue.put(LinkChange(source, event.kind == zenoh.SampleKind.PUT))
+            peer = str(event.transport.zid)
+            if event.kind == zenoh.SampleKind.PUT:
+                linked.add(peer)
+            else:
+                linked.discard(peer)
+            self._queue.put(LinkChange(source, len(linked)))
 
         self._kept.append(session.info.declare_transport_events_listener(put, history=True))
 

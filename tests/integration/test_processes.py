@@ -1,0 +1,228 @@
+"""The server's and the agents' processes: what they do is what the pure parts do, and nothing bad stops them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from agents.agent import Agent
+from coheft.estimation.measurement import MeasurementBlock
+from coheft.wire.messages import (
+    PROTOCOL_VERSION,
+    Estimate,
+    InjectRequest,
+    NeighbourMessage,
+    PauseRequest,
+    Problem,
+    Ready,
+    Reference,
+    Refusal,
+    RemoveRequest,
+    Request,
+    StatusRequest,
+    StopRequest,
+    Truth,
+    encode,
+)
+from coheft.wire.scenario import Scenario
+from coheft.wire.transport import Inbox, Received, Sender, ask, open_session
+from physics_server.simulation import Simulation
+
+from .team import LIMIT, ROOT, Team, running_team, small_scenario, wait_until
+
+GENTLE = {"mass": 0.5, "position": (0.1, 0.0, 0.1)}
+
+
+def run_in_this_process(scenario: Scenario, team: Team) -> tuple[list[Truth], dict[str, list[Estimate]]]:
+    """The same run without links: blocks, messages and references with the same delays."""
+    simulation = Simulation(scenario)
+    agents = {name: Agent(config.agent) for name, config in team.plan.agents.items()}
+    references: dict[int, dict[str, Reference]] = {}
+    messages: dict[str, NeighbourMessage] = {}
+    truths: list[Truth] = []
+    estimates: dict[str, list[Estimate]] = {name: [] for name in agents}
+    for block in range(scenario.blocks):
+        result = simulation.advance(references.pop(block, {}))
+        truths.append(result.truth)
+        sent = {}
+        for name, agent in agents.items():
+            inbox = {other: messages[other] for other in agent.config.neighbours} if block else {}
+            outbox = agent.step(MeasurementBlock(block, result.measurements[name].samples), inbox)
+            sent[name] = outbox.message
+            references.setdefault(outbox.reference.block, {})[name] = outbox.reference
+            if outbox.estimate is not None:
+                estimates[name].append(outbox.estimate)
+        messages = sent
+    return truths, estimates
+
+
+def test_processes_give_the_same_numbers_as_the_pure_parts_bit_for_bit(tmp_path):
+    scenario = small_scenario(3, "line", duration=6.0)
+    with running_team(scenario, tmp_path) as team:
+        inbox = Inbox()
+        at_server, at_agent = team.keys.observe_server, team.keys.observe_agent
+        inbox.listen(team.observer, "server", {at_server("truth"): Truth, at_server("problem"): Problem})
+        agents_observed = [config.observe for config in team.plan.agents.values()]
+        with open_session(connect=agents_observed) as other:
+            for name in team.plan.agents:
+                inbox.listen(other, name, {at_agent(name, "estimate"): Estimate, at_agent(name, "problem"): Problem})
+            truths, estimates = run_in_this_process(scenario, team)
+            last = truths[-1].block
+            heard: dict[str, dict[int, bytes]] = {name: {} for name in ("server", *team.plan.agents)}
+            while any(last not in blocks for blocks in heard.values()):
+                event = inbox.receive(LIMIT)
+                assert isinstance(event, Received), event
+                assert isinstance(event.message, Truth | Estimate), event
+                heard[event.source][event.message.block] = encode(event.message)
+    expected = {"server": truths, **estimates}
+    for source, messages in expected.items():
+        encoded = {message.block: encode(message) for message in messages}
+        # Nothing can be said of what was published before this test's link stood.
+        assert heard[source] == {block: encoded[block] for block in heard[source]}, source
+        assert len(heard[source]) > len(encoded) // 2
+
+
+@pytest.mark.parametrize("clock", ["lockstep", "realtime"])
+def test_requests_are_carried_out_or_refused_with_a_reason(clock, tmp_path):
+    with running_team(small_scenario(2, "line"), tmp_path, clock) as team:
+
+        def refusal(request: Request) -> str:
+            answer = ask(team.observer, team.keys.request, request)
+            assert isinstance(answer, Refusal)
+            return answer.reason
+
+        team.wait_for_block(10)
+        assert "mass of a load is -1.0 kg" in refusal(InjectRequest(mass=-1.0, position=(0.0, 0.0, 0.0)))
+        assert "there is no load 7" in refusal(RemoveRequest(load=7))
+        assert team.ask(InjectRequest(**GENTLE)).slots_free == 1
+        assert [load.id for load in team.ask(InjectRequest(**GENTLE)).loads] == [1, 2]
+        assert "slot" in refusal(InjectRequest(**GENTLE))
+        assert [load.id for load in team.ask(RemoveRequest(load=1)).loads] == [2]
+
+        status = team.ask(PauseRequest(paused=True))
+        assert status.state == "paused"
+        assert team.ask(StatusRequest()).block == status.block
+        assert team.ask(PauseRequest(paused=False)).state == "running"
+        team.wait_for_block(status.block + 10)
+
+        team.ask(StopRequest())
+        wait_until(lambda: team.ask(StatusRequest()).state == "finished", "the end of the run")
+        assert refusal(InjectRequest(**GENTLE)) == "the run is over"
+        for name in team.plan.agents:
+            assert team.exit_status(name) == 0
+        assert all(team.log(name) == "" for name in team.plan.agents)
+
+
+def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
+    """A stranger at a robot's neighbour port and at the server speaks in the names of others."""
+    with running_team(small_scenario(3, "line"), tmp_path) as team:
+        keys, plan = team.keys, team.plan
+        first, second, _ = plan.agents
+        team.wait_for_block(2)
+        now = team.ask(PauseRequest(paused=True)).block
+        wait_until(lambda: not team.ask(StatusRequest()).waiting_for, "the last answers")
+        motion = np.zeros((plan.server.scenario.sensors.block, 12))
+        to_server = {
+            "not a Reference": b"rubbish",
+            f"version {PROTOCOL_VERSION + 1}": encode(Ready(version=PROTOCOL_VERSION + 1, robot=first)),
+            "robot is 'nobody'": encode(
+                Reference(robot="nobody", block=now, answers=now, motion=motion, wrench=np.zeros(6))
+            ),
+            "was answered already": encode(
+                Reference(robot=first, block=now, answers=now, motion=motion * np.nan, wrench=np.zeros(6))
+            ),
+        }
+        not_finite, too_short = np.full((10, 9), np.nan), np.zeros((9, 9))
+        to_agent = {
+            "not a NeighbourMessage": b"rubbish",
+            "sender is 'nobody'": encode(NeighbourMessage(sender="nobody", block=now, gossip=[], channels={})),
+            "block is 1000000": encode(NeighbourMessage(sender=second, block=1000000, gossip=[], channels={})),
+            "block is 0 but": encode(NeighbourMessage(sender=second, block=0, gossip=[], channels={})),
+            "90 numbers that are not finite": encode(
+                NeighbourMessage(sender=second, block=now, gossip=[], channels={"kinematics": not_finite})
+            ),
+            "shape is (9, 9)": encode(
+                NeighbourMessage(sender=second, block=now, gossip=[], channels={"kinematics": too_short})
+            ),
+        }
+        with open_session(connect=[plan.server.robots[first], plan.agents[first].listen]) as session:
+            references = Sender(session, keys.robot(first, "reference"), may_drop=False)
+            blocks = Sender(session, keys.agent(second, "block"), may_drop=False)
+            wait_until(lambda: references.has_listener and blocks.has_listener, "the stranger's links")
+            for payload in to_server.values():
+                session.put(keys.robot(first, "reference"), payload)
+            for payload in to_agent.values():
+                session.put(keys.agent(second, "block"), payload)
+            for log, texts in (("server", to_server), (first, to_agent)):
+                wait_until(
+                    lambda log=log, texts=texts: len(team.log(log).splitlines()) >= len(texts), f"refusals of {log}"
+                )
+                lines = team.log(log).splitlines()
+                assert len(lines) == len(texts)
+                for text in texts:
+                    assert any("refused from" in line and text in line for line in lines), (text, lines)
+        team.ask(PauseRequest(paused=False))
+        team.wait_for_block(now + 50)
+        team.ask(StopRequest())
+        for name in plan.agents:
+            assert team.exit_status(name) == 0
+
+
+def test_a_robot_that_dies_ends_a_run_in_lockstep_with_a_clear_error(tmp_path):
+    with running_team(small_scenario(3, "line"), tmp_path) as team:
+        team.wait_for_block(10)
+        victim = list(team.plan.agents)[1]
+        team.processes[victim].kill()
+        assert team.exit_status("server") == 1
+        assert f"lost the link with {victim}" in team.log("server")
+        for name in team.plan.agents:
+            if name != victim:
+                assert team.exit_status(name) in (0, 1), team.log(name)
+
+
+def test_a_robot_that_dies_is_reported_in_realtime_and_time_goes_on(tmp_path):
+    with running_team(small_scenario(3, "line"), tmp_path, "realtime") as team:
+        team.wait_for_block(10)
+        victim = list(team.plan.agents)[1]
+        team.processes[victim].kill()
+        wait_until(lambda: f"lost the link with {victim}" in team.log("server"), "the report")
+        block = team.ask(StatusRequest()).block
+        wait_until(lambda: team.ask(StatusRequest()).block >= block + 50, "further blocks")
+        assert team.ask(StatusRequest()).late_blocks > 0
+
+
+def test_no_process_outlives_the_one_that_holds_its_stdin(tmp_path):
+    with running_team(small_scenario(2, "line"), tmp_path) as team:
+        team.wait_for_block(1)
+        team.ask(PauseRequest(paused=True))
+        for name, process in team.processes.items():
+            assert process.stdin is not None
+            process.stdin.close()
+            # Those that follow may notice that the server is gone before their own stdin ends.
+            assert team.exit_status(name) in ((0,) if name == "server" else (0, 1))
+
+
+def test_a_request_to_terminate_is_obeyed_and_an_interrupt_is_left_to_the_supervisor(tmp_path):
+    with running_team(small_scenario(2, "line"), tmp_path) as team:
+        team.wait_for_block(1)
+        for process in team.processes.values():
+            os.kill(process.pid, signal.SIGINT)
+        team.wait_for_block(team.ask(StatusRequest()).block + 50)
+        os.kill(team.processes["server"].pid, signal.SIGTERM)
+        assert team.exit_status("server") == 0
+        for name in team.plan.agents:
+            assert team.exit_status(name) == 0, team.log(name)
+
+
+@pytest.mark.parametrize("module", ["agents.process", "physics_server.server"])
+def test_a_process_without_a_usable_configuration_says_so(module):
+    done = subprocess.run(
+        [sys.executable, "-m", module], input=b'{"run": 1}\n', cwd=ROOT, capture_output=True, timeout=LIMIT, check=False
+    )
+    assert done.returncode == 2
+    assert b"as one line of JSON on stdin" in done.stderr
