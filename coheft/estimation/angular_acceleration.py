@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,10 +31,12 @@ def gyro_derivative(previous: Array, gyro: Array, following: Array, rate: float)
 
 @dataclass(frozen=True, eq=False)
 class AngularAcceleration:
-    """``alpha_i`` by least squares over the neighbours' accelerometers and the differentiated gyro.
+    """``alpha_i`` by least squares over the own and the neighbours' accelerometers and the differentiated gyro.
 
-    A neighbour at ``p_ij`` sees ``a_i - R_ij a_j + w_i x (w_i x p_ij) = p_ij x alpha_i`` (eq. 17). One neighbour says
-    nothing about alpha along ``p_ij``; the gyro's derivative, with its own large variance, fills what is missing.
+    A neighbour at ``p_ij`` sees ``R_ij a_j = a_i + alpha_i x p_ij + w_i x (w_i x p_ij)`` (eq. 17). All these equations
+    share the noise of the own accelerometer; with ``a_i`` as one more unknown, only the places relative to the centre
+    of the sensors count. Sensors on a line say nothing about alpha along it; the gyro's derivative, with its own large
+    variance, fills what is missing.
 
     Attributes:
         poses_j_in_i: The neighbours' poses.
@@ -45,14 +48,12 @@ class AngularAcceleration:
     noise: SensorNoise
     rate: float
 
-    @property
+    @cached_property
     def covariance(self) -> Array:
         """Covariance of the estimate, shape (3, 3) [rad²/s⁴]."""
-        information = self._gyro_weight * np.eye(3)
-        for pose in self.poses_j_in_i:
-            cross = skew(pose.translation)
-            information += self._accelerometer_weight * cross.T @ cross
-        return np.linalg.inv(information)
+        crosses = skew(self._arms)
+        information = np.einsum("nki,nkj->ij", crosses, crosses) / self.noise.acceleration**2
+        return np.linalg.inv(information + self._gyro_weight * np.eye(3))
 
     def estimate(self, gyro_derivative: Array, gyro: Array, acceleration: Array, others: Sequence[Array]) -> Array:
         """``alpha_i`` of a block.
@@ -66,18 +67,21 @@ class AngularAcceleration:
         Returns:
             Shape (B, 3) [rad/s²].
         """
+        carried = [other @ pose.rotation.T for pose, other in zip(self.poses_j_in_i, others, strict=True)]
         moment = self._gyro_weight * gyro_derivative
-        for pose, other in zip(self.poses_j_in_i, others, strict=True):
-            p = pose.translation
-            seen = acceleration - other @ pose.rotation.T + np.cross(gyro, np.cross(gyro, p))
-            moment += self._accelerometer_weight * np.cross(seen, p)  # skew(p)^T seen
+        for arm, seen in zip(self._arms, [acceleration, *carried], strict=True):
+            tangential = seen - np.cross(gyro, np.cross(gyro, arm))
+            moment += np.cross(arm, tangential) / self.noise.acceleration**2
         result: Array = moment @ self.covariance
+        return result
+
+    @cached_property
+    def _arms(self) -> Array:
+        """Places of all accelerometers, the own one first, relative to their centre, shape (1 + neighbours, 3) [m]."""
+        places = np.array([np.zeros(3), *(pose.translation for pose in self.poses_j_in_i)])
+        result: Array = places - places.mean(axis=0)
         return result
 
     @property
     def _gyro_weight(self) -> float:
         return 2.0 / (self.noise.gyro * self.rate) ** 2
-
-    @property
-    def _accelerometer_weight(self) -> float:
-        return 0.5 / self.noise.acceleration**2

@@ -1,0 +1,153 @@
+"""The joint filter for inertia, centre of mass and mass."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from coheft.estimation.joint_rls import JointRls, joint_regressor, theta_from_inertia
+from coheft.estimation.rigid_body import Inertia, unpack_symmetric
+from coheft.estimation.spatial import Array
+from tests.estimation.team import Team, make_team
+
+Samples = tuple[Array, Array, Array, Array, Array]
+
+RATE = 100.0
+WRENCH_COVARIANCE = np.diag(np.repeat([0.5, 0.05], 3)) ** 2
+MOTION_COVARIANCE = np.diag(np.repeat([0.05, 0.1], 3)) ** 2
+
+
+def samples_of(team: Team, inertia: Inertia | None = None) -> Samples:
+    """``w, a, alpha, F, T`` in the body frame."""
+    w, a, alpha = team.motion[:, :3], team.motion[:, 6:9], team.motion[:, 9:]
+    wrench = (inertia or team.inertia).wrench(w, a, alpha)
+    return w, a, alpha, wrench[:, :3], wrench[:, 3:]
+
+
+def noisy(
+    samples: Samples,
+    rng: np.random.Generator,
+    wrench_covariance: Array = WRENCH_COVARIANCE,
+    motion_covariance: Array = MOTION_COVARIANCE,
+) -> Samples:
+    w, a, alpha, force, torque = samples
+    wrench = rng.multivariate_normal(np.zeros(6), wrench_covariance, len(w))
+    motion = rng.multivariate_normal(np.zeros(6), motion_covariance, len(w))
+    return w, a + motion[:, :3], alpha + motion[:, 3:], force + wrench[:, :3], torque + wrench[:, 3:]
+
+
+def new_filter(forgetting: float = 1.0, scale: float = 1.0) -> JointRls:
+    return JointRls(np.zeros(3), scale * WRENCH_COVARIANCE, scale * MOTION_COVARIANCE, forgetting)
+
+
+def feed(joint_filter: JointRls, samples: Samples, block: int) -> None:
+    for start in range(0, len(samples[0]), block):
+        joint_filter.update(*(part[start : start + block] for part in samples))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_regressor_is_linear_in_the_unknowns(seed: int) -> None:
+    team = make_team(seed, duration=1.0)
+    matrix, right_side = joint_regressor(*samples_of(team))
+    np.testing.assert_allclose(matrix @ theta_from_inertia(team.inertia), right_side, atol=1e-10)
+
+
+@pytest.mark.parametrize("forgetting", [0.99, 1.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_exact_data_give_the_exact_payload(seed: int, forgetting: float) -> None:
+    team = make_team(seed, duration=5.0)
+    # Exact data deserve trust: then the prior, which says 1 kg, weighs next to nothing.
+    joint_filter = new_filter(forgetting, scale=1e-12)
+    feed(joint_filter, samples_of(team), block=10)
+    np.testing.assert_allclose(joint_filter.theta, theta_from_inertia(team.inertia), atol=1e-9)
+
+
+@pytest.mark.parametrize("forgetting", [0.98, 1.0])
+def test_blocks_are_the_recursion_sample_by_sample(forgetting: float) -> None:
+    # With noise in T and a only, the weight does not follow the estimate.
+    wrench_covariance = np.diag(np.repeat([0.0, 0.05], 3)) ** 2
+    motion_covariance = np.diag(np.repeat([0.05, 0.0], 3)) ** 2
+    samples = noisy(samples_of(make_team(1, duration=3.0)), np.random.default_rng(2))
+    by_block, by_sample = (
+        JointRls(np.array([0.1, 0.0, 0.0]), wrench_covariance, motion_covariance, forgetting) for _ in range(2)
+    )
+    feed(by_block, samples, block=20)
+    feed(by_sample, samples, block=1)
+    np.testing.assert_allclose(by_block.theta, by_sample.theta, atol=1e-9)
+
+
+def test_forgetting_follows_a_change() -> None:
+    """The old load's share fades with every memory's time; without forgetting it stays."""
+    team = make_team(3, duration=10.0)
+    heavier = Inertia(26.0, team.inertia.com + 0.05, 1.3 * team.inertia.tensor)
+    memory, change, end = 50, 500, 900
+    samples = tuple(
+        np.concatenate([old[:change], new[change:end]])
+        for old, new in zip(samples_of(team), samples_of(team, heavier), strict=True)
+    )
+
+    def error(forgetting: float, until: int) -> float:
+        joint_filter = new_filter(forgetting, scale=1e-12)
+        feed(joint_filter, tuple(part[:until] for part in samples), block=10)
+        return float(np.abs(joint_filter.theta - theta_from_inertia(heavier)).max())
+
+    forgetful = [error(1.0 - 1.0 / memory, until) for until in (change, change + 2 * memory, change + 4 * memory, end)]
+    assert forgetful[0] > 0.5
+    assert forgetful[0] > forgetful[1] > forgetful[2] > forgetful[3]
+    assert forgetful[3] < 0.02 * forgetful[0]
+    assert error(1.0, end) > 0.1
+
+
+def test_surprise_tells_a_change_and_nothing_else() -> None:
+    team = make_team(4, duration=10.0)
+    rng = np.random.default_rng(5)
+    heavier = Inertia(1.2 * team.inertia.mass, team.inertia.com, team.inertia.tensor)
+    joint_filter = new_filter(forgetting=0.995)
+    feed(joint_filter, noisy(samples_of(team), rng), block=10)
+    usual = []
+    for start in range(0, 500, 10):
+        joint_filter.update(*(part[start : start + 10] for part in noisy(samples_of(team), rng)))
+        usual.append(joint_filter.surprise)
+    assert max(usual) < 4.0
+    joint_filter.update(*(part[:10] for part in noisy(samples_of(team, heavier), rng)))
+    assert joint_filter.surprise > 10.0 * max(usual)
+
+
+def test_covariance_stays_bounded_without_excitation() -> None:
+    team = make_team(4, duration=5.0)
+    joint_filter = new_filter(forgetting=0.98)
+    feed(joint_filter, samples_of(team), block=10)
+    moving = np.diag(joint_filter.covariance).copy()
+    still, gravity = np.zeros((10, 3)), np.tile([0.0, 0.0, 9.81], (10, 1))
+    wrench = team.inertia.wrench(still, gravity, still)
+    for _ in range(2000):
+        joint_filter.update(still, gravity, still, wrench[:, :3], wrench[:, 3:])
+    at_rest = np.diag(joint_filter.covariance)
+    assert (moving[:6] < 1e-2).all()
+    # What rest cannot tell is as unknown as it was at first, no more; the weight is still known.
+    np.testing.assert_allclose(at_rest[:6], 100.0)
+    assert (at_rest[6:9] <= 1.0 + 1e-9).all()
+    np.testing.assert_allclose(1.0 / joint_filter.theta[9], team.inertia.mass, rtol=1e-3)
+
+
+def test_errors_are_as_large_as_the_covariance_says() -> None:
+    """Over 60 motions, with noise where least squares expects it: in T and a, not in the regressor."""
+    runs = 60
+    wrench_covariance = np.diag(np.repeat([0.0, 0.05], 3)) ** 2
+    motion_covariance = np.diag(np.repeat([0.05, 0.0], 3)) ** 2
+    squares = []
+    for run in range(runs):
+        team = make_team(run, duration=4.0)
+        joint_filter = JointRls(np.zeros(3), wrench_covariance, motion_covariance, 1.0)
+        samples = noisy(samples_of(team), np.random.default_rng(run), wrench_covariance, motion_covariance)
+        feed(joint_filter, samples, block=20)
+        error = joint_filter.theta - theta_from_inertia(team.inertia)
+        squares.append(error @ np.linalg.solve(joint_filter.covariance, error))
+    low, high = chi2.ppf([0.001, 0.999], 10 * runs) / runs
+    assert low / 1.1 < np.mean(squares) < 1.1 * high
+
+
+def test_theta_of_an_inertia() -> None:
+    inertia = Inertia(4.0, np.array([1.0, 2.0, 3.0]), unpack_symmetric(np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3])))
+    np.testing.assert_array_equal(theta_from_inertia(inertia), [1.0, 2.0, 3.0, 0.1, 0.2, 0.3, 1.0, 2.0, 3.0, 0.25])
