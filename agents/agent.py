@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agents.efficient import EfficientEstimator
 from agents.estimator import EstimatorFactory
 from agents.motion import Excitation
 from agents.seed import SeedEstimator
@@ -19,7 +20,7 @@ from coheft.wire.config import AgentConfig
 from coheft.wire.messages import Estimate, NeighbourMessage, PoseEstimate, Reference
 from consensus.gossip import Gossip
 
-ESTIMATORS: dict[str, EstimatorFactory] = {"seed": SeedEstimator}
+ESTIMATORS: dict[str, EstimatorFactory] = {"efficient": EfficientEstimator, "seed": SeedEstimator}
 
 _REPORT_INTERVAL = 0.1
 """Time between reports to observers [s]."""

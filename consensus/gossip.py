@@ -36,10 +36,10 @@ class Gossip:
                 self.records[record.robot] = record
                 self._news.add(record.robot)
 
-    def announce_ready(self, block: int) -> None:
-        """Tell everybody that this robot can take part in the network's sums from ``block`` on."""
+    def announce_ready(self, block: int, pose: tuple[float, ...] = ()) -> None:
+        """Tell everybody that this robot can take part in the network's sums from ``block`` on, and its pose."""
         own = self.records[self.name]
-        self.records[self.name] = msgspec.structs.replace(own, sequence=own.sequence + 1, ready_block=block)
+        self.records[self.name] = msgspec.structs.replace(own, sequence=own.sequence + 1, ready_block=block, pose=pose)
         self._news.add(self.name)
 
     def news(self) -> list[LinkState]:

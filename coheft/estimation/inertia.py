@@ -71,6 +71,18 @@ def packed_gram(sample_features: Array) -> Array:
     return gram
 
 
+def unpacked_gram(packed: Array) -> Array:
+    """Gram matrices (..., 19, 19) of packed ones (..., 190)."""
+    gram = np.empty((*packed.shape[:-1], FEATURES, FEATURES))
+    gram[..., _ROWS, _COLUMNS] = gram[..., _COLUMNS, _ROWS] = packed
+    return gram
+
+
+def repacked_gram(gram: Array) -> Array:
+    """Inverse of ``unpacked_gram``."""
+    return gram[..., _ROWS, _COLUMNS]
+
+
 @dataclass(frozen=True, eq=False)
 class InertiaInformation:
     """What some samples say about the unknowns: ``matrix @ unknowns = vector``, noise of the regressor compensated.

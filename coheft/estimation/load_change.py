@@ -14,6 +14,7 @@ matrices of blocks (``inertia.packed_gram``).
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -58,7 +59,18 @@ class Memory(Protocol):
     """What holds the samples that count."""
 
     def push(self, block: int, gram: Array) -> None:
-        """Take in a block: its number, larger than all before, and packed Gram matrix (190,)."""
+        """Take in a block: its number, larger than all before, and packed Gram matrix (190,), then the riders."""
+
+    @property
+    def first_block(self) -> int:
+        """Number of the oldest block that counts."""
+
+    @property
+    def total(self) -> Array:
+        """Sum over all blocks that count: packed Gram matrix and riders."""
+
+    def revise(self, update: Callable[[Array], Array]) -> None:
+        """Change what was summed: ``update`` takes sums (k, 190 + riders) to their new values."""
 
     def review(self, model: InertiaModel, tolerance: Array | None = None) -> LoadChange | None:
         """Look at what is remembered, and forget what belongs to another load."""
@@ -77,9 +89,12 @@ class LoadWindow:
         resolution: Borders remain at most about ``1 / resolution`` of their age apart.
         stride: A review tests every ``stride``-th border, others the next time. After a detection all are tested.
         false_alarm: Probability of one at a single test.
+        riders: Numbers per block that are summed along with the Gram matrix, for the caller's use.
     """
 
-    def __init__(self, resolution: int = 8, stride: int = 3, false_alarm: float = FALSE_ALARM) -> None:
+    def __init__(
+        self, resolution: int = 8, stride: int = 3, false_alarm: float = FALSE_ALARM, riders: int = 0
+    ) -> None:
         self._resolution = resolution
         self._stride = stride
         self._false_alarm = false_alarm
@@ -90,7 +105,7 @@ class LoadWindow:
         # Border k is the beginning of block _firsts[k], the _orders[k]-th that came; _sums[k] is all that came since.
         self._firsts = np.zeros(64, dtype=np.int64)
         self._orders = np.zeros(64, dtype=np.int64)
-        self._sums = np.zeros((64, GRAM_SIZE))
+        self._sums = np.zeros((64, GRAM_SIZE + riders))
         self._borders = 0
 
     @property
@@ -103,8 +118,22 @@ class LoadWindow:
         """First blocks of the stretches that can be told apart, oldest first."""
         return self._firsts[: self._borders].copy()
 
+    @property
+    def total(self) -> Array:
+        """Sum over all blocks that count: packed Gram matrix and riders."""
+        return self._sums[0].copy() if self._borders else np.zeros(self._sums.shape[1])
+
+    def revise(self, update: Callable[[Array], Array]) -> None:
+        """Change what was summed, because the samples are now seen differently.
+
+        Args:
+            update: From the sums of all stretches that end now, shape (k, 190 + riders), to their new values.
+        """
+        if self._borders:
+            self._sums[: self._borders] = update(self._sums[: self._borders])
+
     def push(self, block: int, gram: Array) -> None:
-        """Take in a block: its number, larger than all before, and packed Gram matrix (190,)."""
+        """Take in a block: its number, larger than all before, and packed Gram matrix (190,), then the riders."""
         self._thin_out()
         if self._borders == len(self._firsts):
             self._firsts = np.concatenate([self._firsts, np.zeros_like(self._firsts)])
@@ -163,7 +192,7 @@ class LoadWindow:
 
         While the load drifts it is divided by the threshold: so much the load can have moved on unnoticed.
         """
-        total = self._sums[0] if self._borders else np.zeros(GRAM_SIZE)
+        total = self.total[:GRAM_SIZE]
         return model.information(total / _threshold(model.unknowns, self._false_alarm) if self.drifting else total)
 
     def _thin_out(self) -> None:
@@ -184,10 +213,10 @@ class LoadWindow:
         this equals ``RSS(all) - RSS(older) - RSS(newer)``; with it, unlike that, it stays true when the load is at
         rest for a while, and noise is all there is to see.
         """
-        sums = self._sums[borders]
+        sums = self._sums[borders, :GRAM_SIZE]
         if len(sums) == 0:
             return np.empty(0), np.inf
-        everything, newer = model.information(self._sums[0]), model.information(sums)
+        everything, newer = model.information(self._sums[0, :GRAM_SIZE]), model.information(sums)
         # In these coordinates the score covariance of everything is the identity, and its matrix diagonal.
         basis, dual, shares = _signal(everything.matrix, _safe_score_covariance(everything), _TESTED)
         if len(basis) == 0:
@@ -261,19 +290,31 @@ class ForgettingWindow:
         memory: Blocks after which ``1/e`` of a block's weight is left. There should be a review for each block.
         floor: Standard deviation (u,) of the unknowns ``theta`` (and offset) up to which information may be lost. In
             directions that no longer show, the estimate stays where it was, with this uncertainty.
+        riders: Numbers per block that are summed along with the Gram matrix, for the caller's use.
     """
 
-    def __init__(self, memory: float, floor: Array) -> None:
+    first_block = 0
+
+    def __init__(self, memory: float, floor: Array, riders: int = 0) -> None:
         self._factor = float(np.exp(-1.0 / memory))
         self._floor = np.diag(floor**-2.0)
         self._anchor: Array = np.zeros(len(floor))
-        self._gram = np.zeros(GRAM_SIZE)
+        self._gram = np.zeros(GRAM_SIZE + riders)
         self._gram_of_squared_weights = np.zeros(GRAM_SIZE)
 
+    @property
+    def total(self) -> Array:
+        """Weighted sum over all blocks: packed Gram matrix and riders."""
+        return self._gram.copy()
+
+    def revise(self, update: Callable[[Array], Array]) -> None:
+        """Change what was summed: ``update`` takes sums (1, 190 + riders) to their new values."""
+        self._gram = update(self._gram[None])[0]
+
     def push(self, block: int, gram: Array) -> None:
-        """Take in a block: packed Gram matrix (190,); its number does not matter."""
+        """Take in a block: packed Gram matrix (190,), then the riders; its number does not matter."""
         self._gram = self._factor * self._gram + gram
-        self._gram_of_squared_weights = self._factor**2 * self._gram_of_squared_weights + gram
+        self._gram_of_squared_weights = self._factor**2 * self._gram_of_squared_weights + gram[:GRAM_SIZE]
 
     def review(self, model: InertiaModel, tolerance: Array | None = None) -> None:
         """Remember the estimate, to stay there in directions that are not going to show."""
@@ -288,8 +329,8 @@ class ForgettingWindow:
     def information(self, model: InertiaModel) -> InertiaInformation:
         """Of all blocks with their weights, and the floor."""
         if not self._gram.any():
-            return _with_prior(model.information(self._gram), self._floor, self._anchor)
-        information = model.information(self._gram)
+            return _with_prior(model.information(self._gram[:GRAM_SIZE]), self._floor, self._anchor)
+        information = model.information(self._gram[:GRAM_SIZE])
         spread = model.information(self._gram_of_squared_weights).score_covariance
         basis, dual, shares = _signal(information.matrix, information.uncompensated, _SHOWN)
         shown = replace(

@@ -126,6 +126,25 @@ def team_information(moments: RegistrationMoments, poses: Sequence[Pose], noise:
     return information, from_noise
 
 
+def motion_by_poses(poses: Sequence[Pose], noise: SensorNoise) -> Array:
+    """How the fused ``(a, alpha)`` of a sample follows, linear in its features, when poses are perturbed.
+
+    The derivative of ``refit_map`` by the new poses, rows ``ACCELERATION``.
+
+    Returns:
+        Shape (6 N, 6, 28), the perturbations of all poses first.
+    """
+    rows, columns = ACCELERATION_ROWS, ACCELERATION
+    weight = noise.per_column()[KINEMATICS][rows, None] ** -2
+    by_motion = [_predicted(pose)[rows, columns] for pose in poses]
+    by_pose = [-residual_derivative(pose)[:, rows] for pose in poses]
+    seen = np.sum([b.T @ (weight * b) for b in by_motion], axis=0)
+    covariance = np.linalg.inv(seen + _NO_PRIOR * np.eye(6))
+    coupling = np.concatenate([(weight * b).T @ d for b, d in zip(by_motion, by_pose, strict=True)])
+    result: Array = -covariance @ coupling
+    return result
+
+
 def refit_map(old: Sequence[Pose], new: Sequence[Pose], noise: SensorNoise) -> Array:
     """Features of a sample had its body motion been found with the poses ``new`` instead of ``old``, shape (28, 28).
 

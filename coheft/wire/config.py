@@ -7,7 +7,7 @@ from typing import Literal
 import msgspec
 
 from coheft.estimation.measurement import SensorNoise
-from coheft.wire.scenario import Converged, Motion, Scenario, SeedSettings
+from coheft.wire.scenario import Converged, EfficientSettings, Motion, Scenario, SeedSettings
 
 
 class Neighbour(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -31,6 +31,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         motion: What it may choose from.
         estimator: Its method.
         seed_method: Settings of the estimator ``seed``.
+        efficient: Settings of the estimator ``efficient``.
         converged: When its estimate is good enough.
     """
 
@@ -42,8 +43,9 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     lag: int
     seed: int
     motion: Motion
-    estimator: Literal["seed"]
+    estimator: Literal["seed", "efficient"]
     seed_method: SeedSettings
+    efficient: EfficientSettings
     converged: Converged
 
 
@@ -101,5 +103,6 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         motion=scenario.motion,
         estimator=scenario.estimator,
         seed_method=scenario.seed_method,
+        efficient=scenario.efficient,
         converged=scenario.converged,
     )

@@ -86,12 +86,15 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
         sequence: Grows with every change; the highest wins.
         neighbours: Names of its neighbours.
         ready_block: From this block on it can take part in the network's sums; -1 while it cannot.
+        pose: Its grasp frame in the reference robot's, rotation row by row then position [m], 12 numbers; empty while
+            unknown, or where the estimator does not need it.
     """
 
     robot: str
     sequence: int
     neighbours: tuple[str, ...]
     ready_block: int = -1
+    pose: tuple[float, ...] = ()
 
 
 class NeighbourMessage(Message, frozen=True):
@@ -321,6 +324,8 @@ def _unpack(code: int, data: memoryview) -> Array:
 
 _encoder = msgspec.msgpack.Encoder(enc_hook=_pack)
 _decoders: dict[Any, msgspec.msgpack.Decoder[Any]] = {}
+_MALFORMED = (msgspec.DecodeError, ValueError, struct.error, RecursionError, MemoryError)
+"""What decoding raises for bytes that are no message: the last two for deep nesting and absurd lengths."""
 
 
 class _Header(msgspec.Struct):
@@ -344,7 +349,7 @@ def decode(data: bytes, kind: type[M]) -> M:
     name = getattr(kind, "__name__", str(kind))
     try:
         message: M = decoder.decode(data)
-    except (msgspec.DecodeError, msgspec.ValidationError, ValueError, struct.error) as error:
+    except _MALFORMED as error:
         _check_version(data, name)
         raise MessageError(f"not a {name}: {error}") from error
     version = getattr(message, "version", PROTOCOL_VERSION)
@@ -357,7 +362,7 @@ def _check_version(data: bytes, name: str) -> None:
     """Raise the clearer error when what does not fit is of another version anyway."""
     try:
         version = msgspec.msgpack.decode(data, type=_Header).version
-    except (msgspec.DecodeError, msgspec.ValidationError):
+    except _MALFORMED:
         return
     if version != PROTOCOL_VERSION:
         raise _version_error(name, version)

@@ -7,8 +7,10 @@ was found there and what is allowed.
 from __future__ import annotations
 
 import difflib
+import math
 import re
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
@@ -201,6 +203,25 @@ class SeedSettings(Section, frozen=True):
     pose_translation_mm: Positive = 1.2
 
 
+class EfficientSettings(Section, frozen=True):
+    """The method at the Cramér-Rao bound, see ``agents.efficient``.
+
+    Attributes:
+        start_rotation_deg: The network's sums start when every pose on a spanning tree is known to this [degrees] and
+        start_translation_mm: this [mm]; they are refined later, with all that was summed before.
+        refit_share: Poses are fitted anew whenever the data have grown by this share.
+        offsets: Whether force and torque sensors may have constant offsets; these are then estimated as well.
+        memory: How long the past counts: "window" keeps all since the last load change that was noticed; a number
+            forgets exponentially over this time [s].
+    """
+
+    start_rotation_deg: Positive = 1.0
+    start_translation_mm: Positive = 20.0
+    refit_share: Positive = 0.04
+    offsets: bool = False
+    memory: Literal["window"] | Positive = "window"
+
+
 class Converged(Section, frozen=True):
     """An agent calls its estimate converged when all standard deviations are below these.
 
@@ -231,6 +252,7 @@ class Scenario(Section, frozen=True):
         seed: Of the sensors' noise and offsets and of the robots' choice of motion.
         estimator: Which method the agents use.
         seed_method: Settings of the estimator ``seed``.
+        efficient: Settings of the estimator ``efficient``.
         converged: When an estimate is good enough.
         lookahead: Blocks that the server may run ahead of the slowest agent; also the lag of references.
     """
@@ -245,8 +267,9 @@ class Scenario(Section, frozen=True):
     load_changes: tuple[LoadChange, ...] = ()
     duration: Positive = 30.0
     seed: Seed = 1
-    estimator: Literal["seed"] = "seed"
+    estimator: Literal["seed", "efficient"] = "seed"
     seed_method: SeedSettings = SeedSettings()
+    efficient: EfficientSettings = EfficientSettings()
     converged: Converged = Converged()
     lookahead: Annotated[int, Meta(ge=1, le=64)] = 4
 
@@ -333,6 +356,9 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
     Raises:
         ScenarioError: Keys contradict each other.
     """
+    for place, value in _numbers(msgspec.to_builtins(scenario)):
+        if not math.isfinite(value):
+            raise ScenarioError(f"{origin}: key '{place}': expected a finite number; found {value!r}")
     robots = scenario.robots
     if bool(robots.grasps) == (robots.perimeter is not None):
         raise ScenarioError(
@@ -352,6 +378,18 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
                 f"{origin}: key 'load_changes[{number}]': found "
                 f"{'neither' if change.mass is None else 'both'} 'mass' and 'remove', expected exactly one of them"
             )
+
+
+def _numbers(value: object, place: str = "") -> Iterator[tuple[str, float]]:
+    """All floating-point numbers in nested builtins, with their keys."""
+    if isinstance(value, float):
+        yield place, value
+    elif isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _numbers(inner, f"{place}.{key}".lstrip("."))
+    elif isinstance(value, list | tuple):
+        for index, inner in enumerate(value):
+            yield from _numbers(inner, f"{place}[{index}]")
 
 
 def _unknown_scenario(name: str, shipped: list[str]) -> str:
@@ -374,6 +412,10 @@ def _explain(error: msgspec.ValidationError, table: dict[str, object]) -> str:
         place = f"{place}.{unknown.group(1)}".lstrip(".")
         allowed = _allowed_keys(place)
         return f"key '{place}': there is no such key; allowed here: {', '.join(allowed)}"
+    missing = re.search(r"missing required field `(.*)`", text)
+    if missing is not None:
+        place = f"{place}.{missing.group(1)}".lstrip(".")
+        return f"key '{place}': it is missing, but required"
     found = _value_at(table, place)
     if text.startswith("Invalid enum value"):
         text = f"expected one of {', '.join(repr(value) for value in _allowed_values(place))}"

@@ -1,0 +1,213 @@
+"""What a robot remembers of the load: moments of the team's total wrench with the body's motion, in the body frame.
+
+The total wrench was carried with the poses of its time. Its moments are linear in them,
+``sum x (sum_j Ad(g_j) u_j)^T = sum_j C_j Ad(g_j)^T`` with ``C_j = sum x u_j^T``. Every robot keeps its own ``C_j``, and
+when all have told theirs, the moments are corrected for poses that have become better since.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.acceleration import MotionFusion
+from coheft.estimation.bounds import barycentric_derivative, seen_inertia_derivative
+from coheft.estimation.inertia import (
+    FEATURES,
+    GRAM_SIZE,
+    INERTIA_SIZE,
+    OFFSET_SIZE,
+    InertiaModel,
+    features,
+    packed_gram,
+    repacked_gram,
+    unpacked_gram,
+)
+from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, unseen_quantities
+from coheft.estimation.load_change import ForgettingWindow, LoadWindow, Memory, pose_tolerance
+from coheft.estimation.pose_sensitivity import MOTION_FEATURES, REGISTRATION_FEATURES, inertia_by_poses
+from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.team_registration import TeamPoses
+from coheft.wire.config import AgentConfig
+from coheft.wire.messages import PayloadEstimate
+
+_CROSS_SHAPE = (MOTION_FEATURES.stop, 6)
+_WRENCH_FEATURES = slice(MOTION_FEATURES.stop, FEATURES)
+_LEAST = 0.5
+"""Least time of samples from which anything is estimated [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """What is told about the samples of a moment: own ``C_i``, and from which poses to which they have to be corrected."""
+
+    cross: Array
+    count: float
+    first_block: int
+    old_poses: Sequence[Pose]
+    new_poses: Sequence[Pose]
+
+
+class LoadMemory:
+    """All samples since the load changed, as one agent remembers them.
+
+    Args:
+        config: The agent's settings.
+        robots: Number of robots.
+        own: Index of this one.
+    """
+
+    cross_size = _CROSS_SHAPE[0] * _CROSS_SHAPE[1]
+
+    def __init__(self, config: AgentConfig, robots: int, own: int) -> None:
+        self._config = config
+        self._offsets = config.efficient.offsets
+        self._window: Memory
+        memory = config.efficient.memory
+        if memory == "window":
+            self._window = LoadWindow(riders=self.cross_size)
+        else:
+            floor = np.full(INERTIA_SIZE + OFFSET_SIZE * self._offsets, 1e3)
+            self._window = ForgettingWindow(memory * config.rate / config.block, floor, riders=self.cross_size)
+        self._poses: Sequence[Pose] = ()
+        self._model: InertiaModel | None = None
+        self._told: _Told | None = None
+        self._mean_crosses = np.zeros((robots, *_CROSS_SHAPE))
+        self._tolerance: Array | None = None
+
+    @property
+    def first_block(self) -> int:
+        """Oldest block that counts."""
+        return self._window.first_block
+
+    def set_poses(self, poses: Sequence[Pose], fusion: MotionFusion) -> None:
+        """All that is remembered, and what comes, is seen with these poses."""
+        self._poses = poses
+        parameters = None
+        if self._model is not None and self._is_enough():
+            parameters = self._estimate(self._model).inertia.barycentric()
+        self._model = InertiaModel(
+            fusion.wrench_covariance, fusion.acceleration_covariance, parameters, with_offset=self._offsets
+        )
+
+    def push(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> int | None:
+        """Take in a block of body motion (B, 12), total wrench (B, 6) and own wrench in ``F_i`` (B, 6).
+
+        Returns:
+            The first block of a new load, if a change was found.
+        """
+        assert self._model is not None
+        rows = features(motion, wrench)
+        cross = rows[:, MOTION_FEATURES].T @ own_wrench
+        self._window.push(block, np.concatenate([packed_gram(rows), cross.ravel()]))
+        if self._told is not None:
+            return None  # samples before and after the last change of poses cannot be compared before ``correct``
+        change = self._window.review(self._model, self._tolerance)
+        return None if change is None else change.first_block
+
+    def adopt(self, first_block: int) -> None:
+        """A neighbour has found that the load changed at this block."""
+        if first_block > self._window.first_block:
+            self._window.forget_before(first_block)
+
+    def told_cross(self) -> Array:
+        """Own ``C_i`` of all samples up to the last change of poses, to be told to everybody, shape (78,)."""
+        assert self._told is not None
+        return self._told.cross.ravel()
+
+    def correct(self, crosses: Array) -> None:
+        """Let the total wrenches be as the newest poses would have carried them.
+
+        Args:
+            crosses: Everybody's ``told_cross``, shape (N, 78).
+        """
+        told = self._told
+        self._told = None
+        if told is None or told.first_block != self._window.first_block or told.count == 0.0:
+            return  # the load has changed in the meantime
+        crosses = crosses.reshape(-1, *_CROSS_SHAPE)
+        self._mean_crosses = crosses / told.count
+        correction = np.zeros((FEATURES, FEATURES))
+        for cross, old, new in zip(crosses, told.old_poses, told.new_poses, strict=True):
+            correction[MOTION_FEATURES, _WRENCH_FEATURES] += cross @ (new.adjoint() - old.adjoint()).T
+        since = self._count() - told.count
+
+        def update(sums: Array) -> Array:
+            # Stretches that began later hold fewer of the samples that are corrected.
+            share = np.clip((sums[:, 0] - since) / told.count, 0.0, 1.0)
+            sums[:, :GRAM_SIZE] += share[:, None] * repacked_gram(correction)
+            return sums
+
+        self._window.revise(update)
+
+    def map_features(self, feature_map: Array, old_poses: Sequence[Pose], new_poses: Sequence[Pose]) -> None:
+        """All samples' motions count as if they had been fused with new poses: ``refit_map`` (28, 28)."""
+        motion_map = feature_map[np.ix_(REGISTRATION_FEATURES, REGISTRATION_FEATURES)]
+        full_map = np.eye(FEATURES)
+        full_map[MOTION_FEATURES, MOTION_FEATURES] = motion_map
+
+        def update(sums: Array) -> Array:
+            gram = full_map @ unpacked_gram(sums[:, :GRAM_SIZE]) @ full_map.T
+            cross = motion_map @ sums[:, GRAM_SIZE:].reshape(-1, *_CROSS_SHAPE)
+            return np.hstack([repacked_gram(gram), cross.reshape(len(sums), -1)])
+
+        self._window.revise(update)
+        cross = self._window.total[GRAM_SIZE:].reshape(_CROSS_SHAPE)
+        self._told = _Told(cross, self._count(), self._window.first_block, old_poses, new_poses)
+
+    def payload(self, own: int, team: TeamPoses) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
+        """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable."""
+        if self._model is None or not self._is_enough():
+            return None, ()
+        estimate = self._estimate(self._model)
+        seen_by_own = seen_inertia_derivative(self._poses[own], estimate.inertia)
+        to_central = np.linalg.inv(barycentric_derivative(estimate.inertia))
+        by_poses = seen_by_own[:, 6:] @ to_central @ self._by_poses(estimate)
+        by_poses[:, 6 * own : 6 * own + 6] += seen_by_own[:, :6]
+        covariance = seen_by_own[:, 6:] @ estimate.covariance @ seen_by_own[:, 6:].T
+        covariance += by_poses @ team.covariance @ by_poses.T
+        unseen = unseen_quantities(covariance, estimate.inertia.mass, self._length())
+        if unseen:
+            return None, tuple(f"{part.what}: {part.remedy}" for part in unseen)
+        inertia = estimate.inertia.carried(self._poses[own].inverse())
+        return PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, covariance), ()
+
+    def set_tolerance(self, team: TeamPoses) -> None:
+        """How far two stretches of one load may seem to differ, for the poses' errors."""
+        if self._model is None or not self._is_enough():
+            return
+        variances = np.diag(team.covariance)[6:].reshape(-1, 2, 3).mean(axis=(0, 2))
+        mass = self._estimate(self._model).inertia.mass
+        tolerance = pose_tolerance(mass, self._length(), *(3.0 * np.sqrt(variances)))
+        self._tolerance = np.concatenate([tolerance, np.zeros(self._model.unknowns - INERTIA_SIZE)])
+
+    def _by_poses(self, estimate: InertiaEstimate) -> Array:
+        """Derivative of ``theta`` by all poses, shape (10, 6 N)."""
+        assert self._model is not None
+        return inertia_by_poses(
+            self._model,
+            self._window.information(self._model),
+            estimate.inertia.barycentric(),
+            unpacked_gram(self._window.total[:GRAM_SIZE]),
+            self._mean_crosses * self._count(),
+            self._poses,
+            self._config.noise,
+        )
+
+    def _estimate(self, model: InertiaModel) -> InertiaEstimate:
+        places = np.array([pose.translation for pose in self._poses])
+        return estimate_inertia(self._window.information(model), places.mean(axis=0), self._length())
+
+    def _length(self) -> float:
+        """Root mean square distance of the grasps from their middle [m]."""
+        places = np.array([pose.translation for pose in self._poses])
+        return float(np.sqrt(np.square(places - places.mean(axis=0)).sum(axis=1).mean()))
+
+    def _count(self) -> float:
+        """Number of samples that count."""
+        return float(self._window.total[0])
+
+    def _is_enough(self) -> bool:
+        return self._count() >= _LEAST * self._config.rate
