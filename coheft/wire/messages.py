@@ -324,8 +324,8 @@ def _unpack(code: int, data: memoryview) -> Array:
 
 _encoder = msgspec.msgpack.Encoder(enc_hook=_pack)
 _decoders: dict[Any, msgspec.msgpack.Decoder[Any]] = {}
-_MALFORMED = (msgspec.DecodeError, ValueError, struct.error, RecursionError, MemoryError)
-"""What decoding raises for bytes that are no message: the last two for deep nesting and absurd lengths."""
+_MALFORMED = (msgspec.DecodeError, ValueError, struct.error, RecursionError)
+"""What decoding raises for bytes that are no message; the last for absurdly deep nesting."""
 
 
 class _Header(msgspec.Struct):

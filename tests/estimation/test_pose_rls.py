@@ -18,7 +18,7 @@ from tests.rigid_motions import poses, vectors
 
 NOISE = SensorNoise()
 EXACT = NOISE.scaled(1e-6)
-"""What the filter has to be told about exact data: it takes out the noise's share, so nominal noise would mislead it."""
+"""What the filter has to be told about exact data: nominal noise, taken out of exact data, would mislead it."""
 
 
 class EquallyWeighted(PoseRls):

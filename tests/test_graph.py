@@ -1,0 +1,113 @@
+"""Graphs: every kind is what its name says, and consensus converges on it."""
+
+from __future__ import annotations
+
+from typing import Literal, get_type_hints
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from coheft.wire.scenario import Graph
+from consensus.graph import (
+    GraphError,
+    Neighbours,
+    build_graph,
+    diameter,
+    distances,
+    laplacian,
+    metropolis_matrix,
+    metropolis_weight,
+)
+
+Kind = Literal["ring", "line", "star", "complete", "random"]
+KINDS: tuple[Kind, ...] = get_type_hints(Graph)["kind"].__args__
+
+graphs = st.builds(
+    lambda kind, n, probability, seed: build_graph(Graph(kind=kind, edge_probability=probability, seed=seed), names(n)),
+    st.sampled_from(KINDS),
+    st.integers(2, 16),
+    st.floats(0.0, 1.0),
+    st.integers(0, 10**6),
+)
+
+
+def names(n: int) -> list[str]:
+    return [f"r{i:02d}" for i in range(n)]
+
+
+def edge_count(graph: Neighbours) -> int:
+    return sum(len(others) for others in graph.values()) // 2
+
+
+@pytest.mark.parametrize(
+    ("kind", "n", "edges", "longest"),
+    [
+        ("ring", 2, 1, 1),
+        ("ring", 3, 3, 1),
+        ("ring", 6, 6, 3),
+        ("line", 2, 1, 1),
+        ("line", 5, 4, 4),
+        ("star", 5, 4, 2),
+        ("complete", 5, 10, 1),
+    ],
+)
+def test_kinds(kind: Kind, n: int, edges: int, longest: int) -> None:
+    graph = build_graph(Graph(kind=kind), names(n))
+    assert edge_count(graph) == edges
+    assert diameter(graph) == longest
+
+
+@given(graphs)
+def test_graphs_are_undirected_connected_and_sorted(graph: Neighbours) -> None:
+    for name, others in graph.items():
+        assert name not in others
+        assert list(others) == sorted(set(others))
+        assert all(name in graph[other] for other in others)
+        assert len(distances(graph, name)) == len(graph)
+    assert 1 <= diameter(graph) < len(graph)
+
+
+@given(st.integers(2, 16), st.integers(0, 10**6))
+def test_random_graphs_span_from_trees_to_complete(n: int, seed: int) -> None:
+    sparse = build_graph(Graph(kind="random", edge_probability=0.0, seed=seed), names(n))
+    dense = build_graph(Graph(kind="random", edge_probability=1.0, seed=seed), names(n))
+    assert edge_count(sparse) == n - 1
+    assert dense == build_graph(Graph(kind="complete"), names(n))
+    assert sparse == build_graph(Graph(kind="random", edge_probability=0.0, seed=seed), names(n))
+
+
+@given(graphs)
+def test_laplacian(graph: Neighbours) -> None:
+    matrix = laplacian(graph)
+    np.testing.assert_array_equal(matrix, matrix.T)
+    np.testing.assert_array_equal(matrix.sum(axis=0), 0.0)
+    np.testing.assert_array_equal(np.diag(matrix), [len(others) for others in graph.values()])
+    eigenvalues = np.linalg.eigvalsh(matrix)
+    assert abs(eigenvalues[0]) < 1e-12 < 1e-3 < eigenvalues[1]  # connected
+
+
+@given(graphs)
+def test_metropolis_matrix_is_doubly_stochastic_and_converges(graph: Neighbours) -> None:
+    matrix = metropolis_matrix(graph)
+    np.testing.assert_array_equal(matrix, matrix.T)
+    np.testing.assert_allclose(matrix.sum(axis=0), 1.0, atol=1e-15)
+    assert (matrix >= -1e-15).all()
+    others = np.linalg.eigvalsh(matrix - 1.0 / len(graph))
+    assert np.abs(others).max() < 1.0 - 1e-4
+
+
+def test_metropolis_weight_is_the_same_at_both_ends() -> None:
+    assert metropolis_weight(2, 5) == metropolis_weight(5, 2) == pytest.approx(1.0 / 6.0)
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_one_robot_is_no_network(count: int) -> None:
+    with pytest.raises(GraphError, match=f"{count} robots? given, but a network takes at least 2"):
+        build_graph(Graph(), names(count))
+
+
+def test_graphs_that_are_not_connected_are_told() -> None:
+    with pytest.raises(GraphError, match="a does not reach c, d"):
+        diameter({"a": ("b",), "b": ("a",), "c": ("d",), "d": ("c",)})

@@ -1,0 +1,109 @@
+"""Scenarios: the shipped ones load, and errors say where, what was found and what is allowed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from coheft.errors import ScenarioError
+from coheft.wire.config import agent_config
+from coheft.wire.scenario import available_scenarios, load_scenario, parse_scenario
+from consensus.graph import build_graph
+
+GOOD = """
+name = "two"
+duration = 12.0
+[payload]
+boxes = [{ mass = 2.0, size = [0.4, 0.3, 0.1] }]
+[[robots.grasps]]
+position = [-0.2, 0.0, 0.0]
+[[robots.grasps]]
+position = [0.2, 0.0, 0.0]
+[graph]
+kind = "line"
+[motion]
+frequency = [0.4, 1.6]
+[[load_changes]]
+at = 5.0
+mass = 1.0
+"""
+
+
+@pytest.mark.parametrize("name", list(available_scenarios()))
+def test_shipped_scenarios_load(name: str) -> None:
+    scenario = load_scenario(name)
+    assert scenario.name == name
+    assert scenario.description
+    assert all(change.at < scenario.duration for change in scenario.load_changes)
+    graph = build_graph(scenario.graph, scenario.robot_names)
+    configs = [agent_config(scenario, robot, graph[robot]) for robot in graph]
+    assert len({config.seed for config in configs}) == scenario.robot_count
+
+
+def test_the_scenarios_that_are_promised_are_there() -> None:
+    assert {"ring6", "ring3", "line4", "ring12", "ring24", "quiet"} <= set(available_scenarios())
+
+
+def test_good_scenario_is_good() -> None:
+    scenario = parse_scenario(GOOD, "two.toml")
+    assert scenario.robot_names == ("r1", "r2")
+    assert scenario.blocks == round(12.0 / scenario.block_duration)
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "key", "found", "allowed"),
+    [
+        ("mass = 2.0", "mass = -2.0", "payload.boxes[0].mass", "-2.0", "> 0"),
+        ("mass = 2.0", "mass = nan", "payload.boxes[0].mass", "nan", "> 0"),
+        ("mass = 2.0", "mass = inf", "payload.boxes[0].mass", "inf", "finite"),
+        ("mass = 2.0", 'mass = "2 kg"', "payload.boxes[0].mass", "'2 kg'", "`float`"),
+        ("mass = 2.0, ", "", "payload.boxes[0].mass", "missing", "required"),
+        ("[-0.2, 0.0, 0.0]", "[-0.2, nan, 0.0]", "robots.grasps[0].position[1]", "nan", "finite"),
+        ("[-0.2, 0.0, 0.0]", "[-0.2, 0.0]", "robots.grasps[0].position", "[-0.2, 0.0]", "length 3"),
+        ('name = "two"', "", "name", "missing", "required"),
+        ('name = "two"', 'name = "../two"', "name", "'../two'", "a-z"),
+        ('name = "two"', 'name = "two"\nspeed = 3', "speed", "no such key", "duration"),
+        ('kind = "line"', 'kind = "lien"', "graph.kind", "'lien'", "'line'"),
+        ('kind = "line"', 'kinds = "line"', "graph.kinds", "no such key", "edge_probability"),
+        ("frequency = [0.4, 1.6]", "frequency = [1.6, 0.4]", "motion.frequency", "[1.6, 0.4]", "lower"),
+        ("frequency = [0.4, 1.6]", "ramp = -1", "motion.ramp", "-1", ">= 0"),
+        ("duration = 12.0", "duration = 0", "duration", "0", "> 0"),
+        ("duration = 12.0", 'estimator = "best"', "estimator", "'best'", "'seed'"),
+        ("duration = 12.0", "sensors.rate = 300", "sensors.rate", "300", "500"),
+        ("duration = 12.0", "sensors.block = 1", "sensors.block", "1", ">= 2"),
+        ("duration = 12.0", "sensors = 3", "sensors", "3", "`object`"),
+        ("mass = 1.0", "", "load_changes[0]", "neither", "exactly one"),
+        ("mass = 1.0", "mass = 1.0\nremove = 1", "load_changes[0]", "both", "exactly one"),
+        ("[graph]", "[robots.perimeter]\ncount = 2\nextent = [1, 1]\n[graph]", "robots", "both", "exactly one"),
+        ("[[robots.grasps]]\nposition = [0.2, 0.0, 0.0]\n", "", "robots.grasps", "1 grasp", "at least 2"),
+    ],
+)
+def test_errors_tell_file_key_found_and_allowed(good: str, bad: str, key: str, found: str, allowed: str) -> None:
+    assert good in GOOD
+    with pytest.raises(ScenarioError) as error:
+        parse_scenario(GOOD.replace(good, bad, 1), "two.toml")
+    message = str(error.value)
+    assert message.startswith(f"two.toml: key '{key}': ")
+    assert found in message
+    assert allowed in message
+    assert len(message) < 300
+
+
+def test_text_that_is_not_toml() -> None:
+    with pytest.raises(ScenarioError, match=r"two.toml: not valid TOML: .*line 2"):
+        parse_scenario("name = 'two'\nduration = = 3", "two.toml")
+
+
+def test_names_that_are_not_there() -> None:
+    with pytest.raises(ScenarioError, match=r"no scenario 'rign6'. Did you mean 'ring6'\?.*Shipped.*line4"):
+        load_scenario("rign6")
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"missing.toml: cannot be read: No such file"):
+        load_scenario(tmp_path / "missing.toml")
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe")
+    with pytest.raises(ScenarioError, match=r"binary.toml: not UTF-8"):
+        load_scenario(binary)
