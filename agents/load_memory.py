@@ -35,17 +35,20 @@ from coheft.wire.messages import PayloadEstimate
 
 _CROSS_SHAPE = (MOTION_FEATURES.stop, 6)
 _WRENCH_FEATURES = slice(MOTION_FEATURES.stop, FEATURES)
+_FAR = 0.25
+"""Samples from before the poses moved by more than this are not compared with each other any more."""
 _LEAST = 0.5
 """Least time of samples from which anything is estimated [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Told:
-    """What is told about the samples of a moment: own ``C_i``, and from which poses to which they have to be corrected."""
+    """What is told about the samples so far: own ``C_i``, and from which poses to which they are to be corrected."""
 
     cross: Array
     count: float
     first_block: int
+    last_block: int
     old_poses: Sequence[Pose]
     new_poses: Sequence[Pose]
 
@@ -71,6 +74,7 @@ class LoadMemory:
         else:
             floor = np.full(INERTIA_SIZE + OFFSET_SIZE * self._offsets, 1e3)
             self._window = ForgettingWindow(memory * config.rate / config.block, floor, riders=self.cross_size)
+        self._last_block = -1
         self._poses: Sequence[Pose] = ()
         self._model: InertiaModel | None = None
         self._told: _Told | None = None
@@ -102,6 +106,7 @@ class LoadMemory:
         rows = features(motion, wrench)
         cross = rows[:, MOTION_FEATURES].T @ own_wrench
         self._window.push(block, np.concatenate([packed_gram(rows), cross.ravel()]))
+        self._last_block = block
         if self._told is not None:
             return None  # samples before and after the last change of poses cannot be compared before ``correct``
         change = self._window.review(self._model, self._tolerance)
@@ -117,11 +122,12 @@ class LoadMemory:
         assert self._told is not None
         return self._told.cross.ravel()
 
-    def correct(self, crosses: Array) -> None:
+    def correct(self, crosses: Array, moved: float) -> None:
         """Let the total wrenches be as the newest poses would have carried them.
 
         Args:
             crosses: Everybody's ``told_cross``, shape (N, 78).
+            moved: How far the poses moved, root mean square in units of their standard deviations.
         """
         told = self._told
         self._told = None
@@ -135,12 +141,14 @@ class LoadMemory:
         since = self._count() - told.count
 
         def update(sums: Array) -> Array:
-            # Stretches that began later hold fewer of the samples that are corrected.
+            # Exact for the whole, and about right for stretches that began later: they hold a share of the samples.
             share = np.clip((sums[:, 0] - since) / told.count, 0.0, 1.0)
             sums[:, :GRAM_SIZE] += share[:, None] * repacked_gram(correction)
             return sums
 
         self._window.revise(update)
+        if moved > _FAR:
+            self._window.forget_borders_before(told.last_block + 1)
 
     def map_features(self, feature_map: Array, old_poses: Sequence[Pose], new_poses: Sequence[Pose]) -> None:
         """All samples' motions count as if they had been fused with new poses: ``refit_map`` (28, 28)."""
@@ -155,7 +163,7 @@ class LoadMemory:
 
         self._window.revise(update)
         cross = self._window.total[GRAM_SIZE:].reshape(_CROSS_SHAPE)
-        self._told = _Told(cross, self._count(), self._window.first_block, old_poses, new_poses)
+        self._told = _Told(cross, self._count(), self.first_block, self._last_block, old_poses, new_poses)
 
     def payload(self, own: int, team: TeamPoses) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
         """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable."""
@@ -180,7 +188,7 @@ class LoadMemory:
             return
         variances = np.diag(team.covariance)[6:].reshape(-1, 2, 3).mean(axis=(0, 2))
         mass = self._estimate(self._model).inertia.mass
-        tolerance = pose_tolerance(mass, self._length(), *(3.0 * np.sqrt(variances)))
+        tolerance = pose_tolerance(mass, self._length(), *np.sqrt(variances))
         self._tolerance = np.concatenate([tolerance, np.zeros(self._model.unknowns - INERTIA_SIZE)])
 
     def _by_poses(self, estimate: InertiaEstimate) -> Array:

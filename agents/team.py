@@ -13,12 +13,13 @@ So what was accumulated always is, to first order, what the newest poses would h
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from agents.load_memory import LoadMemory
 from coheft.estimation.acceleration import MotionFusion, carried_constants, derivative_kernel, robot_constants, summands
+from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.measurement import KINEMATICS, WRENCH
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.registration import RegistrationMoments, score_and_information
@@ -78,6 +79,7 @@ class Team:
         self._scores = Flood(len(self._names), 6)
         self._crosses = Flood(len(self._names), self._memory.cross_size)
         self._fits = 0
+        self._moved = 0.0
         self._first_block: int | None = None
         self._tell_block = self._fit_block = self._map_block = self._correct_block = -1
         self.total_block = -1
@@ -193,7 +195,7 @@ class Team:
         if index == self._correct_block:
             crosses = self._crosses.rows(self._fits)
             if crosses is not None:
-                self._memory.correct(crosses)
+                self._memory.correct(crosses, self._moved)
         if index == self._tell_block:
             score, _, _ = score_and_information(self._moments, self._poses[self._own], self._config.noise)
             self._scores.tell(self._own, self._fits, score)
@@ -202,6 +204,7 @@ class Team:
             scores = self._scores.rows(self._fits)
             if scores is not None:
                 self._fitted = register_team(self._poses, scores, self._moments, self._config.noise)
+                self._moved = _distance(self._poses, self._fitted)
                 self._memory.set_tolerance(self._fitted)
                 self._entering_poses = self._fitted.poses
             self._fits += 1
@@ -231,6 +234,13 @@ class Team:
     def _time(self, block: int) -> float:
         """Start of a block [s]."""
         return block * self._config.block / self._config.rate
+
+
+def _distance(old: Sequence[Pose], fitted: TeamPoses) -> float:
+    """Root mean square of all poses' steps, but the reference's, in units of their standard deviations."""
+    steps = np.concatenate([perturbation_between(a, b) for a, b in zip(old, fitted.poses, strict=True)])
+    deviations = np.sqrt(np.diag(fitted.covariance))
+    return float(np.sqrt(np.mean(np.square(steps[6:] / deviations[6:]))))
 
 
 def _pose(numbers: tuple[float, ...]) -> Pose:

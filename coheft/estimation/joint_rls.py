@@ -57,7 +57,7 @@ class JointRls:
         self._vector = np.zeros(10)
         self._residual_sum = 0.0
         self._count = 0.0
-        self.theta = self._guess.copy()
+        self.theta: Array = self._guess.copy()
         self.surprise = 0.0
         """Mean squared normalised residual of the last block before it was taken in, relative to that of the past."""
 

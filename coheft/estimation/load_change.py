@@ -78,6 +78,9 @@ class Memory(Protocol):
     def forget_before(self, block: int) -> None:
         """Forget all blocks with smaller numbers: somebody else found a change."""
 
+    def forget_borders_before(self, block: int) -> None:
+        """Keep all samples, but do not look for changes before this block any more."""
+
     def information(self, model: InertiaModel) -> InertiaInformation:
         """All that counts."""
 
@@ -92,9 +95,7 @@ class LoadWindow:
         riders: Numbers per block that are summed along with the Gram matrix, for the caller's use.
     """
 
-    def __init__(
-        self, resolution: int = 8, stride: int = 3, false_alarm: float = FALSE_ALARM, riders: int = 0
-    ) -> None:
+    def __init__(self, resolution: int = 8, stride: int = 3, false_alarm: float = FALSE_ALARM, riders: int = 0) -> None:
         self._resolution = resolution
         self._stride = stride
         self._false_alarm = false_alarm
@@ -178,6 +179,14 @@ class LoadWindow:
         for array in (self._firsts, self._orders, self._sums):
             array[:end] = array[kept : self._borders].copy()
         self._borders = end
+
+    def forget_borders_before(self, block: int) -> None:
+        """Keep all samples, but do not look for changes before this block any more."""
+        kept = int(np.searchsorted(self._firsts[: self._borders], block))
+        if kept > 1:
+            for array in (self._firsts, self._orders, self._sums):
+                array[1 : 1 + self._borders - kept] = array[kept : self._borders].copy()
+            self._borders -= kept - 1
 
     @property
     def drifting(self) -> bool:
@@ -325,6 +334,9 @@ class ForgettingWindow:
 
     def forget_before(self, block: int) -> None:
         """Nothing: older blocks fade by themselves."""
+
+    def forget_borders_before(self, block: int) -> None:
+        """Nothing: there are none."""
 
     def information(self, model: InertiaModel) -> InertiaInformation:
         """Of all blocks with their weights, and the floor."""

@@ -78,7 +78,7 @@ class PoseRls:
         weight = 0.5 / self._gyro_variance * np.eye(4)
         self._rotation_moment = decay * self._rotation_moment + _operator_moment(moment, weight)[:4, :4]
 
-        weight = np.linalg.inv(self._translation_noise())
+        weight = np.linalg.inv(self._translation_noise()).astype(np.float64)
         self._translation_moment = decay * self._translation_moment + _operator_moment(moment, weight)[:4]
         noise_share = age_weights.sum() * _operator_moment(_GYROS, weight)[:4, :4]
         self._noise_share = decay * self._noise_share + noise_share
