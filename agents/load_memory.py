@@ -26,7 +26,7 @@ from coheft.estimation.inertia import (
     unpacked_gram,
 )
 from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, unseen_quantities
-from coheft.estimation.load_change import ForgettingWindow, LoadWindow, Memory, pose_tolerance
+from coheft.estimation.load_change import ForgettingWindow, LoadWindow, Memory
 from coheft.estimation.pose_sensitivity import MOTION_FEATURES, REGISTRATION_FEATURES, inertia_by_poses
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
@@ -37,6 +37,8 @@ _CROSS_SHAPE = (MOTION_FEATURES.stop, 6)
 _WRENCH_FEATURES = slice(MOTION_FEATURES.stop, FEATURES)
 _FAR = 0.25
 """Samples from before the poses moved by more than this are not compared with each other any more."""
+_TOLERANCE = 2.0
+"""By so many standard deviations, as far as they come from the poses, two stretches may differ without a change."""
 _LEAST = 0.5
 """Least time of samples from which anything is estimated [s]."""
 
@@ -186,9 +188,8 @@ class LoadMemory:
         """How far two stretches of one load may seem to differ, for the poses' errors."""
         if self._model is None or not self._is_enough():
             return
-        variances = np.diag(team.covariance)[6:].reshape(-1, 2, 3).mean(axis=(0, 2))
-        mass = self._estimate(self._model).inertia.mass
-        tolerance = pose_tolerance(mass, self._length(), *np.sqrt(variances))
+        by_poses = self._by_poses(self._estimate(self._model))
+        tolerance = _TOLERANCE * np.sqrt(np.diag(by_poses @ team.covariance @ by_poses.T))
         self._tolerance = np.concatenate([tolerance, np.zeros(self._model.unknowns - INERTIA_SIZE)])
 
     def _by_poses(self, estimate: InertiaEstimate) -> Array:

@@ -76,7 +76,7 @@ class JointRls:
         weighted = age_weights[:, None, None] * (weight @ matrix)
         self._information = decay * self._information + np.tensordot(matrix, weighted, ([0, 1], [0, 1]))
         self._vector = decay * self._vector + np.tensordot(weighted, right_side, ([0, 1], [0, 1]))
-        self.theta = np.linalg.solve(self._information + self._prior, self._vector + self._prior @ self._guess)
+        self.theta = np.linalg.inv(self._information + self._prior) @ (self._vector + self._prior @ self._guess)
         residual = right_side - matrix @ self.theta
         squares = np.einsum("bi,ij,bj->b", residual, weight, residual)
         self._residual_sum = decay * self._residual_sum + float(age_weights @ squares)
@@ -86,8 +86,7 @@ class JointRls:
     def covariance(self) -> Array:
         """Of theta, shape (10, 10); grown where residuals are larger than the sensors' noise explains."""
         scale = max(self._residual_sum / self._count, 1.0) if self._count > 0.0 else 1.0
-        covariance: Array = scale * np.linalg.inv(self._information + self._prior)
-        return covariance
+        return (scale * np.linalg.inv(self._information + self._prior)).astype(np.float64)
 
     def _equation_covariance(self) -> Array:
         """Covariance (6, 6) of both equations' noise at the current estimate (Fan et al., Proposition 2).
