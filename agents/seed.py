@@ -59,6 +59,8 @@ class SeedEstimator:
         self._filters = {name: PoseRls(config.noise, solve_every=_SOLVE_EVERY) for name in config.neighbours}
         self._blocks: dict[int, Array] = {}
         self._inertial_phase: _InertialPhase | None = None
+        self._started = -1
+        """The block after which the sums started last."""
 
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
         """See ``Estimator.step``."""
@@ -69,20 +71,23 @@ class SeedEstimator:
                 self._update_pose(name, previous[:, :6], kinematics[:, :6])
         if own is not None:
             self._blocks[index] = own.samples
-        self._announce(index)
+        self._blocks.pop(index - self._settings.rounds - 3, None)
+        sent = {} if own is None else {"kinematics": own.samples[:, KINEMATICS]}
 
         start = self._gossip.start_block
-        if start is not None and index > start:
-            if self._inertial_phase is None:
-                poses = {name: estimate.pose for name, estimate in self._poses().items()}
-                self._inertial_phase = _InertialPhase(self._config, self._gossip, poses, self._forgetting)
-            self._inertial_phase.step(index, self._blocks, heard, inbox)
-        self._blocks.pop(index - self._settings.rounds - 3, None)
-
-        sent = {} if own is None else {"kinematics": own.samples[:, KINEMATICS]}
-        if self._inertial_phase is not None:
-            sent |= self._inertial_phase.channels()
-        return sent
+        if start is None or index <= start:
+            self._announce_poses(index)
+            return sent
+        if self._inertial_phase is None:
+            poses = {name: estimate.pose for name, estimate in self._poses().items()}
+            self._inertial_phase = _InertialPhase(self._config, self._gossip, poses, self._forgetting)
+        elif start != self._started:
+            self._inertial_phase.start_sums()
+        self._started = start
+        self._inertial_phase.step(index, self._blocks, heard, inbox)
+        if self._inertial_phase.is_broken:
+            self._announce_start(index)
+        return sent | self._inertial_phase.channels()
 
     def belief(self) -> Belief:
         """See ``Estimator.belief``."""
@@ -126,12 +131,16 @@ class SeedEstimator:
             and 1e3 * pose.translation_std < self._settings.pose_translation_mm
         )
 
-    def _announce(self, index: int) -> None:
-        """Once all poses are known, offer a start that lies far enough ahead for everybody to hear of it in time."""
+    def _announce_poses(self, index: int) -> None:
+        """Once all poses are known, offer a start."""
+        is_announced = self._gossip.records[self._config.name].ready_block >= 0
+        if not is_announced and all(self._is_known(pose) for pose in self._poses().values()):
+            self._announce_start(index)
+
+    def _announce_start(self, index: int) -> None:
+        """Offer a start of the sums that lies far enough ahead for everybody to hear of it in time."""
         graph = self._gossip.graph
-        if graph is None or self._gossip.records[self._config.name].ready_block >= 0:
-            return
-        if all(self._is_known(pose) for pose in self._poses().values()):
+        if graph is not None:
             self._gossip.announce_ready(index + 2 * len(graph))
 
 
@@ -151,8 +160,6 @@ class _InertialPhase:
         self._gains = {name: metropolis_weight(degree, len(graph[name])) for name in self._poses}
         self._transports = {name: _transports(pose) for name, pose in self._poses.items()}
         self._acceleration = AngularAcceleration(list(self._poses.values()), config.noise, config.rate)
-        self._sums = DynamicConsensus(self._rounds, config.block, _SAMPLE_CHANNELS)
-        self._parameters = DynamicConsensus(1, 1, _PARAMETER_CHANNELS)
         self._inputs = np.zeros((config.block, _SAMPLE_CHANNELS))
         self._agreed = _START
         self._forgetting = forgetting
@@ -162,6 +169,17 @@ class _InertialPhase:
         self.total_block = -1
         self.total_wrench = np.zeros(6)
         self.load_changes: list[LoadChangeNotice] = []
+        self.start_sums()
+
+    def start_sums(self) -> None:
+        """Start the sums, or start them anew after a loss; what was estimated so far stays."""
+        self._sums = DynamicConsensus(self._rounds, self._config.block, _SAMPLE_CHANNELS)
+        self._parameters = DynamicConsensus(1, 1, _PARAMETER_CHANNELS)
+
+    @property
+    def is_broken(self) -> bool:
+        """Whether a neighbour's message was lost, so that everybody has to start the sums anew."""
+        return self._sums.is_broken or self._parameters.is_broken
 
     def step(
         self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array], inbox: Mapping[str, Channels]
@@ -173,7 +191,7 @@ class _InertialPhase:
         if finished is not None and leaving in blocks:
             self._take_in(leaving, index, blocks[leaving], finished)
         own = _START if self._filter is None else _parameters(self._filter.theta)
-        agreed = self._parameters.step(own[None, None, :][0], self._stages(inbox, "parameters", 1, 1))
+        agreed = self._parameters.step(own[None], self._stages(inbox, "parameters", 1, 1))
         if agreed is not None:
             self._agreed = agreed[0]
 

@@ -6,6 +6,9 @@ shrink what the agents disagree on by the K-th power of the second largest eigen
 
 The rounds are pipelined (``consensus.pipeline``), so the increment is taken over the K blocks that a value is under
 way: each value starts from where the consensus on the block K before it ended.
+
+A value that is lost on the way takes along what the sum should have conserved. Nothing that builds upon it is used; the
+agents have to start anew, all at the same block.
 """
 
 from __future__ import annotations
@@ -31,6 +34,8 @@ class DynamicConsensus:
     def __init__(self, rounds: int, samples: int, channels: int) -> None:
         self.pipeline = Pipeline(rounds, samples, channels)
         self._inputs: deque[Array] = deque(maxlen=rounds)
+        self.is_broken = False
+        """Whether a value was lost, so that this agent no longer takes part."""
 
     def step(self, inputs: Array, neighbours: Sequence[NeighbourStages]) -> Array | None:
         """One block.
@@ -41,12 +46,15 @@ class DynamicConsensus:
 
         Returns:
             The agent's value of the network's average for the block that entered K blocks before, shape (B, C), or
-            None while there is none.
+            None while there is none, or if it was lost.
         """
         own_gains = 1.0 - sum((neighbour.gains for neighbour in neighbours), np.zeros(self.pipeline.rounds))
         finished = self.pipeline.advance(neighbours, own_gains)
-        if finished is None:
+        if len(self._inputs) < self.pipeline.rounds:
             self.pipeline.enter(inputs)
+        elif finished is None:
+            self.is_broken = True
+            self.pipeline.enter(None)
         else:
             self.pipeline.enter(finished + inputs - self._inputs[0])
         self._inputs.append(inputs)
