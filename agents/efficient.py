@@ -24,6 +24,7 @@ from coheft.wire.config import AgentConfig
 from consensus.gossip import Gossip
 from consensus.graph import distances
 
+_DIRECTIONS = 6
 _PAIRS_EVERY = 0.1
 """Time between two looks at the neighbours' poses, before the sums begin [s]."""
 
@@ -57,15 +58,14 @@ class EfficientEstimator:
         """See ``Estimator.belief``."""
         if self._team is None:
             poses = {name: self._pair(name) for name in self._pairs if self._pairs[name].count > 1.0}
-            return Belief("poses", False, None, dict(poses), not_observable=_unseen(poses))
+            return Belief("poses", False, None, _seen(poses), not_observable=_unseen(poses))
         poses = self._team.neighbours_poses()
         payload, unseen = self._team.payload()
-        known: Mapping[str, UncertainPose] = poses
         return Belief(
             phase="inertia",
             converged=payload is not None and not unseen and is_converged(payload, self._config.converged),
             payload=payload,
-            poses=known,
+            poses=_seen(poses),
             total_block=self._team.total_block,
             total_wrench=self._team.total_wrench,
             not_observable=_unseen(poses) + unseen,
@@ -117,9 +117,18 @@ def pose_from_numbers(numbers: tuple[float, ...]) -> Pose:
     return Pose(np.reshape(numbers[:9], (3, 3)), np.array(numbers[9:]))
 
 
+def _seen(poses: Mapping[str, PoseEstimate]) -> dict[str, UncertainPose]:
+    """Those of which all is known: for the others no number is claimed."""
+    return {name: pose for name, pose in poses.items() if not pose.unseen}
+
+
 def _unseen(poses: Mapping[str, PoseEstimate]) -> tuple[str, ...]:
-    return tuple(
-        f"pose of {name}, {direction}: turn the load about other axes as well"
-        for name, pose in sorted(poses.items())
-        for direction in pose.unseen
-    )
+    """What is not known of the poses, and what would show it, a sentence for each."""
+    sentences = []
+    for name, pose in sorted(poses.items()):
+        if len(pose.unseen) == _DIRECTIONS:
+            sentences.append(f"pose of {name}: not seen yet; the load has to move and turn")
+        elif pose.unseen:
+            parts = ", ".join(str(direction) for direction in pose.unseen)
+            sentences.append(f"pose of {name}, {parts}: turn the load about other axes as well")
+    return tuple(sentences)

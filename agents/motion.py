@@ -23,7 +23,7 @@ class Excitation:
 
     def __init__(self, motion: Motion, seed: int, rate: int, block: int) -> None:
         rng = np.random.default_rng(seed)
-        self._amplitudes = 0.5 * np.repeat([motion.rotation, motion.translation], 3)
+        self._amplitudes = 0.5 * np.repeat([motion.rotation, motion.translation], 3) * motion.axes
         self._omegas = 2.0 * np.pi * rng.uniform(*motion.frequency, size=(2, 6))
         self._phases = rng.uniform(0.0, 2.0 * np.pi, size=(2, 6))
         self._ramp = motion.ramp

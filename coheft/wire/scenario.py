@@ -160,12 +160,14 @@ class Motion(Section, frozen=True):
         rotation: Amplitude per axis [rad].
         frequency: Range from which frequencies are drawn [Hz].
         ramp: Time from rest to full amplitude [s].
+        axes: Share of the amplitude per axis of the robot's home frame: rotation about x, y, z, translation along them.
     """
 
     translation: NotNegative = 0.06
     rotation: NotNegative = 0.2
     frequency: tuple[Positive, Positive] = (0.4, 1.6)
     ramp: NotNegative = 2.0
+    axes: tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative] = (1.0,) * 6
 
 
 class LoadChange(Section, frozen=True):
