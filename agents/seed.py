@@ -26,8 +26,8 @@ from consensus.gossip import Gossip
 from consensus.graph import metropolis_weight
 from consensus.pipeline import NeighbourStages
 
-_SAMPLE_CHANNELS = 9
-"""Per sample: total force and torque, angular acceleration."""
+_SAMPLE_CHANNELS = 10
+"""Per sample: total force and torque, angular acceleration, and 1 where these were measured or 0 where made up."""
 _PARAMETER_CHANNELS = 11
 """Per block: 1/m, the constant 1 that makes points linear, h, J."""
 _START = np.array([1.0, 1.0] + [0.0] * 9)
@@ -188,7 +188,7 @@ class _InertialPhase:
         self._inputs = self._inputs_of(index - 1, blocks, heard)
         finished = self._sums.step(self._inputs, self._stages(inbox, "sums", 0, self._rounds))
         leaving = index - 1 - self._rounds
-        if finished is not None and leaving in blocks:
+        if finished is not None and leaving in blocks and self._is_measured(finished):
             self._take_in(leaving, index, blocks[leaving], finished)
         own = _START if self._filter is None else _parameters(self._filter.theta)
         agreed = self._parameters.step(own[None], self._stages(inbox, "parameters", 1, 1))
@@ -217,15 +217,21 @@ class _InertialPhase:
         return PayloadEstimate(mass, self._agreed[2:5].copy(), unpack_symmetric(self._agreed[5:]), covariance)
 
     def _inputs_of(self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array]) -> Array:
-        """This robot's wrench and angular acceleration of a block; the last ones again if a measurement is missing."""
+        """This robot's wrench and angular acceleration of a block; the last ones if a measurement is missing."""
         near = [blocks.get(index + offset) for offset in (-1, 0, 1)]
         if any(block is None for block in near) or set(heard) != set(self._poses):
-            return self._inputs
+            made_up = self._inputs.copy()
+            made_up[:, 9] = 0.0
+            return made_up
         before, block, after = (block for block in near if block is not None)
         derivative = gyro_derivative(before[-1, :3], block[:, :3], after[0, :3], self._config.rate)
         others = [heard[name][:, 6:9] for name in self._poses]
         alpha = self._acceleration.estimate(derivative, block[:, :3], block[:, 6:9], others)
-        return np.hstack([block[:, 9:15], alpha])
+        return np.hstack([block[:, 9:15], alpha, np.ones((len(block), 1))])
+
+    def _is_measured(self, average: Array) -> bool:
+        """Whether nobody's share in a block was made up: what is made up spreads just as the sums that it spoils."""
+        return bool(average[:, 9].min() > 1.0 - 0.5 / self._members)
 
     def _stages(self, inbox: Mapping[str, Channels], channel: str, which: int, rounds: int) -> list[NeighbourStages]:
         """The neighbours' stages of one of the two consensuses, with their transports."""
@@ -249,7 +255,7 @@ class _InertialPhase:
         if self._filter is None:
             self._filter = self._new_filter(centre=self._agreed[2:5])
             self._quiet_until = self._time(index) + _SETTLED
-        self._filter.update(samples[:, :3], samples[:, 6:9], average[:, 6:], total[:, :3], total[:, 3:])
+        self._filter.update(samples[:, :3], samples[:, 6:9], average[:, 6:9], total[:, :3], total[:, 3:])
         self._watch_for_change(leaving, index, self._filter.surprise)
 
     def _watch_for_change(self, leaving: int, index: int, surprise: float) -> None:
@@ -284,11 +290,11 @@ def _in_words(pose: UncertainPose) -> str:
 
 
 def _transports(pose_j_in_i: Pose) -> tuple[Array, Array]:
-    """``X_ij`` of samples (wrench, angular acceleration) and of parameters (1/m, 1, h, J)."""
+    """``X_ij`` of samples (wrench, angular acceleration, 1) and of parameters (1/m, 1, h, J)."""
     rotation = pose_j_in_i.rotation
-    samples = np.zeros((_SAMPLE_CHANNELS, _SAMPLE_CHANNELS))
+    samples = np.eye(_SAMPLE_CHANNELS)
     samples[:6, :6] = pose_j_in_i.adjoint()
-    samples[6:, 6:] = rotation
+    samples[6:9, 6:9] = rotation
     parameters = np.eye(_PARAMETER_CHANNELS)
     parameters[2:5, 1] = pose_j_in_i.translation
     parameters[2:5, 2:5] = rotation

@@ -1,0 +1,92 @@
+"""Whole runs in one process, with faults in the sensors and the network, judged against the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from agents.agent import Agent
+from coheft.app.judge import Judge, RobotReport
+from coheft.estimation.measurement import MeasurementBlock
+from coheft.wire.config import agent_config
+from coheft.wire.messages import Estimate, NeighbourMessage, Reference, Scene, Truth
+from coheft.wire.scenario import Scenario, load_scenario
+from consensus.graph import build_graph
+from physics_server.simulation import Simulation
+
+
+def changed(name: str, **changes: object) -> Scenario:
+    """A shipped scenario with some keys changed."""
+    return msgspec.structs.replace(load_scenario(name), **changes)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """All truths and estimates of a run."""
+
+    scene: Scene
+    truths: list[Truth]
+    estimates: dict[str, list[Estimate]]
+
+    def judged(self, time: float) -> dict[str, RobotReport]:
+        """Every robot's last estimate before that time, against the truth."""
+        judge = Judge(self.scene, self.truths)
+        return {
+            name: judge.robot([estimate for estimate in estimates if estimate.time <= time + 1e-9])
+            for name, estimates in self.estimates.items()
+        }
+
+    def last(self) -> dict[str, Estimate]:
+        return {name: estimates[-1] for name, estimates in self.estimates.items()}
+
+
+def run_with_faults(
+    scenario: Scenario,
+    is_measured: Callable[[int, str], bool] = lambda block, name: True,
+    arrives: Callable[[int, str, str], bool] = lambda block, to, sender: True,
+) -> Recording:
+    """Run a scenario.
+
+    Args:
+        scenario: What to run.
+        is_measured: Whether the sensors of a robot work in a block.
+        arrives: Whether the message that ``sender`` sent after the block before reaches ``to``.
+    """
+    graph = build_graph(scenario.graph, scenario.robot_names)
+    agents = {name: Agent(agent_config(scenario, name, graph[name])) for name in graph}
+    simulation = Simulation(scenario)
+    recording = Recording(simulation.scene, [], {name: [] for name in graph})
+    references: dict[int, dict[str, Reference]] = {}
+    messages: dict[str, NeighbourMessage] = {}
+    for block in range(scenario.blocks):
+        result = simulation.advance(references.pop(block, {}))
+        recording.truths.append(result.truth)
+        outboxes = {}
+        for name, agent in agents.items():
+            inbox = {
+                other: messages[other] for other in graph[name] if other in messages and arrives(block, name, other)
+            }
+            measured = MeasurementBlock(block, result.measurements[name].samples) if is_measured(block, name) else None
+            outboxes[name] = agent.step(measured, inbox)
+        messages = {name: outbox.message for name, outbox in outboxes.items()}
+        references[block + scenario.lookahead] = {name: outbox.reference for name, outbox in outboxes.items()}
+        for name, outbox in outboxes.items():
+            if outbox.estimate is not None:
+                recording.estimates[name].append(outbox.estimate)
+    return recording
+
+
+def assert_good(
+    reports: dict[str, RobotReport], rotation_deg: float = 0.2, translation_mm: float = 5.0, inertia_pct: float = 12.0
+) -> None:
+    """Every robot: mass within 3 %, centre of mass 20 mm, and what else is asked for."""
+    for name, report in reports.items():
+        found = (report.mass.error_pct, report.com.error_mm, report.inertia.error_pct)
+        assert None not in found, f"{name} has no estimate"
+        assert (np.array(found, dtype=float) < [3.0, 20.0, inertia_pct]).all(), f"{name}: {found}"
+        for other, pose in report.poses.items():
+            assert pose.rotation_error_deg < rotation_deg, f"{name} of {other}: {pose}"
+            assert pose.translation_error_mm < translation_mm, f"{name} of {other}: {pose}"
