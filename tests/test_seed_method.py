@@ -1,0 +1,94 @@
+"""The seed method as a whole, in one process: how near to the truth it gets, on which graphs, and when it says no."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coheft.app.inprocess import run_in_process
+from coheft.wire.messages import encode
+from coheft.wire.scenario import Graph, LoadChange, Scenario, load_scenario
+from tests.in_process import assert_good, changed, run_with_faults
+
+CHANGE = 15.0
+
+
+def seed_method(name: str, **changes: object) -> Scenario:
+    return changed(name, estimator="seed", **changes)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_six_robots_find_the_payload_and_find_it_again_after_a_load_change(seed: int) -> None:
+    load = LoadChange(at=CHANGE, mass=3.0, position=(-0.3, 0.2, 0.08))
+    recording = run_with_faults(seed_method("ring6", seed=seed, duration=CHANGE + 10.0, load_changes=(load,)))
+    assert_good(recording.judged(CHANGE))
+    assert_good(recording.judged(CHANGE + 10.0))
+    for estimate in recording.last().values():
+        assert estimate.converged
+        assert estimate.members == 6
+        (notice,) = estimate.load_changes
+        assert abs(notice.changed_at - CHANGE) < 0.1
+        assert CHANGE < notice.noticed_at < CHANGE + 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "graph"),
+    [
+        ("ring3", Graph(kind="line")),
+        ("line4", Graph(kind="line")),
+        ("line4", Graph(kind="star")),
+        ("line4", Graph(kind="complete")),
+        ("ring6", Graph(kind="random", seed=5)),
+    ],
+    ids=lambda value: value.kind if isinstance(value, Graph) else value,
+)
+def test_other_graphs(name: str, graph: Graph) -> None:
+    duration = 16.0
+    recording = run_with_faults(seed_method(name, graph=graph, duration=duration, load_changes=()))
+    assert_good(recording.judged(duration))
+    for estimate in recording.last().values():
+        assert estimate.converged
+        assert estimate.load_changes == []
+
+
+def test_two_robots() -> None:
+    line4 = load_scenario("line4")
+    robots = type(line4.robots)(grasps=line4.robots.grasps[::3])
+    recording = run_with_faults(seed_method("line4", robots=robots, duration=16.0, load_changes=()))
+    assert_good(recording.judged(16.0))
+    assert all(estimate.converged and estimate.members == 2 for estimate in recording.last().values())
+
+
+def test_total_wrench_is_everybodys_sum() -> None:
+    recording = run_with_faults(seed_method("ring3", duration=8.0, load_changes=()))
+    truths = {truth.block: truth.total_wrench for truth in recording.truths}
+    for name, rotation, translation in zip(
+        recording.scene.robots, recording.scene.rotations, recording.scene.translations, strict=True
+    ):
+        estimate = recording.estimates[name][-1]
+        truth = truths[estimate.total_block]
+        force = rotation @ estimate.total_wrench[:3]
+        torque = rotation @ estimate.total_wrench[3:] + np.cross(translation, force)
+        assert np.linalg.norm(force - truth[:3]) < 0.02 * np.linalg.norm(truth[:3])
+        assert np.linalg.norm(torque - truth[3:]) < 0.02 * np.linalg.norm(truth[:3])  # about a point 1 m away at most
+
+
+def test_too_little_motion_ends_with_not_observable_and_no_numbers() -> None:
+    recording = run_with_faults(seed_method("quiet", duration=10.0))
+    for estimates in recording.estimates.values():
+        for estimate in estimates:
+            assert estimate.payload is None
+            assert not estimate.converged
+        assert estimates[-1].phase == "poses"
+        assert len(estimates[-1].not_observable) == 2
+        assert all("has to turn more" in text for text in estimates[-1].not_observable)
+
+
+def test_one_scenario_and_seed_give_the_same_estimates_bit_for_bit() -> None:
+    scenario = seed_method("ring3", duration=6.0)
+    runs = [
+        [encode(estimate) for record in run_in_process(scenario) for estimate in record.estimates.values()]
+        for _ in range(2)
+    ]
+    assert runs[0] == runs[1]
+    assert len(runs[0]) == 3 * 60
