@@ -29,3 +29,10 @@ class LinkError(CoheftError):
 
 class SimulationError(CoheftError):
     """The simulated payload left the range in which the simulation means anything."""
+
+
+class MissingPackageError(CoheftError):
+    """Something was asked for that takes a package which is not installed."""
+
+    def __init__(self, package: str, extra: str) -> None:
+        super().__init__(f"this needs the package '{package}': install 'coheft[{extra}]'")

@@ -248,7 +248,7 @@ def _history(judge: Judge, estimates: Sequence[Estimate]) -> list[HistoryPoint]:
     return points
 
 
-def write_report(report: Report, target: str) -> None:
+def write_report(report: msgspec.Struct, target: str) -> None:
     """Write the report as JSON to a file, or to standard output if ``target`` is ``-``.
 
     Raises:

@@ -1,0 +1,78 @@
+"""How well changes of the load were noticed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import msgspec
+
+from coheft.wire.messages import LoadChangeNotice
+
+
+class Detection(msgspec.Struct, frozen=True):
+    """How load changes were noticed.
+
+    Attributes:
+        delay_s: Mean time until the last robot had noticed, over runs in which all did [s]; None if in no run.
+        delay_max_s: The longest [s].
+        missed: Runs in which some robot had not noticed when the run ended.
+        false_alarms: Notices without a change; those of several robots that agree are one.
+        false_alarms_per_hour: Of simulated time.
+        hours: Of simulated time.
+    """
+
+    delay_s: float | None
+    delay_max_s: float | None
+    missed: int
+    false_alarms: int
+    false_alarms_per_hour: float
+    hours: float
+
+
+def judge_detection(
+    runs: Sequence[Mapping[str, Sequence[LoadChangeNotice]]], change: float | None, duration: float
+) -> Detection:
+    """Compare what robots noticed with what happened.
+
+    Args:
+        runs: Notices of every robot, by name, of each run.
+        change: When the load changed in every run [s]; None if it did not.
+        duration: Of every run [s].
+    """
+    delays: list[float] = []
+    missed = alarms = 0
+    for robots in runs:
+        noticed = [_first_after(notices, change) for notices in robots.values()]
+        alarms += len({when for notices in robots.values() for when in _false_alarms(notices, change)})
+        known = [notice.noticed_at for notice in noticed if notice is not None]
+        if change is not None and len(known) == len(noticed):
+            delays.append(round(max(known) - change, 9))
+        elif change is not None:
+            missed += 1
+    hours = len(runs) * duration / 3600.0
+    return Detection(
+        delay_s=sum(delays) / len(delays) if delays else None,
+        delay_max_s=max(delays, default=None),
+        missed=missed,
+        false_alarms=alarms,
+        false_alarms_per_hour=alarms / hours,
+        hours=hours,
+    )
+
+
+def _first_after(notices: Sequence[LoadChangeNotice], change: float | None) -> LoadChangeNotice | None:
+    return next((notice for notice in notices if change is not None and notice.noticed_at > change), None)
+
+
+def _false_alarms(notices: Sequence[LoadChangeNotice], change: float | None) -> list[float]:
+    """When changes were claimed to have been that were none.
+
+    After the change was noticed, a second look may put it at a better moment; only claims of a change that came after
+    the first notice are false.
+    """
+    first = _first_after(notices, change)
+    return [
+        round(notice.changed_at, 9)
+        for notice in notices
+        if first is None or notice.noticed_at < first.noticed_at or notice.changed_at > first.noticed_at
+    ]

@@ -1,0 +1,76 @@
+"""Where a study's results go: the terminal and a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from coheft.app.report import write_report
+from coheft.app.study.plots import plot_curves, plot_ratios
+from coheft.app.study.report import StudyReport
+from coheft.app.study.tables import (
+    HEADER,
+    RECOVERY_HEADER,
+    accuracy_rows,
+    markdown,
+    recovery_rows,
+    sentences,
+    title,
+)
+from coheft.app.study.trial import Trial
+from coheft.errors import CoheftError
+
+
+def make_folder(folder: Path) -> None:
+    """Make the folder for a report, with all above it.
+
+    Raises:
+        CoheftError: It cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CoheftError(f"cannot make the folder {folder}: {error.strerror}") from error
+
+
+def write_folder(report: StudyReport, trials: Sequence[Trial], folder: Path) -> None:
+    """Write ``report.md``, its pictures and ``report.json``.
+
+    Raises:
+        CoheftError: Nothing can be written there, or the package that draws is not installed.
+    """
+    make_folder(folder)
+    pictures = {"Errors over bounds": "ratios.png", "Errors of one run over time": "curves.png"}
+    write_report(report, str(folder / "report.json"))
+    try:
+        (folder / "report.md").write_text(markdown(report, pictures))
+        plot_ratios(report, folder / "ratios.png")
+        plot_curves(trials, folder / "curves.png")
+    except OSError as error:
+        raise CoheftError(f"cannot write into {folder}: {error.strerror}") from error
+
+
+def print_study(console: Console, report: StudyReport) -> None:
+    """Show the outcome."""
+    console.print(title(report))
+    for noise in report.all_scales():
+        console.print(_table(f"noise × {noise.noise_scale:g}", HEADER, accuracy_rows(noise)))
+        recovery = [result.recovery for result in noise.results.values() if result.recovery is not None]
+        if recovery:
+            caption = f"noise × {noise.noise_scale:g}, {recovery[0].seconds_after:g} s after the load had changed"
+            console.print(_table(caption, RECOVERY_HEADER, recovery_rows(noise)))
+        for name, result in noise.results.items():
+            for line in sentences(name, result):
+                console.print(line, highlight=False)
+
+
+def _table(caption: str, header: Sequence[str], rows: Iterable[tuple[str, ...]]) -> Table:
+    table = Table(title=caption, title_justify="left")
+    for k, name in enumerate(header):
+        table.add_column(name, justify="left" if k < 2 else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table

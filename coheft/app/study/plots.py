@@ -1,0 +1,73 @@
+"""Pictures of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from coheft.app.study.quantities import QUANTITIES
+from coheft.app.study.report import Accuracy, StudyReport
+from coheft.app.study.tables import NAMES
+from coheft.app.study.trial import Trial
+from coheft.errors import MissingPackageError
+
+_COLOURS = {"seed": "#c45a00", "efficient": "#0b62a4"}
+
+
+def plot_ratios(report: StudyReport, path: Path) -> None:
+    """Errors over bounds with their sampling intervals, for every noise scale.
+
+    Raises:
+        MissingPackageError: The package that draws is not installed.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingPackageError("matplotlib", "study") from error
+    scales = report.all_scales()
+    figure = Figure(figsize=(1.0 + 5.0 * len(scales), 3.6), layout="constrained")
+    for axes, noise in zip(np.atleast_1d(figure.subplots(1, len(scales), sharey=True)), scales, strict=True):
+        width = 0.8 / len(noise.results)
+        for k, (estimator, result) in enumerate(noise.results.items()):
+            found: list[Accuracy] = [getattr(result, quantity.name) for quantity in QUANTITIES]
+            ratios = np.array([(a.ratio, a.ratio_low, a.ratio_high) for a in found], dtype=np.float64)
+            places = np.arange(len(found)) + (k + 0.5) * width - 0.4
+            axes.bar(places, ratios[:, 0], width, color=_COLOURS.get(estimator), label=estimator)
+            reach = np.abs(ratios[:, 1:] - ratios[:, :1]).T
+            axes.errorbar(places, ratios[:, 0], reach, fmt="none", color="black", capsize=3, linewidth=1)
+        axes.axhline(1.0, color="black", linewidth=1, linestyle="--")
+        axes.set_xticks(range(len(QUANTITIES)), [NAMES[q.name][0].replace(" ", "\n", 1) for q in QUANTITIES])
+        axes.set_yscale("log")
+        axes.set_title(f"noise × {noise.noise_scale:g}")
+    axes.legend()
+    figure.supylabel("RMS error / bound")
+    figure.savefig(path, dpi=130)
+
+
+def plot_curves(trials: Sequence[Trial], path: Path) -> None:
+    """Errors of the first run's first robot over time, and three times its own standard deviation.
+
+    Raises:
+        MissingPackageError: The package that draws is not installed.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingPackageError("matplotlib", "study") from error
+    outcomes = trials[0].outcomes
+    figure = Figure(figsize=(4.5 * len(outcomes), 9.0), layout="constrained")
+    grid = figure.subplots(len(QUANTITIES), len(outcomes), sharex=True, sharey="row", squeeze=False)
+    for column, (estimator, outcome) in zip(grid.T, outcomes.items(), strict=True):
+        curves, colour = outcome.curves, _COLOURS.get(estimator)
+        for k, (axes, quantity) in enumerate(zip(column, QUANTITIES, strict=True)):
+            name, unit, size = NAMES[quantity.name]
+            axes.semilogy(curves.times, size * curves.errors[:, k], color=colour, label="error")
+            axes.semilogy(curves.times, 3.0 * size * curves.deviations[:, k], "--", color="grey", label="own 3 sigma")
+            axes.set_ylabel(f"{name}\n[{unit}]")
+            axes.label_outer()
+        column[0].set_title(f"{estimator}, seed {trials[0].seed}")
+        column[0].legend()
+        column[-1].set_xlabel("time [s]")
+    figure.savefig(path, dpi=130)

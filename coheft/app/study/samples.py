@@ -1,0 +1,59 @@
+"""What all sensors of a run read, without any agents: the robots' reference motions do not depend on estimates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from agents.motion import Excitation
+from coheft.estimation.spatial import Array
+from coheft.wire.config import agent_config
+from coheft.wire.messages import Reference, Scene, Truth
+from coheft.wire.scenario import Scenario, SensorOffset
+from consensus.graph import build_graph
+from physics_server.simulation import Simulation
+
+
+@dataclass(frozen=True, eq=False)
+class TeamSamples:
+    """All sensors' samples of a run.
+
+    Attributes:
+        scene: Who holds the payload, and where.
+        truths: One per block.
+        samples: Shape (n, N, 15), columns as in ``MeasurementBlock``.
+    """
+
+    scene: Scene
+    truths: tuple[Truth, ...]
+    samples: Array
+
+
+def simulate(scenario: Scenario) -> TeamSamples:
+    """The samples that the agents of the same scenario get, bit for bit."""
+    sensors, names = scenario.sensors, scenario.robot_names
+    graph = build_graph(scenario.graph, names)
+    seeds = {name: agent_config(scenario, name, graph[name]).seed for name in names}
+    motions = {name: Excitation(scenario.motion, seeds[name], sensors.rate, sensors.block) for name in names}
+    simulation = Simulation(scenario, graph)
+    truths, samples = [], []
+    for block in range(scenario.blocks):
+        references = {}
+        if block >= scenario.lookahead:
+            references = {name: _reference(name, block, motion) for name, motion in motions.items()}
+        result = simulation.advance(references)
+        truths.append(result.truth)
+        samples.append(np.stack([result.measurements[name].samples for name in names], axis=1))
+    return TeamSamples(simulation.scene, tuple(truths), np.concatenate(samples))
+
+
+def with_exact_sensors(scenario: Scenario) -> Scenario:
+    """The same run, seen by sensors without noise and offsets."""
+    exact = msgspec.structs.replace(scenario.sensors, noise_scale=0.0, offset=SensorOffset())
+    return msgspec.structs.replace(scenario, sensors=exact)
+
+
+def _reference(robot: str, block: int, motion: Excitation) -> Reference:
+    return Reference(robot=robot, block=block, answers=block, motion=motion.reference(block), wrench=np.zeros(6))

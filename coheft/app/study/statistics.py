@@ -1,0 +1,71 @@
+"""Statistics over independent runs. The robots of one run are not independent: the run is the unit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from coheft.estimation.spatial import Array
+
+_RESAMPLES = 2000
+_CONFIDENCE = 0.95
+_TAILS = (0.5 * (1.0 - _CONFIDENCE), 0.5 * (1.0 + _CONFIDENCE))
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A number with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+_NOTHING = Interval(float("nan"), float("nan"), float("nan"))
+
+
+def root_mean(squares: Sequence[Array]) -> float:
+    """Root of the mean over all that is known of all runs; NaN if nothing is."""
+    known = np.concatenate(squares)
+    known = known[np.isfinite(known)]
+    return float(np.sqrt(known.mean())) if len(known) else float("nan")
+
+
+def ratio_of_roots(squares: Sequence[Array], references: Sequence[Array]) -> Interval:
+    """Root mean square over that of a reference, where both are known, with its sampling interval (bootstrap).
+
+    Args:
+        squares: Of each run, shape (k,).
+        references: Likewise.
+    """
+    known = [np.isfinite(s) & np.isfinite(r) for s, r in zip(squares, references, strict=True)]
+    sums = np.array(
+        [(s[k].sum(), r[k].sum()) for s, r, k in zip(squares, references, known, strict=True) if k.any()]
+    ).reshape(-1, 2)
+    if len(sums) == 0:
+        return _NOTHING
+    draws = np.random.default_rng(0).integers(len(sums), size=(_RESAMPLES, len(sums)))
+    resampled = sums[draws].sum(axis=1)
+    ratios = np.sqrt(resampled[:, 0] / resampled[:, 1])
+    total = sums.sum(axis=0)
+    low, high = np.quantile(ratios, _TAILS)
+    return Interval(float(np.sqrt(total[0] / total[1])), float(low), float(high))
+
+
+def normalised_square(errors: Sequence[Array], covariances: Sequence[Array]) -> Interval:
+    """Mean of ``e^T C^-1 e`` per degree of freedom, 1 if ``C`` is right, and where it then lies 95 times in 100.
+
+    Args:
+        errors: One of each run, all independent, shape (d,); runs with NaN are left out.
+        covariances: As claimed, shape (d, d).
+    """
+    known = [(e, c) for e, c in zip(errors, covariances, strict=True) if np.isfinite(e).all()]
+    if not known:
+        return _NOTHING
+    squares = [float(e @ np.linalg.solve(c, e)) for e, c in known]
+    freedom = len(known) * len(known[0][0])
+    low, high = (float(chi2.ppf(tail, freedom)) / freedom for tail in _TAILS)
+    return Interval(sum(squares) / freedom, low, high)

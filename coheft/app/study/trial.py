@@ -1,0 +1,173 @@
+"""One run of a study: every estimator on the same motion and the same noise, compared with the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from coheft.app.inprocess import run_in_process
+from coheft.app.judge import Judge
+from coheft.app.study.exact_run import Bounds, ExactRun
+from coheft.app.study.quantities import QUANTITIES, Edges, Errors, directed_edges, published_errors, team_errors
+from coheft.app.study.samples import simulate, with_exact_sensors
+from coheft.estimation.centralised import estimate_centralised
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Array
+from coheft.wire.messages import Estimate, LoadChangeNotice, PayloadEstimate
+from coheft.wire.scenario import Scenario
+
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Moments:
+    """When a run is judged.
+
+    Attributes:
+        at: Accuracy [s].
+        change: Of the load [s], at the border of a block; None if it does not change.
+        after: From the change to the judgement of the recovery [s].
+    """
+
+    at: float
+    change: float | None
+    after: float
+
+    @property
+    def end(self) -> float:
+        """Length of the run [s]."""
+        return self.at if self.change is None else max(self.at, self.change + self.after)
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """How the first robot's errors shrink.
+
+    Attributes:
+        times: Shape (n,) [s].
+        errors: Norms by quantity, root mean square over its edges, shape (n, 5).
+        deviations: What it says of them itself, one sigma, shape (n, 5).
+    """
+
+    times: Array
+    errors: Array
+    deviations: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What came out of one estimator.
+
+    Attributes:
+        errors: At the moment of accuracy.
+        recovered: Some time after the load's change; None if it does not change.
+        notices: Of load changes, by robot.
+        violations: Number of published estimates of payloads that cannot exist.
+        curves: Over time.
+    """
+
+    errors: Errors
+    recovered: Errors | None
+    notices: dict[str, list[LoadChangeNotice]]
+    violations: int
+    curves: Curves
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """All that is known of one run.
+
+    Attributes:
+        seed: Of sensors' noise and motions.
+        outcomes: By estimator.
+        centralised: Errors of the centralised reference, at the moment of accuracy.
+        bound: For poses from kinematics and inertia from all sensors given those poses, at that moment.
+        bound_with_wrenches: For poses from all sensors.
+        recovery_bound: Like ``bound``, after the load's change, for an estimator that is told the moment.
+    """
+
+    seed: int
+    outcomes: dict[str, Outcome]
+    centralised: Errors
+    bound: Bounds
+    bound_with_wrenches: Bounds
+    recovery_bound: Bounds | None
+
+
+def run_trial(scenario: Scenario, estimators: Sequence[str], moments: Moments) -> Trial:
+    """Run a scenario once per estimator."""
+    scenario = msgspec.structs.replace(scenario, duration=moments.end)
+    exact = simulate(with_exact_sensors(scenario))
+    edges = directed_edges(exact.scene.neighbours)
+    run = ExactRun(scenario, exact)
+    judge = Judge(exact.scene, exact.truths)
+    blocks = round(moments.at / scenario.block_duration)
+    recovery_bound = None
+    if moments.change is not None:
+        recovery_bound = run.bounds(edges, scenario.blocks, round(moments.change / scenario.block_duration))
+    return Trial(
+        seed=scenario.seed,
+        outcomes={name: _outcome(scenario, name, moments, judge, edges) for name in estimators},
+        centralised=_centralised(scenario, blocks, judge, edges),
+        bound=run.bounds(edges, blocks),
+        bound_with_wrenches=run.bounds(edges, blocks, poses_from_wrenches=True),
+        recovery_bound=recovery_bound,
+    )
+
+
+def _outcome(scenario: Scenario, estimator: str, moments: Moments, judge: Judge, edges: Edges) -> Outcome:
+    chosen = msgspec.structs.replace(scenario, estimator=estimator)
+    reports = [record.estimates for record in run_in_process(chosen) if record.estimates]
+    last = reports[-1]
+    return Outcome(
+        errors=published_errors(judge, edges, _latest(reports, moments.at)),
+        recovered=None if moments.change is None else published_errors(judge, edges, last),
+        notices={name: list(estimate.load_changes) for name, estimate in last.items()},
+        violations=sum(not _exists(e.payload) for report in reports for e in report.values()),
+        curves=_curves(judge, edges, reports),
+    )
+
+
+def _latest(reports: Sequence[dict[str, Estimate]], time: float) -> dict[str, Estimate]:
+    """What all robots published last, up to some time."""
+    latest: dict[str, Estimate] = {}
+    for report in reports:
+        latest.update({name: estimate for name, estimate in report.items() if estimate.time <= time + 1e-9})
+    return latest
+
+
+def _exists(payload: PayloadEstimate | None) -> bool:
+    """Whether a body with these mass properties can exist; claiming nothing is right."""
+    if payload is None:
+        return True
+    pseudo = Inertia(payload.mass, payload.com, payload.tensor).pseudo_inertia()
+    diagonal = np.diag(pseudo)
+    if not np.all(diagonal > 0.0):
+        return False
+    balanced = pseudo / np.sqrt(np.outer(diagonal, diagonal))
+    return bool(np.linalg.eigvalsh(balanced)[0] >= -_ROUNDING)
+
+
+def _curves(judge: Judge, edges: Edges, reports: Sequence[dict[str, Estimate]]) -> Curves:
+    first = judge.scene.robots[0]
+    own_edges = [edge for edge in edges if edge[0] == first]
+    times, errors, deviations = [], [], []
+    for report in reports:
+        found = published_errors(judge, own_edges, {first: report[first]})
+        times.append(report[first].time)
+        # The first rows are the first robot's: all of its edges, and the payload as it sees it.
+        rows = {quantity.name: slice(1 if quantity.of_payload else None) for quantity in QUANTITIES}
+        errors.append([q.squares(found.of(q))[rows[q.name]].mean() for q in QUANTITIES])
+        deviations.append([q.expected_squares(found.covariances_of(q))[rows[q.name]].mean() for q in QUANTITIES])
+    return Curves(np.array(times), np.sqrt(errors), np.sqrt(deviations))
+
+
+def _centralised(scenario: Scenario, blocks: int, judge: Judge, edges: Edges) -> Errors:
+    measured = simulate(msgspec.structs.replace(scenario, duration=blocks * scenario.block_duration))
+    estimate = estimate_centralised(
+        measured.samples, scenario.noise, scenario.sensors.rate, with_offset=scenario.efficient.offsets
+    )
+    return team_errors(judge, edges, blocks - 1, estimate.poses, estimate.inertia)

@@ -1,0 +1,139 @@
+"""The reference that no team of robots can have: all sensors' samples of a whole run in one place, solved as a batch.
+
+Poses: joint Gauss-Newton steps at the maximum of the likelihood, with the body's motion summed anew from all samples
+after every step. Inertia: all samples, summed with the final poses. No graph, no delays, no moments of old poses, and
+the same noise models as on the robots, so the ratio of errors says what being decentralised and recursive costs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.acceleration import (
+    MotionFusion,
+    carried_constants,
+    derivative,
+    derivative_kernel,
+    robot_constants,
+    summands,
+)
+from coheft.estimation.body_motion import perturbation_between
+from coheft.estimation.inertia import InertiaModel, features, packed_gram
+from coheft.estimation.inertia_estimate import estimate_inertia
+from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, TWIST, SensorNoise
+from coheft.estimation.registration import RegistrationMoments, score_and_information
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.team_registration import register_team
+from coheft.estimation.twist_registration import TwistMoments, register_twists
+
+_POSE_STEPS = 30
+_CLOSE = 1e-3
+"""Steps of poses below this share of their standard deviations are the last."""
+_REWEIGHTINGS = 3
+_DERIVATIVE_SPAN = 0.02
+"""Half the time over which a gyro is differentiated, where accelerometers do not see all of alpha [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class CentralisedEstimate:
+    """What a central computer would have found.
+
+    Attributes:
+        poses: Of all robots in the body frame, which is the first robot's.
+        inertia: Of the payload in the body frame.
+    """
+
+    poses: tuple[Pose, ...]
+    inertia: Inertia
+
+
+@dataclass(frozen=True, eq=False)
+class BodySums:
+    """The body's motion and what moves it, from all robots' sensors carried to the body frame with some poses.
+
+    Attributes:
+        motion: ``(w, v, a, alpha)``, shape (n, 12).
+        wrench: Total, shape (n, 6).
+        fusion: Says how certain both are.
+    """
+
+    motion: Array
+    wrench: Array
+    fusion: MotionFusion
+
+
+def sum_up(samples: Array, poses: Sequence[Pose], noise: SensorNoise, rate: float) -> BodySums:
+    """Sum all samples up, in the body frame.
+
+    Args:
+        samples: Of all robots, consecutive, shape (n, N, 15), columns as in ``MeasurementBlock``.
+        poses: Of all robots in the body frame.
+        noise: Of every robot's sensors.
+        rate: Samples per second.
+
+    Raises:
+        ValueError: Shapes do not fit.
+    """
+    if samples.shape[1:] != (len(poses), SAMPLE_SIZE):
+        raise ValueError(f"{samples.shape=} but expected (n, {len(poses)}, {SAMPLE_SIZE})")
+    own = robot_constants(noise)
+    constants = np.sum([carried_constants(own, pose) for pose in poses], axis=0)
+    sums = np.sum([summands(samples[:, i], noise) @ pose.adjoint().T for i, pose in enumerate(poses)], axis=0)
+    half_span = max(2, round(_DERIVATIVE_SPAN * rate))
+    kernel = derivative_kernel(half_span, 1.0 / rate)
+    fusion = MotionFusion.of(constants, kernel)
+    slope = None
+    if fusion.derivative_gain is not None:
+        w = np.pad(fusion.angular_velocity(sums), ((half_span, half_span), (0, 0)), mode="edge")
+        slope = derivative(w, kernel)
+    return BodySums(fusion.motion(sums, slope), sums[:, 0], fusion)
+
+
+def estimate_centralised(
+    samples: Array, noise: SensorNoise, rate: float, with_offset: bool = False
+) -> CentralisedEstimate:
+    """Poses and inertia from all samples of all robots, taken while the load was the same.
+
+    Args:
+        samples: Consecutive, shape (n, N, 15), columns as in ``MeasurementBlock``.
+        noise: Of every robot's sensors.
+        rate: Samples per second.
+        with_offset: Whether force and torque sensors may have constant offsets.
+    """
+    poses = _estimate_poses(samples, noise, rate)
+    sums = sum_up(samples, poses, noise, rate)
+    gram = packed_gram(features(sums.motion, sums.wrench))
+    places = np.array([pose.translation for pose in poses])
+    centre = places.mean(axis=0)
+    length = float(np.sqrt(np.square(places - centre).sum(axis=1).mean()))
+    parameters = None
+    for _ in range(_REWEIGHTINGS):
+        model = InertiaModel(
+            sums.fusion.wrench_covariance, sums.fusion.acceleration_covariance, parameters, with_offset
+        )
+        estimate = estimate_inertia(model.information(gram), centre, length)
+        parameters = estimate.inertia.barycentric()
+    return CentralisedEstimate(poses, estimate.inertia)
+
+
+def _estimate_poses(samples: Array, noise: SensorNoise, rate: float) -> tuple[Pose, ...]:
+    """Poses of all robots in the first one's frame, from their twists at first, then from all kinematics jointly."""
+    first = samples[:, 0, TWIST]
+    count = samples.shape[1]
+    pairs = (TwistMoments.of(first, samples[:, i, TWIST]) for i in range(1, count))
+    poses = (Pose.identity(), *(register_twists(pair, noise, noise).pose for pair in pairs))
+    for _ in range(_POSE_STEPS):
+        motion = sum_up(samples, poses, noise, rate).motion
+        moments = [RegistrationMoments.of(samples[:, i, KINEMATICS], motion) for i in range(count)]
+        scores = [score_and_information(own, pose, noise)[0] for own, pose in zip(moments, poses, strict=True)]
+        team = register_team(poses, np.array(scores), moments[0], noise)
+        steps = [perturbation_between(old, new) for old, new in zip(poses, team.poses, strict=True)]
+        poses = team.poses
+        deviations = np.sqrt(np.diag(team.covariance))[6:]
+        if np.all(np.abs(np.concatenate(steps)[6:]) < _CLOSE * deviations):
+            break
+    return poses
