@@ -15,9 +15,11 @@ from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Any, cast
 
-# One thread for all of Zenoh's work: fewer switches between threads per message. Read when the first session opens.
+# Few threads for all of Zenoh's work: fewer switches between threads per message. Not one, because each listener that
+# freezes takes a thread until its link is cut, and with none left all other links fall silent and are cut too.
+# Read when the first session opens.
 os.environ.setdefault(
-    "ZENOH_RUNTIME", "(rx:(worker_threads:1),tx:(handover:rx),acc:(handover:rx),app:(handover:rx),net:(handover:rx))"
+    "ZENOH_RUNTIME", "(rx:(worker_threads:4),tx:(handover:rx),acc:(handover:rx),app:(handover:rx),net:(handover:rx))"
 )
 
 import zenoh
@@ -34,7 +36,13 @@ _LINK_SETTINGS: dict[str, object] = {
     "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
     "gateway": {"south": []},
     "transport": {
-        "link": {"tx": {"lease": 1000}},  # [ms]: a frozen process is noticed after this
+        "link": {
+            "tx": {
+                "lease": 1000,  # [ms]: a frozen process is noticed after this
+                # [us]: enough for a listener that is short of time, too little for a frozen one to hold up the run.
+                "queue": {"congestion_control": {"drop": {"wait_before_drop": 50_000}}},
+            }
+        },
         "shared_memory": {"enabled": False},  # no faster for small messages
     },
 }
@@ -119,7 +127,8 @@ class Sender:
     Args:
         session: The plane's session.
         key: What to say it under.
-        may_drop: When a listener does not keep up, lose messages rather than wait for it.
+        may_drop: When a listener does not keep up, lose messages rather than wait for it. Right for observers: one
+            that is frozen must not hold up the run.
     """
 
     def __init__(self, session: zenoh.Session, key: str, *, may_drop: bool) -> None:

@@ -196,6 +196,32 @@ def test_a_robot_that_dies_is_reported_in_realtime_and_time_goes_on(tmp_path):
         assert team.ask(StatusRequest()).late_blocks > 0
 
 
+FROZEN_OBSERVER = """
+import os, signal, sys
+from contextlib import ExitStack
+from coheft.wire.transport import open_session
+
+with ExitStack() as stack:
+    sessions = [stack.enter_context(open_session(connect=sys.argv[1:])) for _ in range(3)]
+    for session in sessions:
+        for _ in zip(range(50), session.declare_subscriber("**")):
+            pass
+    os.kill(os.getpid(), signal.SIGSTOP)
+"""
+
+
+def test_observers_that_freeze_do_not_hold_up_the_run(tmp_path):
+    with running_team(small_scenario(3, "line"), tmp_path) as team:
+        endpoints = [team.plan.server.observe, *(config.observe for config in team.plan.agents.values())]
+        observer = subprocess.Popen([sys.executable, "-c", FROZEN_OBSERVER, *endpoints], cwd=ROOT)
+        try:
+            os.waitid(os.P_PID, observer.pid, os.WSTOPPED)
+            team.wait_for_block(team.ask(StatusRequest()).block + 1500)  # long enough for its links to be cut
+        finally:
+            observer.kill()
+            observer.wait()
+
+
 def test_no_process_outlives_the_one_that_holds_its_stdin(tmp_path):
     with running_team(small_scenario(2, "line"), tmp_path) as team:
         team.wait_for_block(1)
