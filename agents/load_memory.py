@@ -37,7 +37,7 @@ _CROSS_SHAPE = (MOTION_FEATURES.stop, 6)
 _WRENCH_FEATURES = slice(MOTION_FEATURES.stop, FEATURES)
 _FAR = 0.25
 """Samples from before the poses moved by more than this are not compared with each other any more."""
-_TOLERANCE = 2.0
+_TOLERANCE = 3.0
 """By so many standard deviations, as far as they come from the poses, two stretches may differ without a change."""
 _LEAST = 0.5
 """Least time of samples from which anything is estimated [s]."""
