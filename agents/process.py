@@ -21,18 +21,9 @@ from msgspec import structs
 from agents.agent import Agent
 from coheft.errors import LinkError, MessageError
 from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
+from coheft.wire.codec import check_array, check_field
 from coheft.wire.config import AgentProcessConfig
-from coheft.wire.messages import (
-    Hello,
-    Measurements,
-    Message,
-    NeighbourMessage,
-    Problem,
-    Ready,
-    Stop,
-    check_array,
-    check_field,
-)
+from coheft.wire.messages import Hello, Measurements, Message, NeighbourMessage, Problem, Ready, Stop
 from coheft.wire.supervised import supervised_main
 from coheft.wire.transport import Event, Inbox, Keys, LinkChange, Received, Refused, Sender, open_session
 

@@ -206,15 +206,20 @@ class _InertialPhase:
         }
 
     def payload(self) -> PayloadEstimate | None:
-        """The robots' agreed estimate, with the covariance of this robot's own."""
-        if self._filter is None or self._agreed[0] <= 0.0:
+        """The robots' agreed estimate, with the covariance of this robot's own and what the two differ by.
+
+        While the agreement is under way, the difference tells how far it has come. It counts as two standard
+        deviations: that far an own estimate often is from a good agreement.
+        """
+        if self._filter is None or self._agreed[0] <= 0.0 or self._filter.theta[9] <= 0.0:
             return None
-        mass = 1.0 / float(self._agreed[0])
+        agreed, own = (_payload_parameters(values) for values in (self._agreed, _parameters(self._filter.theta)))
         order = [9, 6, 7, 8, 0, 1, 2, 3, 4, 5]  # (J, h, 1/m) to (m, h, J)
         covariance = self._filter.covariance[np.ix_(order, order)]
-        covariance[0] *= -(mass**2)
-        covariance[:, 0] *= -(mass**2)
-        return PayloadEstimate(mass, self._agreed[2:5].copy(), unpack_symmetric(self._agreed[5:]), covariance)
+        covariance[0] *= -(agreed[0] ** 2)
+        covariance[:, 0] *= -(agreed[0] ** 2)
+        covariance += 0.25 * np.outer(agreed - own, agreed - own)
+        return PayloadEstimate(float(agreed[0]), agreed[1:4], unpack_symmetric(agreed[4:]), covariance)
 
     def _inputs_of(self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array]) -> Array:
         """This robot's wrench and angular acceleration of a block; the last ones if a measurement is missing."""
@@ -305,3 +310,8 @@ def _transports(pose_j_in_i: Pose) -> tuple[Array, Array]:
 def _parameters(theta: Array) -> Array:
     """``(1/m, 1, h, J)`` of ``(J, h, 1/m)``."""
     return np.concatenate([theta[9:], [1.0], theta[6:9], theta[:6]])
+
+
+def _payload_parameters(parameters: Array) -> Array:
+    """``(m, h, J)`` of ``(1/m, 1, h, J)``."""
+    return np.concatenate([1.0 / parameters[:1], parameters[2:]])

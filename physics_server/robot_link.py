@@ -5,7 +5,8 @@ from __future__ import annotations
 import zenoh
 
 from coheft.errors import MessageError
-from coheft.wire.messages import Measurements, Message, Ready, Reference, Stop, check_array, check_field
+from coheft.wire.codec import check_array, check_field
+from coheft.wire.messages import Measurements, Message, Ready, Reference, Stop
 from coheft.wire.transport import Inbox, Keys, Sender
 
 _MOTION_SIZE = 12

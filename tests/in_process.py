@@ -13,7 +13,8 @@ from coheft.app.judge import Judge, RobotReport
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.config import agent_config
 from coheft.wire.messages import Estimate, NeighbourMessage, Reference, Scene, Truth
-from coheft.wire.scenario import Scenario, load_scenario
+from coheft.wire.scenario import Scenario
+from coheft.wire.scenario_file import load_scenario
 from consensus.graph import build_graph
 from physics_server.simulation import Simulation
 

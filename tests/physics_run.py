@@ -10,7 +10,8 @@ import numpy as np
 from agents.motion import Excitation
 from coheft.estimation.spatial import Array
 from coheft.wire.messages import Reference
-from coheft.wire.scenario import Scenario, load_scenario
+from coheft.wire.scenario import Scenario
+from coheft.wire.scenario_file import load_scenario
 from physics_server.simulation import BlockResult, Simulation
 
 References = Callable[[int], Mapping[str, Reference]]

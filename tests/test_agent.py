@@ -11,9 +11,11 @@ import pytest
 from agents.agent import Agent
 from agents.motion import Excitation
 from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
+from coheft.wire.codec import encode
 from coheft.wire.config import AgentConfig, agent_config
-from coheft.wire.messages import NeighbourMessage, encode
-from coheft.wire.scenario import Graph, Motion, load_scenario
+from coheft.wire.messages import NeighbourMessage
+from coheft.wire.scenario import Graph, Motion
+from coheft.wire.scenario_file import load_scenario
 from consensus.graph import build_graph
 from tests.in_process import assert_good, changed, run_with_faults
 

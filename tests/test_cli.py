@@ -18,7 +18,8 @@ from coheft.app.plan import free_ports, make_plan
 from coheft.app.run_folder import RUN_FILE, RunFile, announced, find_run, runs_folder
 from coheft.errors import CoheftError, ScenarioError
 from coheft.wire.config import AgentProcessConfig, ServerConfig
-from coheft.wire.scenario import LoadChange, Scenario, load_scenario
+from coheft.wire.scenario import LoadChange, Scenario
+from coheft.wire.scenario_file import load_scenario
 
 
 @pytest.fixture

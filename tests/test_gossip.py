@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.wire.messages import LinkState, NeighbourMessage, encode
+from coheft.wire.codec import encode
+from coheft.wire.messages import LinkState, NeighbourMessage
 from coheft.wire.scenario import Graph
 from consensus.gossip import Gossip
 from consensus.graph import Neighbours, build_graph, diameter

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from coheft.errors import MessageError
-from coheft.wire import messages
-from coheft.wire.messages import PROTOCOL_VERSION, Hello, Measurements, Message, Request, Stop, decode, encode
+from coheft.wire import codec, messages
+from coheft.wire.codec import decode, encode
+from coheft.wire.messages import PROTOCOL_VERSION, Hello, Measurements, Message, Request, Stop
 
 KINDS = [
     kind
@@ -164,12 +165,12 @@ def test_what_is_no_array_cannot_be_sent() -> None:
 def test_check_array() -> None:
     array = np.array([[1.0, math.nan], [math.inf, 0.0]])
     with pytest.raises(MessageError, match="2 numbers that are not finite"):
-        messages.check_array(array, (2, 2), "samples")
+        codec.check_array(array, (2, 2), "samples")
     with pytest.raises(MessageError, match=r"samples.shape is \(2, 2\) but expected \(2, 3\)"):
-        messages.check_array(array, (2, 3), "samples")
+        codec.check_array(array, (2, 3), "samples")
 
 
 def test_check_field() -> None:
-    messages.check_field("block", 3, 3)
+    codec.check_field("block", 3, 3)
     with pytest.raises(MessageError, match="block is 3 but expected 4"):
-        messages.check_field("block", 3, 4)
+        codec.check_field("block", 3, 4)

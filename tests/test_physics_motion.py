@@ -9,7 +9,8 @@ import pytest
 from coheft.estimation.measurement import ACCELERATION, GYRO, TWIST, WRENCH
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion, rotation_log
-from coheft.wire.scenario import LoadChange, load_scenario
+from coheft.wire.scenario import LoadChange
+from coheft.wire.scenario_file import load_scenario
 from physics_server.scene import PAYLOAD_HOME, place_grasps
 from physics_server.simulation import Simulation
 from tests.physics_run import excitation, reference, run, scenario

@@ -8,7 +8,7 @@ import pytest
 
 from coheft.errors import ScenarioError
 from coheft.wire.config import agent_config
-from coheft.wire.scenario import available_scenarios, load_scenario, parse_scenario
+from coheft.wire.scenario_file import available_scenarios, load_scenario, parse_scenario
 from consensus.graph import build_graph
 
 GOOD = """

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from coheft.app.inprocess import run_in_process
-from coheft.wire.messages import encode
-from coheft.wire.scenario import Graph, LoadChange, Scenario, load_scenario
+from coheft.wire.codec import encode
+from coheft.wire.scenario import Graph, LoadChange, Scenario
+from coheft.wire.scenario_file import load_scenario
 from tests.in_process import assert_good, changed, run_with_faults
 
 CHANGE = 15.0

@@ -13,6 +13,7 @@ import zenoh
 
 from coheft.app.plan import free_ports
 from coheft.errors import CoheftError, LinkError
+from coheft.wire.codec import encode
 from coheft.wire.messages import (
     PROTOCOL_VERSION,
     Hello,
@@ -22,7 +23,6 @@ from coheft.wire.messages import (
     Refusal,
     Status,
     StatusRequest,
-    encode,
 )
 from coheft.wire.messages import Scene as SceneMessage
 from coheft.wire.transport import (

@@ -146,7 +146,7 @@ def run(
     from coheft.app.report import write_report
     from coheft.app.run_folder import make_run_folder
     from coheft.app.terminal import make_display, print_report
-    from coheft.wire.scenario import load_scenario
+    from coheft.wire.scenario_file import load_scenario
 
     chosen = override(
         load_scenario(scenario),
@@ -232,7 +232,7 @@ def study(
     from coheft.app.report import write_report
     from coheft.app.study.campaign import make_plan, run_study
     from coheft.app.study.output import make_folder, print_study, write_folder
-    from coheft.wire.scenario import load_scenario
+    from coheft.wire.scenario_file import load_scenario
 
     plan = make_plan(
         load_scenario(scenario),
@@ -264,7 +264,7 @@ def study(
 @app.command
 def scenarios() -> None:
     """List the shipped scenarios."""
-    from coheft.wire.scenario import available_scenarios, load_scenario
+    from coheft.wire.scenario_file import available_scenarios, load_scenario
 
     for name, path in available_scenarios().items():
         print(f"{name:10} {load_scenario(path).description}")

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import msgspec
 
 from coheft.errors import ScenarioError
-from coheft.wire.scenario import LoadChange, Scenario, check_scenario
+from coheft.wire.scenario import LoadChange, Scenario
+from coheft.wire.scenario_file import check_scenario
 
 _ORIGIN = "command line"
 _CHANGE_KEYS = {"t": "at", "mass": "mass", "at": "position", "size": "size", "remove": "remove"}

@@ -1,29 +1,17 @@
-"""Scenarios: what is held, by whom, how they talk, what happens. TOML files into frozen structs.
-
-``load_scenario`` takes a path, or the name of a scenario in ``configs/``. Every error names the file, the key, what
-was found there and what is allowed.
-"""
+"""Scenarios: what is held, by whom, how they talk, what happens. ``scenario_file`` reads them from TOML."""
 
 from __future__ import annotations
 
-import difflib
-import math
-import re
-import tomllib
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
-from coheft.errors import ScenarioError
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body import Inertia, combined
 from coheft.estimation.spatial import Pose, rotation_exp
 
-CONFIG_FOLDER = Path(__file__).resolve().parents[2] / "configs"
 PHYSICS_RATE = 1000
 """Physics steps per second."""
 
@@ -306,162 +294,3 @@ class Scenario(Section, frozen=True):
 def pose_of(position: Vector, rotation_deg: Vector) -> Pose:
     """Pose from a position [m] and a rotation vector [degrees]."""
     return Pose(rotation_exp(np.radians(rotation_deg)), np.array(position, dtype=np.float64))
-
-
-def available_scenarios() -> dict[str, Path]:
-    """The shipped scenarios by name."""
-    return {path.stem: path for path in sorted(CONFIG_FOLDER.glob("*.toml"))}
-
-
-def load_scenario(source: str | Path) -> Scenario:
-    """Read a scenario from a TOML file, or a shipped one by its name.
-
-    Raises:
-        ScenarioError: There is no such file or name, or its contents cannot be used.
-    """
-    path = Path(source)
-    if path.suffix != ".toml":
-        shipped = available_scenarios()
-        if str(source) not in shipped:
-            raise ScenarioError(_unknown_scenario(str(source), list(shipped)))
-        path = shipped[str(source)]
-    try:
-        text = path.read_bytes().decode()
-    except OSError as error:
-        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ScenarioError(f"{path}: not UTF-8 text: {error}") from error
-    return parse_scenario(text, str(path))
-
-
-def parse_scenario(text: str, origin: str) -> Scenario:
-    """Scenario from TOML text; ``origin`` names it in errors.
-
-    Raises:
-        ScenarioError: It is not TOML, or not a scenario.
-    """
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
-    try:
-        scenario = msgspec.convert(table, Scenario)
-    except msgspec.ValidationError as error:
-        raise ScenarioError(f"{origin}: {_explain(error, table)}") from error
-    check_scenario(scenario, origin)
-    return scenario
-
-
-def check_scenario(scenario: Scenario, origin: str) -> None:
-    """Check what the types cannot say.
-
-    Raises:
-        ScenarioError: Keys contradict each other.
-    """
-    for place, value in _numbers(msgspec.to_builtins(scenario)):
-        if not math.isfinite(value):
-            raise ScenarioError(f"{origin}: key '{place}': expected a finite number; found {value!r}")
-    robots = scenario.robots
-    if bool(robots.grasps) == (robots.perimeter is not None):
-        raise ScenarioError(
-            f"{origin}: key 'robots': found {'both' if robots.grasps else 'neither'} 'grasps' and 'perimeter', "
-            f"expected exactly one of them"
-        )
-    if scenario.robot_count < 2:
-        raise ScenarioError(f"{origin}: key 'robots.grasps': found 1 grasp, expected at least 2")
-    low, high = scenario.motion.frequency
-    if low > high:
-        raise ScenarioError(
-            f"{origin}: key 'motion.frequency': found {[low, high]}, expected the lower frequency first"
-        )
-    for number, change in enumerate(scenario.load_changes):
-        if (change.mass is None) == (change.remove is None):
-            raise ScenarioError(
-                f"{origin}: key 'load_changes[{number}]': found "
-                f"{'neither' if change.mass is None else 'both'} 'mass' and 'remove', expected exactly one of them"
-            )
-
-
-def _numbers(value: object, place: str = "") -> Iterator[tuple[str, float]]:
-    """All floating-point numbers in nested builtins, with their keys."""
-    if isinstance(value, float):
-        yield place, value
-    elif isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _numbers(inner, f"{place}.{key}".lstrip("."))
-    elif isinstance(value, list | tuple):
-        for index, inner in enumerate(value):
-            yield from _numbers(inner, f"{place}[{index}]")
-
-
-def _unknown_scenario(name: str, shipped: list[str]) -> str:
-    close = difflib.get_close_matches(name, shipped, n=1)
-    hint = f" Did you mean '{close[0]}'?" if close else ""
-    return (
-        f"there is no scenario '{name}'.{hint} Shipped scenarios: {', '.join(shipped)}. "
-        f"For your own, give the path of a file that ends with .toml"
-    )
-
-
-def _explain(error: msgspec.ValidationError, table: dict[str, object]) -> str:
-    """Name the key and the value found beside what msgspec says was expected."""
-    message = str(error)
-    match = re.search(r" - at `\$(.*)`$", message)
-    place = match.group(1).lstrip(".") if match else ""
-    text = message[: match.start()] if match else message
-    unknown = re.search(r"unknown field `(.*)`", text)
-    if unknown is not None:
-        place = f"{place}.{unknown.group(1)}".lstrip(".")
-        allowed = _allowed_keys(place)
-        return f"key '{place}': there is no such key; allowed here: {', '.join(allowed)}"
-    missing = re.search(r"missing required field `(.*)`", text)
-    if missing is not None:
-        place = f"{place}.{missing.group(1)}".lstrip(".")
-        return f"key '{place}': it is missing, but required"
-    found = _value_at(table, place)
-    if text.startswith("Invalid enum value"):
-        text = f"expected one of {', '.join(repr(value) for value in _allowed_values(place))}"
-    return f"key '{place or '(top)'}': {text[0].lower()}{text[1:]}; found {found!r}"
-
-
-def _value_at(table: object, place: str) -> object:
-    value = table
-    for part in re.findall(r"[^.\[\]]+", place):
-        try:
-            value = value[int(part)] if isinstance(value, list) else value[part]  # type: ignore[index]
-        except (KeyError, IndexError, TypeError, ValueError):
-            return None
-    return value
-
-
-def _allowed_keys(place: str) -> list[str]:
-    """Keys of the section that holds ``place``."""
-    return [field.encode_name for field in msgspec.structs.fields(_section_of(place))]
-
-
-def _allowed_values(place: str) -> tuple[object, ...]:
-    """Values of the ``Literal`` at ``place``."""
-    key = place.rpartition(".")[2]
-    field = next(f for f in msgspec.structs.fields(_section_of(place)) if f.encode_name == key)
-    return get_args(field.type)
-
-
-def _section_of(place: str) -> type[msgspec.Struct]:
-    """The section that holds the key at ``place``."""
-    section: type[msgspec.Struct] = Scenario
-    for part in re.findall(r"[^.\[\]]+", place)[:-1]:
-        field = next((f for f in msgspec.structs.fields(section) if f.encode_name == part), None)
-        inner = _struct_in(field.type) if field is not None else None
-        section = inner or section
-    return section
-
-
-def _struct_in(annotation: object) -> type[msgspec.Struct] | None:
-    """The struct type inside ``Annotated``, ``tuple`` or ``| None``."""
-    if isinstance(annotation, type) and issubclass(annotation, msgspec.Struct):
-        return annotation
-    for inner in getattr(annotation, "__args__", ()):
-        found = _struct_in(inner)
-        if found is not None:
-            return found
-    return None

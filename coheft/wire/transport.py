@@ -25,7 +25,8 @@ os.environ.setdefault(
 import zenoh
 
 from coheft.errors import CoheftError, LinkError, MessageError
-from coheft.wire.messages import Message, Refusal, Request, Status, decode, encode
+from coheft.wire.codec import decode, encode
+from coheft.wire.messages import Message, Refusal, Request, Status
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 

@@ -15,8 +15,9 @@ import zenoh
 
 from agents import process
 from agents.agent import Agent, Outbox
+from coheft.wire.codec import encode
 from coheft.wire.config import AgentProcessConfig
-from coheft.wire.messages import StatusRequest, encode
+from coheft.wire.messages import StatusRequest
 from coheft.wire.supervised import supervised_main
 from coheft.wire.transport import Keys, open_session
 

@@ -18,7 +18,8 @@ import zenoh
 from coheft.app.plan import Plan, make_plan
 from coheft.errors import LinkError
 from coheft.wire.messages import Request, Status, StatusRequest
-from coheft.wire.scenario import Scenario, parse_scenario
+from coheft.wire.scenario import Scenario
+from coheft.wire.scenario_file import parse_scenario
 from coheft.wire.transport import Keys, ask, open_session
 
 ROOT = Path(__file__).parents[2]

@@ -6,12 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
 
 from agents.agent import Agent
 from coheft.estimation.measurement import MeasurementBlock
+from coheft.wire.codec import encode
 from coheft.wire.messages import (
     PROTOCOL_VERSION,
     Estimate,
@@ -27,7 +29,6 @@ from coheft.wire.messages import (
     StatusRequest,
     StopRequest,
     Truth,
-    encode,
 )
 from coheft.wire.scenario import Scenario
 from coheft.wire.transport import Inbox, Received, Sender, ask, open_session
@@ -198,28 +199,26 @@ def test_a_robot_that_dies_is_reported_in_realtime_and_time_goes_on(tmp_path):
 
 FROZEN_OBSERVER = """
 import os, signal, sys
-from contextlib import ExitStack
 from coheft.wire.transport import open_session
 
-with ExitStack() as stack:
-    sessions = [stack.enter_context(open_session(connect=sys.argv[1:])) for _ in range(3)]
-    for session in sessions:
-        for _ in zip(range(50), session.declare_subscriber("**")):
-            pass
+with open_session(connect=sys.argv[1:]) as session:
+    subscriber = session.declare_subscriber("**")
+    for _ in range(50):
+        subscriber.recv()
     os.kill(os.getpid(), signal.SIGSTOP)
 """
 
 
 def test_observers_that_freeze_do_not_hold_up_the_run(tmp_path):
-    with running_team(small_scenario(3, "line"), tmp_path) as team:
+    with running_team(small_scenario(4), tmp_path) as team, ExitStack() as stack:
         endpoints = [team.plan.server.observe, *(config.observe for config in team.plan.agents.values())]
-        observer = subprocess.Popen([sys.executable, "-c", FROZEN_OBSERVER, *endpoints], cwd=ROOT)
-        try:
+        observers = [subprocess.Popen([sys.executable, "-c", FROZEN_OBSERVER, *endpoints], cwd=ROOT) for _ in range(3)]
+        for observer in observers:
+            stack.callback(observer.wait)
+            stack.callback(observer.kill)
+        for observer in observers:
             os.waitid(os.P_PID, observer.pid, os.WSTOPPED)
-            team.wait_for_block(team.ask(StatusRequest()).block + 1500)  # long enough for its links to be cut
-        finally:
-            observer.kill()
-            observer.wait()
+        team.wait_for_block(team.ask(StatusRequest()).block + 1500)  # long enough for their links to be cut
 
 
 def test_no_process_outlives_the_one_that_holds_its_stdin(tmp_path):
