@@ -45,7 +45,7 @@ class EfficientEstimator:
         samples = None if own is None else own.samples
         start = self._gossip.start_block
         if self._team is None and start is not None and index >= start:
-            self._team = Team(self._config, self._gossip)
+            self._team = Team(self._config, self._gossip, start)
         if self._team is not None:
             return self._team.step(index, samples, inbox)
         self._update_pairs(inbox)
@@ -56,10 +56,10 @@ class EfficientEstimator:
 
     def belief(self) -> Belief:
         """See ``Estimator.belief``."""
-        if self._team is None:
+        poses = {} if self._team is None else self._team.neighbours_poses()
+        if self._team is None or not poses:
             poses = {name: self._pair(name) for name in self._pairs if self._pairs[name].count > 1.0}
             return Belief("poses", False, None, _seen(poses), not_observable=_unseen(poses))
-        poses = self._team.neighbours_poses()
         payload, unseen = self._team.payload()
         return Belief(
             phase="inertia",
@@ -88,8 +88,7 @@ class EfficientEstimator:
             return
         pose = self._own_pose(graph)
         if pose is not None:
-            numbers = (*pose.rotation.ravel().tolist(), *pose.translation.tolist())
-            self._gossip.announce_ready(index + 2 * len(graph), numbers)
+            self._gossip.announce_ready(index + 2 * len(graph), pose)
 
     def _own_pose(self, graph: Mapping[str, tuple[str, ...]]) -> Pose | None:
         """Own pose in the body frame: through the neighbour that is next on the way to the reference robot."""
@@ -98,8 +97,8 @@ class EfficientEstimator:
             return Pose.identity()
         hops = distances(graph, reference)
         parent = min(other for other in graph[name] if hops[other] == hops[name] - 1)
-        numbers = self._gossip.records[parent].pose
-        if not numbers or self._pairs[parent].count <= 1.0:
+        parents_pose = self._gossip.pose(parent)
+        if parents_pose is None or self._pairs[parent].count <= 1.0:
             return None
         pair = self._pair(parent)
         limits = self._config.efficient
@@ -109,12 +108,7 @@ class EfficientEstimator:
             or 1e3 * pair.translation_std > limits.start_translation_mm
         ):
             return None
-        return pose_from_numbers(numbers) @ pair.pose.inverse()
-
-
-def pose_from_numbers(numbers: tuple[float, ...]) -> Pose:
-    """Pose of ``LinkState.pose``."""
-    return Pose(np.reshape(numbers[:9], (3, 3)), np.array(numbers[9:]))
+        return parents_pose @ pair.pose.inverse()
 
 
 def _seen(poses: Mapping[str, PoseEstimate]) -> dict[str, UncertainPose]:

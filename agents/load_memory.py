@@ -27,13 +27,19 @@ from coheft.estimation.inertia import (
 )
 from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, unseen_quantities
 from coheft.estimation.load_change import ForgettingWindow, LoadWindow, Memory
-from coheft.estimation.pose_sensitivity import MOTION_FEATURES, REGISTRATION_FEATURES, inertia_by_poses
+from coheft.estimation.pose_sensitivity import (
+    MOTION_FEATURES,
+    REGISTRATION_FEATURES,
+    PoseSensitivity,
+    inertia_by_poses,
+)
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import PayloadEstimate
 
 _CROSS_SHAPE = (MOTION_FEATURES.stop, 6)
+_CROSS_SIZE = _CROSS_SHAPE[0] * _CROSS_SHAPE[1]
 _WRENCH_FEATURES = slice(MOTION_FEATURES.stop, FEATURES)
 _FAR = 0.25
 """Samples from before the poses moved by more than this are not compared with each other any more."""
@@ -49,7 +55,7 @@ class _Told:
 
     cross: Array
     count: float
-    first_block: int
+    changed_at: int
     last_block: int
     old_poses: Sequence[Pose]
     new_poses: Sequence[Pose]
@@ -64,7 +70,8 @@ class LoadMemory:
         own: Index of this one.
     """
 
-    cross_size = _CROSS_SHAPE[0] * _CROSS_SHAPE[1]
+    told_size = 2 + _CROSS_SIZE
+    """Numbers of ``told``."""
 
     def __init__(self, config: AgentConfig, robots: int, own: int) -> None:
         self._config = config
@@ -72,25 +79,27 @@ class LoadMemory:
         self._window: Memory
         memory = config.efficient.memory
         if memory == "window":
-            self._window = LoadWindow(riders=self.cross_size)
+            self._window = LoadWindow(riders=_CROSS_SIZE)
         else:
             floor = np.full(INERTIA_SIZE + OFFSET_SIZE * self._offsets, 1e3)
-            self._window = ForgettingWindow(memory * config.rate / config.block, floor, riders=self.cross_size)
-        self._last_block = -1
+            self._window = ForgettingWindow(memory * config.rate / config.block, floor, riders=_CROSS_SIZE)
+        self._last_block = self._changed_at = -1
         self._poses: Sequence[Pose] = ()
+        self._sensitivity: PoseSensitivity | None = None
         self._model: InertiaModel | None = None
         self._told: _Told | None = None
         self._mean_crosses = np.zeros((robots, *_CROSS_SHAPE))
         self._tolerance: Array | None = None
 
     @property
-    def first_block(self) -> int:
-        """Oldest block that counts."""
-        return self._window.first_block
+    def changed_at(self) -> int:
+        """First block with the present load, -1 if it has not changed yet."""
+        return self._changed_at
 
     def set_poses(self, poses: Sequence[Pose], fusion: MotionFusion) -> None:
         """All that is remembered, and what comes, is seen with these poses."""
         self._poses = poses
+        self._sensitivity = PoseSensitivity.of(poses, self._config.noise)
         parameters = None
         if self._model is not None and self._is_enough():
             parameters = self._estimate(self._model).inertia.barycentric()
@@ -112,33 +121,45 @@ class LoadMemory:
         if self._told is not None:
             return None  # samples before and after the last change of poses cannot be compared before ``correct``
         change = self._window.review(self._model, self._tolerance)
-        return None if change is None else change.first_block
+        if change is None:
+            return None
+        self._changed_at = change.first_block
+        return change.first_block
 
-    def adopt(self, first_block: int) -> None:
-        """A neighbour has found that the load changed at this block."""
-        if first_block > self._window.first_block:
-            self._window.forget_before(first_block)
+    def adopt(self, changed_at: int) -> bool:
+        """A neighbour says that the load changed at this block. Returns whether that is news."""
+        if changed_at <= self._changed_at:
+            return False
+        self._changed_at = changed_at
+        self._window.forget_before(changed_at)
+        return True
 
-    def told_cross(self) -> Array:
-        """Own ``C_i`` of all samples up to the last change of poses, to be told to everybody, shape (78,)."""
+    def told(self) -> Array:
+        """What everybody has to know of the samples so far: of which load, how many, and own ``C_i``; shape (80,)."""
         assert self._told is not None
-        return self._told.cross.ravel()
+        return np.concatenate([[self._told.changed_at, self._told.count], self._told.cross.ravel()])
 
-    def correct(self, crosses: Array, moved: float) -> None:
+    def correct(self, rows: Array | None, moved: float) -> None:
         """Let the total wrenches be as the newest poses would have carried them.
 
         Args:
-            crosses: Everybody's ``told_cross``, shape (N, 78).
+            rows: Everybody's ``told``, shape (N, 80); None if not everybody's has been heard.
             moved: How far the poses moved, root mean square in units of their standard deviations.
         """
-        told = self._told
-        self._told = None
-        if told is None or told.first_block != self._window.first_block or told.count == 0.0:
-            return  # the load has changed in the meantime
-        crosses = crosses.reshape(-1, *_CROSS_SHAPE)
-        self._mean_crosses = crosses / told.count
+        told, self._told = self._told, None
+        if told is None:
+            return
+        is_same_load = told.changed_at == self._changed_at
+        if rows is not None and is_same_load and np.all(rows[:, 0] == told.changed_at) and np.all(rows[:, 1] > 0.0):
+            # Each one's mean: not everybody need have missed the same samples.
+            self._mean_crosses = rows[:, 2:].reshape(-1, *_CROSS_SHAPE) / rows[:, 1, None, None]
+            self._correct_wrenches(told)
+        if moved > _FAR:
+            self._window.forget_borders_before(told.last_block + 1)
+
+    def _correct_wrenches(self, told: _Told) -> None:
         correction = np.zeros((FEATURES, FEATURES))
-        for cross, old, new in zip(crosses, told.old_poses, told.new_poses, strict=True):
+        for cross, old, new in zip(told.count * self._mean_crosses, told.old_poses, told.new_poses, strict=True):
             correction[MOTION_FEATURES, _WRENCH_FEATURES] += cross @ (new.adjoint() - old.adjoint()).T
         since = self._count() - told.count
 
@@ -149,8 +170,6 @@ class LoadMemory:
             return sums
 
         self._window.revise(update)
-        if moved > _FAR:
-            self._window.forget_borders_before(told.last_block + 1)
 
     def map_features(self, feature_map: Array, old_poses: Sequence[Pose], new_poses: Sequence[Pose]) -> None:
         """All samples' motions count as if they had been fused with new poses: ``refit_map`` (28, 28)."""
@@ -165,7 +184,7 @@ class LoadMemory:
 
         self._window.revise(update)
         cross = self._window.total[GRAM_SIZE:].reshape(_CROSS_SHAPE)
-        self._told = _Told(cross, self._count(), self.first_block, self._last_block, old_poses, new_poses)
+        self._told = _Told(cross, self._count(), self._changed_at, self._last_block, old_poses, new_poses)
 
     def payload(self, own: int, team: TeamPoses) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
         """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable."""
@@ -195,14 +214,14 @@ class LoadMemory:
     def _by_poses(self, estimate: InertiaEstimate) -> Array:
         """Derivative of ``theta`` by all poses, shape (10, 6 N)."""
         assert self._model is not None
+        assert self._sensitivity is not None
         return inertia_by_poses(
             self._model,
             self._window.information(self._model),
             estimate.inertia.barycentric(),
             unpacked_gram(self._window.total[:GRAM_SIZE]),
             self._mean_crosses * self._count(),
-            self._poses,
-            self._config.noise,
+            self._sensitivity,
         )
 
     def _estimate(self, model: InertiaModel) -> InertiaEstimate:

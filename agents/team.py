@@ -14,11 +14,20 @@ So what was accumulated always is, to first order, what the newest poses would h
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from agents.fit_rounds import FitRound, FitRounds
 from agents.load_memory import LoadMemory
-from coheft.estimation.acceleration import MotionFusion, carried_constants, derivative_kernel, robot_constants, summands
+from coheft.estimation.acceleration import (
+    MotionFusion,
+    carried_constants,
+    derivative,
+    derivative_kernel,
+    robot_constants,
+    summands,
+)
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.measurement import KINEMATICS, WRENCH
 from coheft.estimation.observability import PoseEstimate
@@ -36,14 +45,28 @@ from consensus.schedule import choose_schedule
 _CHANNELS = 18
 _SHORTEST_ROUND = 0.2
 """Shortest time between two fits of the poses [s]."""
-_KNOWN_ROTATION, _KNOWN_TRANSLATION = 1e-3, 1e-3
+_KNOWN_ROTATION, _KNOWN_TRANSLATION = 2e-3, 2e-3
 """While poses are less certain, what looks like another load is not reported as one [rad, m]."""
 _DERIVATIVE_SPAN = 0.02
 """Half the time over which a gyro is differentiated, where accelerometers do not see all of alpha [s]."""
+_SCORE_SIZE, _POSE_SIZE = 6, 12
+
+
+@dataclass(frozen=True, eq=False)
+class _Entered:
+    """A block of own samples (B, 15) on its way through the sums, and the own pose that it was carried with."""
+
+    samples: Array
+    pose: Pose
 
 
 class Team:
     """State of one agent since the network's sums began.
+
+    Args:
+        config: The agent's settings.
+        gossip: Knows the graph, and the poses that everybody starts with.
+        start: Block at which the sums begin, the same for everybody.
 
     Attributes:
         total_block: Block of the newest total, -1 while there is none.
@@ -51,9 +74,13 @@ class Team:
         load_changes: Noticed so far.
     """
 
-    def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
+    def __init__(self, config: AgentConfig, gossip: Gossip, start: int) -> None:
         graph = gossip.graph
-        assert graph is not None  # without it nobody would have been ready
+        poses = tuple(gossip.pose(name) for name in sorted(graph or ()))
+        # Without the graph, and without a pose, nobody would have been ready.
+        assert graph is not None
+        self._poses = tuple(pose for pose in poses if pose is not None)
+        assert len(self._poses) == len(graph)
         self._config = config
         self._names = sorted(graph)
         self._own = self._names.index(config.name)
@@ -62,52 +89,56 @@ class Team:
         self._own_gains = schedule.gains(config.name, config.name)
         self._gains = {name: schedule.gains(config.name, name) for name in graph[config.name]}
         self._pipeline = Pipeline(schedule.rounds, config.block, _CHANNELS)
-        self._diameter = diameter(graph)
+        # Whoever is farthest has heard a diameter later; one block more, so that a lost message does no harm.
+        self._hearing = diameter(graph) + 1
 
         self._half_span = max(2, min(config.block, round(_DERIVATIVE_SPAN * config.rate)))
         self._kernel = derivative_kernel(self._half_span, 1.0 / config.rate)
-        self._poses = tuple(_pose(gossip.records[name].pose) for name in self._names)
-        self._entering_poses = self._poses
+        self._carrying_pose = self._poses[self._own]
         self._fusion = self._fuse()
         self._moments = RegistrationMoments.none()
         self._fitted: TeamPoses | None = None
         self._memory = LoadMemory(config, len(self._names), self._own)
         self._memory.set_poses(self._poses, self._fusion)
 
-        self._samples: dict[int, Array] = {}
+        self._entered: dict[int, _Entered] = {}
         self._sums: dict[int, Array] = {}
-        self._scores = Flood(len(self._names), 6)
-        self._crosses = Flood(len(self._names), self._memory.cross_size)
-        self._fits = 0
+        self._learned_block = -1
+        self._rounds = FitRounds(
+            start, schedule.rounds, self._hearing, self._blocks(_SHORTEST_ROUND), config.efficient.refit_share
+        )
+        self._scores = Flood(len(self._names), _SCORE_SIZE + _POSE_SIZE)
+        self._crosses = Flood(len(self._names), LoadMemory.told_size)
+        self._new: TeamPoses | None = None
         self._moved = 0.0
-        self._first_block: int | None = None
-        self._tell_block = self._fit_block = self._map_block = self._correct_block = -1
+        self._noticed_block = -1
         self.total_block = -1
         self.total_wrench = np.zeros(6)
         self.load_changes: list[LoadChangeNotice] = []
 
     def step(self, index: int, samples: Array | None, inbox: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
         """One block: it enters the sums, and one that entered earlier leaves them."""
-        if self._first_block is None:
-            self._first_block = index
-            self._tell_block = index + self._pipeline.rounds + self._blocks(_SHORTEST_ROUND)
         for channels in inbox.values():
-            self._hear(channels)
+            self._hear(channels, index)
         finished = self._pipeline.advance(self._stages(inbox), self._own_gains)
-        self._fit_poses(index)
         leaving = index - self._pipeline.rounds
-        if finished is not None and leaving >= self._first_block:
+        fit_round = self._rounds.at(index)
+        self._fit_poses(fit_round, index)
+        if finished is not None:
             self._take_in(leaving, index, self._scale * finished)
         self._enter(index, samples)
-        self._samples.pop(leaving - 3, None)
+        self._entered.pop(leaving - 3, None)
         self._sums.pop(leaving - 3, None)
-        return {
+        told = {
             "sums": self._pipeline.stages.copy(),
             "sums_valid": self._pipeline.valid.astype(np.float64),
-            "scores": self._scores.table,
-            "crosses": self._crosses.table,
-            "load_change": np.array([float(self._memory.first_block)]),
+            "load_change": np.array([float(self._memory.changed_at)]),
         }
+        if fit_round.tell <= index < fit_round.fit:
+            told["scores"] = self._scores.table
+        if fit_round.map <= index < fit_round.correct:
+            told["crosses"] = self._crosses.table
+        return told
 
     def neighbours_poses(self) -> dict[str, PoseEstimate]:
         """``pose_j_in_i`` of the neighbours, once poses have been fitted."""
@@ -135,38 +166,47 @@ class Team:
         if samples is None:
             self._pipeline.enter(None)
             return
-        self._samples[index] = samples
-        own = summands(samples, self._config.noise) @ self._entering_poses[self._own].adjoint().T
+        self._entered[index] = _Entered(samples, self._carrying_pose)
+        own = summands(samples, self._config.noise) @ self._carrying_pose.adjoint().T
         self._pipeline.enter(own.reshape(len(samples), _CHANNELS))
 
     def _take_in(self, block: int, index: int, totals: Array) -> None:
         """The network's totals of a block, in the body frame."""
         self._sums[block] = totals.reshape(-1, 3, 6)
-        wrench = totals[-1, :6] @ self._poses[self._own].inverse().adjoint().T
-        self.total_block, self.total_wrench = block, wrench
+        self.total_block = block
+        self.total_wrench = self._entered[block].pose.inverse().adjoint() @ totals[-1, :6]
         if self._fusion.derivative_gain is None:
             self._learn(block, index, None)
             return
         # The gyros have to fill in, and their slope takes the neighbouring blocks.
-        around = [self._sums.get(number) for number in (block - 2, block - 1, block)]
-        if any(sums is None for sums in around):
-            return
-        w = np.concatenate([self._fusion.angular_velocity(sums) for sums in around if sums is not None])
-        size, half = self._config.block, self._half_span
-        slope_of = w[size - half : 2 * size + half]
-        windows = np.lib.stride_tricks.sliding_window_view(slope_of, len(self._kernel), axis=0)
-        self._learn(block - 1, index, windows @ self._kernel)
+        around = [self._sums[number] for number in (block - 2, block - 1, block) if number in self._sums]
+        if len(around) == 3:
+            w = np.concatenate([self._fusion.angular_velocity(sums) for sums in around])
+            size, half = self._config.block, self._half_span
+            self._learn(block - 1, index, derivative(w[size - half : 2 * size + half], self._kernel))
 
     def _learn(self, block: int, index: int, w_derivative: Array | None) -> None:
-        samples = self._samples.get(block)
-        if samples is None:
-            return
-        sums = self._sums[block]
+        if block <= self._learned_block:
+            return  # new poses have made the derivative needless, or needed
+        self._learned_block = block
+        samples, sums = self._entered[block].samples, self._sums[block]
         motion = self._fusion.motion(sums, w_derivative)
         self._moments += RegistrationMoments.of(samples[:, KINEMATICS], motion)
-        changed = self._memory.push(block, motion, sums[:, 0], samples[:, WRENCH])
-        if changed is not None and self._are_poses_known():
-            self.load_changes.append(LoadChangeNotice(self._time(index + 1), self._time(changed)))
+        changed_at = self._memory.push(block, motion, sums[:, 0], samples[:, WRENCH])
+        if changed_at is not None:
+            self._notice(changed_at, index)
+
+    def _notice(self, changed_at: int, index: int) -> None:
+        """The load has changed, as this robot or another one has found."""
+        if not self._are_poses_known():
+            return
+        notice = LoadChangeNotice(self._time(index + 1), self._time(changed_at))
+        if self.load_changes and index - self._noticed_block <= self._hearing:
+            # Somebody found the same change at the same time, and places it a bit later.
+            notice = LoadChangeNotice(self.load_changes.pop().noticed_at, notice.changed_at)
+        else:
+            self._noticed_block = index
+        self.load_changes.append(notice)
 
     def _are_poses_known(self) -> bool:
         """Whether a change of the load can be told from one of the poses."""
@@ -177,41 +217,48 @@ class Team:
 
     # --- poses ---
 
-    def _hear(self, channels: Mapping[str, Array]) -> None:
+    def _hear(self, channels: Mapping[str, Array], index: int) -> None:
         if "scores" in channels:
             self._scores.hear(channels["scores"])
         if "crosses" in channels:
             self._crosses.hear(channels["crosses"])
         if "load_change" in channels:
-            self._memory.adopt(int(channels["load_change"][0]))
+            changed_at = int(channels["load_change"][0])
+            if self._memory.adopt(changed_at):
+                self._notice(changed_at, index)
 
-    def _fit_poses(self, index: int) -> None:
+    def _fit_poses(self, fit_round: FitRound, index: int) -> None:
         """Which step of the fit this block is for, if any."""
-        hops = self._diameter + 1
-        if index == self._map_block:
-            self._map_to(self._entering_poses)
-            self._crosses.tell(self._own, self._fits, self._memory.told_cross())
-            self._correct_block = index + hops
-        if index == self._correct_block:
-            crosses = self._crosses.rows(self._fits)
-            if crosses is not None:
-                self._memory.correct(crosses, self._moved)
-        if index == self._tell_block:
-            score, _, _ = score_and_information(self._moments, self._poses[self._own], self._config.noise)
-            self._scores.tell(self._own, self._fits, score)
-            self._fit_block = index + hops
-        if index == self._fit_block:
-            scores = self._scores.rows(self._fits)
-            if scores is not None:
-                self._fitted = register_team(self._poses, scores, self._moments, self._config.noise)
-                self._moved = _distance(self._poses, self._fitted)
-                self._memory.set_tolerance(self._fitted)
-                self._entering_poses = self._fitted.poses
-            self._fits += 1
-            self._map_block = index + self._pipeline.rounds
-            assert self._first_block is not None
-            grown = round(self._config.efficient.refit_share * (index - self._first_block))
-            self._tell_block = index + max(self._pipeline.rounds + hops + 1, grown, self._blocks(_SHORTEST_ROUND))
+        if index == fit_round.tell:
+            own = self._poses[self._own]
+            score, _, _ = score_and_information(self._moments, own, self._config.noise)
+            self._scores.tell(self._own, fit_round.number, np.concatenate([score, own.numbers()]))
+        elif index == fit_round.fit:
+            self._new = self._fit(self._scores.rows(fit_round.number))
+        elif index == fit_round.map + self._lag and self._new is not None:
+            self._map_to(self._new.poses)
+            self._new = None
+            self._crosses.tell(self._own, fit_round.number, self._memory.told())
+        elif index == fit_round.correct:
+            self._memory.correct(self._crosses.rows(fit_round.number), self._moved)
+
+    def _fit(self, rows: Array | None) -> TeamPoses | None:
+        """The joint step, from everybody's score and pose (N, 18); None if not everybody's has been heard."""
+        if rows is None:
+            return None
+        # What each says of its own pose counts, should somebody have missed an earlier fit.
+        poses = tuple(Pose.of_numbers(numbers) for numbers in rows[:, _SCORE_SIZE:])
+        fitted = register_team(poses, rows[:, :_SCORE_SIZE], self._moments, self._config.noise)
+        self._moved = _distance(poses, fitted)
+        self._memory.set_tolerance(fitted)
+        self._carrying_pose = fitted.poses[self._own]
+        self._fitted = fitted
+        return fitted
+
+    @property
+    def _lag(self) -> int:
+        """Blocks that a total has to wait before it can be learned from."""
+        return 0 if self._fusion.derivative_gain is None else 1
 
     def _map_to(self, poses: tuple[Pose, ...]) -> None:
         """All samples so far are in: from now on they count as if they had been carried with the new poses."""
@@ -241,7 +288,3 @@ def _distance(old: Sequence[Pose], fitted: TeamPoses) -> float:
     steps = np.concatenate([perturbation_between(a, b) for a, b in zip(old, fitted.poses, strict=True)])
     deviations = np.sqrt(np.diag(fitted.covariance))
     return float(np.sqrt(np.mean(np.square(steps[6:] / deviations[6:]))))
-
-
-def _pose(numbers: tuple[float, ...]) -> Pose:
-    return Pose(np.reshape(numbers[:9], (3, 3)), np.array(numbers[9:]))

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 
 import msgspec
 
+from coheft.estimation.spatial import Pose
 from coheft.wire.messages import LinkState
 
 
@@ -36,10 +37,13 @@ class Gossip:
                 self.records[record.robot] = record
                 self._news.add(record.robot)
 
-    def announce_ready(self, block: int, pose: tuple[float, ...] = ()) -> None:
+    def announce_ready(self, block: int, pose: Pose | None = None) -> None:
         """Tell everybody that this robot can take part in the network's sums from ``block`` on, and its pose."""
         own = self.records[self.name]
-        self.records[self.name] = msgspec.structs.replace(own, sequence=own.sequence + 1, ready_block=block, pose=pose)
+        numbers = () if pose is None else tuple(pose.numbers().tolist())
+        self.records[self.name] = msgspec.structs.replace(
+            own, sequence=own.sequence + 1, ready_block=block, pose=numbers
+        )
         self._news.add(self.name)
 
     def news(self) -> list[LinkState]:
@@ -54,6 +58,11 @@ class Gossip:
         """Number of neighbours of a robot, None while unknown."""
         record = self.records.get(name)
         return None if record is None else len(record.neighbours)
+
+    def pose(self, name: str) -> Pose | None:
+        """What a robot has told of its pose, None if nothing."""
+        numbers = self.records[name].pose
+        return Pose.of_numbers(numbers) if numbers else None
 
     @property
     def graph(self) -> dict[str, tuple[str, ...]] | None:

@@ -62,10 +62,6 @@ class Memory(Protocol):
         """Take in a block: its number, larger than all before, and packed Gram matrix (190,), then the riders."""
 
     @property
-    def first_block(self) -> int:
-        """Number of the oldest block that counts."""
-
-    @property
     def total(self) -> Array:
         """Sum over all blocks that count: packed Gram matrix and riders."""
 
@@ -302,28 +298,27 @@ class ForgettingWindow:
         riders: Numbers per block that are summed along with the Gram matrix, for the caller's use.
     """
 
-    first_block = 0
-
     def __init__(self, memory: float, floor: Array, riders: int = 0) -> None:
         self._factor = float(np.exp(-1.0 / memory))
         self._floor = np.diag(floor**-2.0)
         self._anchor: Array = np.zeros(len(floor))
-        self._gram = np.zeros(GRAM_SIZE + riders)
-        self._gram_of_squared_weights = np.zeros(GRAM_SIZE)
+        # Sums with the blocks' weights, and with their squares.
+        self._sums = np.zeros((2, GRAM_SIZE + riders))
+        self._factors = np.array([[self._factor], [self._factor**2]])
 
     @property
     def total(self) -> Array:
         """Weighted sum over all blocks: packed Gram matrix and riders."""
-        return self._gram.copy()
+        total: Array = self._sums[0].copy()
+        return total
 
     def revise(self, update: Callable[[Array], Array]) -> None:
-        """Change what was summed: ``update`` takes sums (1, 190 + riders) to their new values."""
-        self._gram = update(self._gram[None])[0]
+        """Change what was summed: ``update`` takes sums (2, 190 + riders) to their new values."""
+        self._sums = update(self._sums)
 
     def push(self, block: int, gram: Array) -> None:
         """Take in a block: packed Gram matrix (190,), then the riders; its number does not matter."""
-        self._gram = self._factor * self._gram + gram
-        self._gram_of_squared_weights = self._factor**2 * self._gram_of_squared_weights + gram[:GRAM_SIZE]
+        self._sums = self._factors * self._sums + gram
 
     def review(self, model: InertiaModel, tolerance: Array | None = None) -> None:
         """Remember the estimate, to stay there in directions that are not going to show."""
@@ -340,10 +335,11 @@ class ForgettingWindow:
 
     def information(self, model: InertiaModel) -> InertiaInformation:
         """Of all blocks with their weights, and the floor."""
-        if not self._gram.any():
-            return _with_prior(model.information(self._gram[:GRAM_SIZE]), self._floor, self._anchor)
-        information = model.information(self._gram[:GRAM_SIZE])
-        spread = model.information(self._gram_of_squared_weights).score_covariance
+        weighted, squares = self._sums[:, :GRAM_SIZE]
+        information = model.information(weighted)
+        if not weighted.any():
+            return _with_prior(information, self._floor, self._anchor)
+        spread = model.information(squares).score_covariance
         basis, dual, shares = _signal(information.matrix, information.uncompensated, _SHOWN)
         shown = replace(
             information,

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation import inertia as inertia_module
-from coheft.estimation.inertia import FEATURES, InertiaInformation, InertiaModel, spatial_inertia
+from coheft.estimation.inertia import INERTIA_SIZE, InertiaInformation, InertiaModel, spatial_inertia
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.registration import ACCELERATION, PRODUCTS
 from coheft.estimation.spatial import Array, Pose
@@ -20,14 +20,38 @@ MOTION_FEATURES = slice(0, len(REGISTRATION_FEATURES))
 """The same among those of ``inertia``."""
 
 
+@dataclass(frozen=True, eq=False)
+class PoseSensitivity:
+    """How sums over the team follow when poses are perturbed.
+
+    Attributes:
+        adjoints: Derivative of every ``Ad(g_j)`` by its pose's perturbation, shape (N, 6, 6, 6), perturbations second.
+        motion: Derivative of the fused ``(a, alpha)`` by all perturbations, linear in the sample's motion features,
+            shape (6 N, 6, 13).
+    """
+
+    adjoints: Array
+    motion: Array
+
+    @staticmethod
+    def of(poses: Sequence[Pose], noise: SensorNoise) -> PoseSensitivity:
+        """Of samples that were summed with these poses, in the body frame.
+
+        Args:
+            poses: Of all robots.
+            noise: Of every robot's sensors.
+        """
+        motion = motion_by_poses(poses, noise)[:, :, REGISTRATION_FEATURES]
+        return PoseSensitivity(np.array([adjoint_derivative(pose) for pose in poses]), motion)
+
+
 def inertia_by_poses(
     model: InertiaModel,
     information: InertiaInformation,
     parameters: Array,
     gram: Array,
     crosses: Array,
-    poses: Sequence[Pose],
-    noise: SensorNoise,
+    sensitivity: PoseSensitivity,
 ) -> Array:
     """Derivative of the estimate of ``theta`` by the perturbations of all poses with which samples were summed.
 
@@ -40,22 +64,18 @@ def inertia_by_poses(
         parameters: ``theta`` (10,).
         gram: Of the samples' features, shape (19, 19).
         crosses: Of the motion's features with each robot's own wrench, shape (N, 13, 6).
-        poses: In the body frame.
-        noise: Of every robot's sensors.
+        sensitivity: At the poses.
 
     Returns:
         Shape (10, 6 N).
     """
-    coefficients = model.regressor_coefficients
-    weight = np.linalg.inv(model.residual_covariance)
-    weighted = np.einsum("fau,ab->fub", coefficients, weight)
-    by_wrench = [
-        np.einsum("fub,kbf->uk", weighted[MOTION_FEATURES], adjoint_derivative(pose) @ cross.T)
-        for pose, cross in zip(poses, crosses, strict=True)
-    ]
-    by_motion = np.zeros((6 * len(poses), 6, FEATURES))
-    by_motion[:, :, MOTION_FEATURES] = motion_by_poses(poses, noise)[:, :, REGISTRATION_FEATURES]
-    spatial = spatial_inertia(parameters)
-    score = np.hstack(by_wrench) - np.einsum("fub,kbf->uk", weighted, spatial @ by_motion @ gram)
-    result: Array = np.linalg.solve(information.matrix, score)[: inertia_module.INERTIA_SIZE]
-    return result
+    # Weighted regressor's coefficients, shape (19, u, 6), and X^T W = sum over features x_f weighted[f].
+    weighted = model.regressor_coefficients.swapaxes(1, 2) @ np.linalg.inv(model.residual_covariance)
+    of_motion = weighted[MOTION_FEATURES].swapaxes(0, 1).reshape(model.unknowns, -1)
+    # Moments of the features with dAd_j u_j, and with M d(a, alpha), shape (6 N, features, 6).
+    wrench = (crosses[:, None] @ sensitivity.adjoints.swapaxes(2, 3)).reshape(-1, *crosses.shape[1:])
+    needed = spatial_inertia(parameters) @ sensitivity.motion @ gram[MOTION_FEATURES, MOTION_FEATURES]
+    wrench = wrench - needed.swapaxes(1, 2)
+    score = of_motion @ wrench.reshape(len(wrench), -1).T
+    solution: Array = np.linalg.solve(information.matrix, score)
+    return solution[:INERTIA_SIZE]

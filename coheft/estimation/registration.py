@@ -102,15 +102,19 @@ def centripetal_operator(p: Array) -> Array:
     return operator
 
 
+_CROSS_OF_AXES = skew(np.eye(3))
+_CENTRIPETAL_OF_AXES = np.array([centripetal_operator(axis) for axis in np.eye(3)])
+
+
 def residual_derivative(pose: Pose) -> Array:
     """Derivatives of ``residual_operator`` by the pose's perturbation, shape (6, 9, 28), the perturbation first."""
     p, to_i = pose.translation, pose.rotation.T
     derivative = np.zeros((6, 9, FEATURES))
     in_body_axes = residual_operator(Pose(np.eye(3), p))[:, MOTION.start :].reshape(3, 3, -1)
-    for k, axis in enumerate(np.eye(3)):
-        derivative[k, :, MOTION.start :] = (-to_i @ skew(axis) @ in_body_axes).reshape(9, -1)
-        derivative[3 + k, 3:6, _W] = derivative[3 + k, 6:9, _ALPHA] = to_i @ skew(axis)
-        derivative[3 + k, 6:9, PRODUCTS] = -to_i @ centripetal_operator(axis)
+    turned = to_i @ _CROSS_OF_AXES
+    derivative[:3, :, MOTION.start :] = (-turned[:, None] @ in_body_axes).reshape(3, 9, -1)
+    derivative[3:, 3:6, _W] = derivative[3:, 6:9, _ALPHA] = turned
+    derivative[3:, 6:9, PRODUCTS] = -to_i @ _CENTRIPETAL_OF_AXES
     return derivative
 
 

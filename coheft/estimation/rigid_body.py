@@ -25,6 +25,9 @@ def unpack_symmetric(packed: Array) -> Array:
     return packed[..., [[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
 
 
+_OF_ELEMENTS = unpack_symmetric(np.eye(6)).reshape(18, 3).T
+
+
 def inertia_operator(x: npt.ArrayLike) -> Array:
     """``Om(x)`` with ``Om(x) @ pack_symmetric(J) == J @ x``.
 
@@ -35,10 +38,8 @@ def inertia_operator(x: npt.ArrayLike) -> Array:
         Shape (..., 3, 6).
     """
     x = np.asarray(x, dtype=np.float64)
-    matrix = np.zeros((*x.shape, 6))
-    matrix[..., 0, 0] = matrix[..., 1, 3] = matrix[..., 2, 4] = x[..., 0]
-    matrix[..., 0, 3] = matrix[..., 1, 1] = matrix[..., 2, 5] = x[..., 1]
-    matrix[..., 0, 4] = matrix[..., 1, 5] = matrix[..., 2, 2] = x[..., 2]
+    # J @ x is linear in x: one matrix (6, 3) for each of J's packed elements.
+    matrix: Array = (x @ _OF_ELEMENTS).reshape(*x.shape[:-1], 6, 3).swapaxes(-1, -2)
     return matrix
 
 

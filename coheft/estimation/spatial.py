@@ -20,6 +20,9 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 _SMALL_ANGLE_SQUARED = 1e-8
+_CROSS = np.zeros((3, 9))
+"""Cross-product matrices of the three axes, row by row."""
+_CROSS[[0, 1, 2], [7, 2, 3]], _CROSS[[0, 1, 2], [5, 6, 1]] = 1.0, -1.0
 
 
 def skew(x: npt.ArrayLike) -> Array:
@@ -32,13 +35,7 @@ def skew(x: npt.ArrayLike) -> Array:
         Shape (..., 3, 3).
     """
     x = np.asarray(x, dtype=np.float64)
-    matrix = np.zeros((*x.shape, 3))
-    matrix[..., 0, 1] = -x[..., 2]
-    matrix[..., 0, 2] = x[..., 1]
-    matrix[..., 1, 0] = x[..., 2]
-    matrix[..., 1, 2] = -x[..., 0]
-    matrix[..., 2, 0] = -x[..., 1]
-    matrix[..., 2, 1] = x[..., 0]
+    matrix: Array = (x @ _CROSS).reshape(*x.shape, 3)
     return matrix
 
 
@@ -146,6 +143,22 @@ class Pose:
         """Points (..., 3) of ``F_j`` in coordinates of ``F_i``: ``x_i = R_ij x_j + p_ij``."""
         result: Array = np.asarray(points) @ self.rotation.T + self.translation
         return result
+
+    @staticmethod
+    def of_numbers(numbers: npt.ArrayLike) -> Pose:
+        """Inverse of ``numbers``.
+
+        Raises:
+            ValueError: There are not 12 of them.
+        """
+        array = np.array(numbers, dtype=np.float64)
+        if array.shape != (12,):
+            raise ValueError(f"{array.shape=} but expected (12,)")
+        return Pose(array[:9].reshape(3, 3), array[9:])
+
+    def numbers(self) -> Array:
+        """Rotation row by row, then translation: shape (12,)."""
+        return np.concatenate([self.rotation.ravel(), self.translation])
 
     def adjoint(self) -> Array:
         """Matrix (6, 6) that carries twists ``(w, v)``, and wrenches ``(f, t)``, from ``F_j`` to ``F_i``.
