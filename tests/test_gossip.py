@@ -14,6 +14,7 @@ from coheft.wire.messages import LinkState, NeighbourMessage
 from coheft.wire.scenario import Graph
 from consensus.gossip import Gossip
 from consensus.graph import Neighbours, build_graph, diameter
+from tests.estimation.team import random_pose
 from tests.test_graph import graphs, names
 
 Edge = tuple[str, str]
@@ -111,3 +112,25 @@ def test_only_a_robot_itself_says_what_is_new_about_it() -> None:
 @pytest.mark.parametrize("name", ["a", "c"])
 def test_degrees_of_strangers_are_not_known(name: str) -> None:
     assert Gossip("a", ["b", "c"]).degree(name) == (2 if name == "a" else None)
+
+
+@given(graphs)
+def test_poses_are_handed_on_exactly(graph: Neighbours) -> None:
+    rng = np.random.default_rng(0)
+    team = Team(graph)
+    poses = {name: random_pose(rng) for name in graph}
+    for name, robot in team.robots.items():
+        robot.announce_ready(7, poses[name])
+    for _ in range(diameter(graph)):
+        team.block()
+    for robot in team.robots.values():
+        for name, pose in poses.items():
+            found = robot.pose(name)
+            assert found is not None
+            np.testing.assert_array_equal(found.numbers(), pose.numbers())
+
+
+def test_who_told_no_pose_has_none() -> None:
+    robot = Gossip("a", ["b"])
+    robot.announce_ready(3)
+    assert robot.pose("a") is None
