@@ -16,7 +16,7 @@ from coheft.estimation.spatial import Array
 from coheft.wire.scenario import Scenario
 
 _BOUND_RATE = 100
-"""Information is integrated over time with this many samples per second; motions are slower by far [Hz]."""
+"""Samples per second with which information is integrated over time; motions are slower by far."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +53,25 @@ class ExactRun:
         sensors = scenario.sensors
         self._motion = sum_up(exact.samples, self._poses, sensors.noise, sensors.rate).motion
 
-    def bounds(self, edges: Edges, blocks: int, load_since: int = 0, poses_from_wrenches: bool = False) -> Bounds:
-        """Bounds from the samples of the first ``blocks`` blocks, for the load that lies there since a block."""
+    def bounds(
+        self,
+        edges: Edges,
+        blocks: int,
+        load_since: int = 0,
+        poses_from_wrenches: bool = False,
+        samples_per_second: int = _BOUND_RATE,
+    ) -> Bounds:
+        """Bounds at some moment of the run.
+
+        Args:
+            edges: Which relative poses are asked for.
+            blocks: All samples of so many blocks are known.
+            load_since: The block with which the load came that lies there.
+            poses_from_wrenches: See ``joint_bound``.
+            samples_per_second: With which information is integrated, whatever the sensors' rate is.
+        """
         names, sensors = self._judge.scene.robots, self._scenario.sensors
-        step = max(1, sensors.rate // _BOUND_RATE)
+        step = max(1, sensors.rate // samples_per_second)
         chosen = np.arange(step // 2, blocks * sensors.block, step)
         bound: JointBound = joint_bound(
             self._poses,

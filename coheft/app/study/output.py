@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
@@ -22,6 +23,9 @@ from coheft.app.study.tables import (
 )
 from coheft.app.study.trial import Trial
 from coheft.errors import CoheftError
+
+_WIDTH = 7
+"""Number of columns that fit a terminal."""
 
 
 def make_folder(folder: Path) -> None:
@@ -55,9 +59,9 @@ def write_folder(report: StudyReport, trials: Sequence[Trial], folder: Path) -> 
 
 def print_study(console: Console, report: StudyReport) -> None:
     """Show the outcome."""
-    console.print(title(report))
+    console.print(f"{title(report)}\n")
     for noise in report.all_scales():
-        console.print(_table(f"noise × {noise.noise_scale:g}", HEADER, accuracy_rows(noise)))
+        console.print(_table(f"noise × {noise.noise_scale:g}", HEADER[:_WIDTH], accuracy_rows(noise)))
         recovery = [result.recovery for result in noise.results.values() if result.recovery is not None]
         if recovery:
             caption = f"noise × {noise.noise_scale:g}, {recovery[0].seconds_after:g} s after the load had changed"
@@ -65,12 +69,15 @@ def print_study(console: Console, report: StudyReport) -> None:
         for name, result in noise.results.items():
             for line in sentences(name, result):
                 console.print(line, highlight=False)
+        console.print()
 
 
 def _table(caption: str, header: Sequence[str], rows: Iterable[tuple[str, ...]]) -> Table:
-    table = Table(title=caption, title_justify="left")
+    table = Table(title=caption, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=0)
     for k, name in enumerate(header):
-        table.add_column(name, justify="left" if k < 2 else "right")
+        table.add_column(name, justify="left" if k < 2 else "right", no_wrap=True)
+    previous = ""
     for row in rows:
-        table.add_row(*row)
+        table.add_row("" if row[0] == previous else row[0], *row[1 : len(header)])
+        previous = row[0]
     return table

@@ -29,17 +29,17 @@ def plot_ratios(report: StudyReport, path: Path) -> None:
     scales = report.all_scales()
     figure = Figure(figsize=(1.0 + 5.0 * len(scales), 3.6), layout="constrained")
     for axes, noise in zip(np.atleast_1d(figure.subplots(1, len(scales), sharey=True)), scales, strict=True):
-        width = 0.8 / len(noise.results)
         for k, (estimator, result) in enumerate(noise.results.items()):
             found: list[Accuracy] = [getattr(result, quantity.name) for quantity in QUANTITIES]
             ratios = np.array([(a.ratio, a.ratio_low, a.ratio_high) for a in found], dtype=np.float64)
-            places = np.arange(len(found)) + (k + 0.5) * width - 0.4
-            axes.bar(places, ratios[:, 0], width, color=_COLOURS.get(estimator), label=estimator)
+            places = np.arange(len(found)) + 0.2 * (k - 0.5 * (len(noise.results) - 1))
             reach = np.abs(ratios[:, 1:] - ratios[:, :1]).T
-            axes.errorbar(places, ratios[:, 0], reach, fmt="none", color="black", capsize=3, linewidth=1)
+            style = {"fmt": "o", "capsize": 4, "color": _COLOURS.get(estimator)}
+            axes.errorbar(places, ratios[:, 0], reach, label=estimator, **style)
         axes.axhline(1.0, color="black", linewidth=1, linestyle="--")
         axes.set_xticks(range(len(QUANTITIES)), [NAMES[q.name][0].replace(" ", "\n", 1) for q in QUANTITIES])
         axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
         axes.set_title(f"noise × {noise.noise_scale:g}")
     axes.legend()
     figure.supylabel("RMS error / bound")

@@ -6,26 +6,28 @@ from collections.abc import Iterator
 
 from coheft.app.study.detection import Detection
 from coheft.app.study.quantities import QUANTITIES
-from coheft.app.study.report import Accuracy, EstimatorResult, NoiseResult, Number, Recovered, StudyReport
+from coheft.app.study.report import Accuracy, Consistency, EstimatorResult, NoiseResult, Number, Recovered, StudyReport
 
 NAMES = {
-    "pose_rotation": ("neighbours' rotation", "°", 57.29577951308232),
-    "pose_translation": ("neighbours' place", "mm", 1e3),
+    "pose_rotation": ("rotation", "°", 57.29577951308232),
+    "pose_translation": ("translation", "mm", 1e3),
     "mass": ("mass", "kg", 1.0),
     "com": ("centre of mass", "mm", 1e3),
     "inertia": ("inertia", "kg·m²", 1.0),
 }
-"""Of quantities: name, unit, and that unit's size in SI units."""
-HEADER = ("quantity", "estimator", "RMS error", "bound", "error / bound", "NEES", "honest NEES", "/ central", "missing")
-RECOVERY_HEADER = ("quantity", "estimator", "RMS error", "bound", "error / bound", "missing")
-EXPLANATION = """\
-- *bound*: Cramér-Rao bound of any unbiased estimator that finds poses from kinematics and then inertia from all
-  sensors, given every sample of every robot. In brackets: 95 % sampling interval over runs.
-- *NEES*: squared error over the covariance that the robot stated itself, per degree of freedom; of one robot per run,
-  because robots of one run see the same data. With an honest covariance it lies in the range beside it 95 times of 100.
-- */ central*: RMS error over that of a batch solution with all samples in one place.
-- *missing*: estimates for which no number was claimed; they are left out of the other columns.
-"""
+"""Of quantities: name, unit, and what to multiply SI units with."""
+HEADER = ("quantity", "estimator", "RMS", "bound", "RMS / bound", "NEES", "/ central", "honest NEES", "missing")
+RECOVERY_HEADER = ("quantity", "estimator", "RMS", "bound", "RMS / bound", "missing")
+EXPLANATION = (
+    "rotation, translation: of the neighbours' grasp frames in the own one. RMS: root mean square error.",
+    "bound: Cramér-Rao bound of any unbiased estimator that finds poses from kinematics, and then inertia from all "
+    "sensors given those poses, with every sample of every robot. In brackets: 95 % sampling interval over runs.",
+    "NEES: squared error over the covariance that the robot stated, per degree of freedom; of one robot per run, "
+    "because those of one run see the same data. With an honest covariance it lies within the range of 'honest NEES' "
+    "95 times of 100; * marks those that do not.",
+    "/ central: RMS error over that of a batch solution with all samples of all robots in one place.",
+    "missing: estimates for which no number was claimed; they are left out of the other columns.",
+)
 
 
 def accuracy_rows(noise: NoiseResult) -> Iterator[tuple[str, ...]]:
@@ -40,17 +42,14 @@ def accuracy_rows(noise: NoiseResult) -> Iterator[tuple[str, ...]]:
                 _plain(found.rms, size),
                 _plain(found.bound, size),
                 _with_range(found.ratio, found.ratio_low, found.ratio_high),
-                _plain(found.nees),
+                _marked(found),
+                _short(result.decentralised_over_centralised[quantity.name]),
                 _range(found.nees_low, found.nees_high),
-                _plain(result.decentralised_over_centralised[quantity.name]),
                 str(found.missing),
             )
     for estimator, result in noise.results.items():
-        all_ten = result.all_ten
-        yield (
-            *("all ten of the payload", estimator, "", "", ""),
-            *(_plain(all_ten.nees), _range(all_ten.nees_low, all_ten.nees_high), "", ""),
-        )
+        joint = result.all_ten
+        yield "all ten together", estimator, "", "", "", _marked(joint), "", _range(joint.nees_low, joint.nees_high), ""
 
 
 def recovery_rows(noise: NoiseResult) -> Iterator[tuple[str, ...]]:
@@ -60,10 +59,13 @@ def recovery_rows(noise: NoiseResult) -> Iterator[tuple[str, ...]]:
         for estimator, result in noise.results.items():
             if result.recovery is not None:
                 found: Recovered = getattr(result.recovery, key)
-                ratio = _with_range(found.ratio, found.ratio_low, found.ratio_high)
                 yield (
-                    *(f"{name}, {unit}", estimator, _plain(found.rms, size), _plain(found.bound, size)),
-                    *(ratio, str(found.missing)),
+                    f"{name}, {unit}",
+                    estimator,
+                    _plain(found.rms, size),
+                    _plain(found.bound, size),
+                    _with_range(found.ratio, found.ratio_low, found.ratio_high),
+                    str(found.missing),
                 )
 
 
@@ -72,8 +74,12 @@ def sentences(estimator: str, result: EstimatorResult) -> Iterator[str]:
     detection = result.detection
     if result.recovery is not None:
         yield f"{estimator}: {_noticed(detection)}"
-    alarms = "no false alarm" if detection.false_alarms == 0 else f"{detection.false_alarms} false alarms"
+    count = detection.false_alarms
+    alarms = f"{count or 'no'} false alarm{'' if count < 2 else 's'}"
     yield f"{estimator}: {alarms} in {detection.hours:.3g} simulated hours."
+    missing = sum(getattr(result, quantity.name).missing for quantity in QUANTITIES)
+    if missing:
+        yield f"{estimator}: no number was claimed for {missing} estimates; they are left out."
     if result.consistency_violations:
         yield f"{estimator}: {result.consistency_violations} published payloads that cannot exist."
     else:
@@ -104,13 +110,13 @@ def markdown(report: StudyReport, pictures: dict[str, str]) -> str:
         parts.append(
             "\n".join(f"- {line}" for name, result in noise.results.items() for line in sentences(name, result))
         )
-    parts.append("## How to read this\n\n" + EXPLANATION.rstrip())
+    parts.append("## How to read this\n\n" + "\n".join(f"- {line}" for line in EXPLANATION))
     parts.extend(f"![{caption}]({file})" for caption, file in pictures.items())
     return "\n\n".join(parts) + "\n"
 
 
 def _noticed(detection: Detection) -> str:
-    missed = f"in {detection.missed} runs some robot did not notice the change" if detection.missed else ""
+    missed = f"runs in which some robot did not notice the change: {detection.missed}" if detection.missed else ""
     if detection.delay_s is None or detection.delay_max_s is None:
         return f"{missed}."
     noticed = (
@@ -125,13 +131,24 @@ def _markdown_table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def _plain(value: Number, size: float = 1.0) -> str:
-    return "–" if value is None else f"{value * size:#.3g}"
+def _plain(value: Number, factor: float = 1.0) -> str:
+    return "–" if value is None else f"{value * factor:#.3g}".rstrip(".")
+
+
+def _short(value: Number) -> str:
+    return "–" if value is None else f"{value:.2f}" if value < 10.0 else f"{value:.0f}"
 
 
 def _range(low: Number, high: Number) -> str:
-    return "" if low is None or high is None else f"{low:.2f} to {high:.2f}"
+    return "" if low is None or high is None else f"{_short(low)}–{_short(high)}"
 
 
 def _with_range(value: Number, low: Number, high: Number) -> str:
-    return "–" if value is None else f"{value:.2f} ({_range(low, high)})"
+    return "–" if value is None else f"{_short(value)} ({_range(low, high)})"
+
+
+def _marked(found: Accuracy | Consistency) -> str:
+    """NEES, with a star if an honest covariance would hardly give it."""
+    if found.nees is None or found.nees_low is None or found.nees_high is None:
+        return "–"
+    return f"{_short(found.nees)}{'' if found.nees_low <= found.nees <= found.nees_high else '*'}"

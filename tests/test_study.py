@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from coheft.app.inprocess import run_in_process
+from coheft.app.study.campaign import Plan, make_plan, run_study
+from coheft.app.study.exact_run import ExactRun
+from coheft.app.study.output import write_folder
+from coheft.app.study.quantities import QUANTITIES, directed_edges
+from coheft.app.study.report import StudyReport
+from coheft.app.study.samples import simulate, with_exact_sensors
+from coheft.app.study.statistics import ratio_of_roots
+from coheft.app.study.trial import Trial
+from coheft.errors import ScenarioError
+from coheft.wire.scenario import LoadChange, Scenario, load_scenario
+from tests.physics_run import scenario
+
+NAMES = [quantity.name for quantity in QUANTITIES]
+
+
+def short_ring3() -> Scenario:
+    """Three robots, and a load that changes after four seconds."""
+    change = LoadChange(at=4.0, mass=2.0, position=(-0.1, 0.15, 0.07))
+    return scenario(noise_scale=1.0, rate=100, block=10, load_changes=(change,))
+
+
+def plan(runs: int = 2, **keys: object) -> Plan:
+    return make_plan(short_ring3(), **{"runs": runs, "estimators": ["efficient"], "at": 4.0, **keys})
+
+
+@pytest.fixture(scope="module")
+def studied() -> tuple[StudyReport, list[Trial]]:
+    return run_study(plan(), jobs=2)
+
+
+def numbers(value: object) -> Iterator[object]:
+    if isinstance(value, dict):
+        for inner in value.values():
+            yield from numbers(inner)
+    else:
+        yield value
+
+
+def test_report_is_complete(studied: tuple[StudyReport, list[Trial]]) -> None:
+    report = json.loads(msgspec.json.encode(studied[0]))
+    result = report["results"]["efficient"]
+    for name in NAMES:
+        assert set(result[name]) == {
+            *("rms", "bound", "bound_with_wrenches", "ratio", "ratio_low", "ratio_high"),
+            *("nees", "nees_low", "nees_high", "missing"),
+        }
+        found = result[name]
+        assert 0.0 < found["bound_with_wrenches"] <= found["bound"]
+        assert found["ratio_low"] <= found["ratio"] <= found["ratio_high"]
+        assert found["ratio"] == pytest.approx(found["rms"] / found["bound"])
+        assert found["nees_low"] < 1.0 < found["nees_high"]
+    assert set(result["all_ten"]) == {"nees", "nees_low", "nees_high"}
+    assert set(result["decentralised_over_centralised"]) == set(NAMES)
+    assert {"delay_s", "missed", "false_alarms_per_hour"} <= set(result["detection"])
+    assert result["recovery"]["seconds_after"] == 1.0
+    assert set(result["recovery"]) == {"seconds_after", "mass", "com", "inertia"}
+    assert result["consistency_violations"] == 0
+    assert all(math.isfinite(value) for value in numbers(result) if not isinstance(value, str))
+
+
+def test_errors_are_of_the_bound_s_size(studied: tuple[StudyReport, list[Trial]]) -> None:
+    # Two short runs only: this catches wrong units, frames or truths, not lost efficiency.
+    report, trials = studied
+    for quantity in QUANTITIES:
+        accuracy = getattr(report.results["efficient"], quantity.name)
+        assert 0.2 < accuracy.ratio < 10.0, quantity.name
+        assert 0.02 < accuracy.nees < 20.0, quantity.name
+        central = [quantity.squares(trial.centralised.of(quantity)) for trial in trials]
+        bounds = [quantity.expected_squares(trial.bound.of(quantity)) for trial in trials]
+        assert 0.2 < ratio_of_roots(central, bounds).value < 2.5, quantity.name
+
+
+def assert_same(trial: Trial, other: Trial) -> None:
+    ours, theirs = trial.outcomes["efficient"], other.outcomes["efficient"]
+    np.testing.assert_array_equal(ours.errors.payload, theirs.errors.payload)
+    np.testing.assert_array_equal(ours.errors.pose_covariances, theirs.errors.pose_covariances)
+    np.testing.assert_array_equal(trial.bound.payload, other.bound.payload)
+    np.testing.assert_array_equal(trial.centralised.poses, other.centralised.poses)
+
+
+def test_number_of_processes_changes_nothing(studied: tuple[StudyReport, list[Trial]]) -> None:
+    _, alone = run_study(plan(runs=1), jobs=1)
+    assert_same(alone[0], studied[1][0])
+
+
+def test_folder_holds_report_and_pictures(studied: tuple[StudyReport, list[Trial]], tmp_path: Path) -> None:
+    write_folder(*studied, tmp_path / "new")
+    text = (tmp_path / "new" / "report.md").read_text()
+    for picture in ("ratios.png", "curves.png"):
+        assert f"]({picture})" in text
+        assert (tmp_path / "new" / picture).read_bytes().startswith(b"\x89PNG")
+    assert msgspec.json.decode((tmp_path / "new" / "report.json").read_bytes(), type=StudyReport) == studied[0]
+
+
+def test_samples_are_those_that_the_agents_of_a_run_get() -> None:
+    run = msgspec.structs.replace(short_ring3(), duration=1.0)
+    simulated = simulate(run)
+    for ours, record in zip(simulated.truths, run_in_process(run), strict=True):
+        np.testing.assert_array_equal(ours.total_wrench, record.truth.total_wrench)
+        np.testing.assert_array_equal(ours.wrenches, record.truth.wrenches)
+
+
+def test_bound_is_integrated_well_enough_and_grows_with_the_noise() -> None:
+    run = msgspec.structs.replace(load_scenario("ring3"), load_changes=(), duration=2.0)
+    exact = simulate(with_exact_sensors(run))
+    edges = directed_edges(exact.scene.neighbours)
+    bounds = ExactRun(run, exact).bounds(edges, run.blocks)
+    every_sample = ExactRun(run, exact).bounds(edges, run.blocks, samples_per_second=run.sensors.rate)
+    noisy = msgspec.structs.replace(run, sensors=msgspec.structs.replace(run.sensors, noise_scale=3.0))
+    louder = ExactRun(noisy, exact).bounds(edges, run.blocks)
+    for quantity in QUANTITIES:
+        squares = quantity.expected_squares(bounds.of(quantity))
+        np.testing.assert_allclose(squares, quantity.expected_squares(every_sample.of(quantity)), rtol=2e-2)
+        np.testing.assert_allclose(9.0 * squares, quantity.expected_squares(louder.of(quantity)), rtol=1e-3)
+
+
+def test_what_was_never_published_is_missing_not_wrong() -> None:
+    report, _ = run_study(make_plan(short_ring3(), runs=1, estimators=["seed"], at=0.5), jobs=1)
+    result = report.results["seed"]
+    assert (result.mass.rms, result.mass.ratio, result.mass.nees, result.mass.missing) == (None, None, None, 3)
+    assert (result.pose_rotation.rms, result.pose_rotation.missing) == (None, 6)
+
+
+def test_noise_scales_multiply_the_scenario_s_own_and_seeds_count_on() -> None:
+    planned = plan(runs=2, noise_scales=[1.0, 3.0], first_seed=7)
+    scenarios = [(s.sensors.noise_scale, s.seed) for s in planned.scenarios()]
+    assert scenarios == [(1.0, 7), (1.0, 8), (3.0, 7), (3.0, 8)]
+
+
+def test_accuracy_after_the_load_s_change_is_refused() -> None:
+    with pytest.raises(ScenarioError, match="the load changes at 4 s, but accuracy is to be judged at 5 s"):
+        plan(at=5.0)
+
+
+def test_dask_s_workers_give_the_same_numbers(studied: tuple[StudyReport, list[Trial]]) -> None:
+    from distributed import LocalCluster
+
+    settings = {"protocol": "tcp", "host": "127.0.0.1", "dashboard_address": None}
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=False, **settings) as cluster:
+        _, trials = run_study(plan(runs=1), dask=cluster.scheduler_address)
+    assert_same(trials[0], studied[1][0])
