@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from coheft.app.cli import EXIT_USAGE, run_command_line
 from coheft.app.inprocess import run_in_process
 from coheft.app.study.campaign import Plan, make_plan, run_study
 from coheft.app.study.exact_run import ExactRun
@@ -142,6 +143,26 @@ def test_noise_scales_multiply_the_scenario_s_own_and_seeds_count_on() -> None:
 def test_accuracy_after_the_load_s_change_is_refused() -> None:
     with pytest.raises(ScenarioError, match="the load changes at 4 s, but accuracy is to be judged at 5 s"):
         plan(at=5.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--noise", "1,0"], "different positive numbers"),
+        (["--noise", "loud"], "different positive numbers"),
+        (["--estimators", "seed,best"], "different ones of efficient, seed"),
+        (["--estimators", "seed,seed"], "different ones of efficient, seed"),
+        (["--runs", "0"], "--runs"),
+        (["--at", "25"], "the load changes at 20 s"),
+        (["--json", "/nowhere/study.json"], "there is no folder"),
+    ],
+)
+def test_bad_requests_are_refused_before_anything_runs(
+    arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_command_line(["study", "ring3", *arguments]) == EXIT_USAGE
+    shown = capsys.readouterr()
+    assert expected in " ".join((shown.out + shown.err).replace("│", " ").split())
 
 
 def test_dask_s_workers_give_the_same_numbers(studied: tuple[StudyReport, list[Trial]]) -> None:

@@ -65,7 +65,9 @@ def print_study(console: Console, report: StudyReport) -> None:
         recovery = [result.recovery for result in noise.results.values() if result.recovery is not None]
         if recovery:
             caption = f"noise × {noise.noise_scale:g}, {recovery[0].seconds_after:g} s after the load had changed"
+            console.print()
             console.print(_table(caption, RECOVERY_HEADER, recovery_rows(noise)))
+        console.print()
         for name, result in noise.results.items():
             for line in sentences(name, result):
                 console.print(line, highlight=False)
