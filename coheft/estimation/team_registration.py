@@ -129,7 +129,8 @@ def team_information(moments: RegistrationMoments, poses: Sequence[Pose], noise:
 def motion_by_poses(poses: Sequence[Pose], noise: SensorNoise) -> Array:
     """How the fused ``(a, alpha)`` of a sample follows, linear in its features, when poses are perturbed.
 
-    The derivative of ``refit_map`` by the new poses, rows ``ACCELERATION``.
+    The derivative of ``refit_map`` by the new poses, rows ``ACCELERATION``, but for what turning ``w`` does to its
+    products: up to 1 % of what poses do to the inertia.
 
     Returns:
         Shape (6 N, 6, 28), the perturbations of all poses first.
