@@ -78,16 +78,20 @@ class LoadMemory:
         self._offsets = config.efficient.offsets
         self._window: Memory
         memory = config.efficient.memory
+        self._kept = 1.0
         if memory == "window":
             self._window = LoadWindow(riders=_CROSS_SIZE)
         else:
+            blocks = memory * config.rate / config.block
+            self._kept = float(np.exp(-1.0 / blocks))
             floor = np.full(INERTIA_SIZE + OFFSET_SIZE * self._offsets, 1e3)
-            self._window = ForgettingWindow(memory * config.rate / config.block, floor, riders=_CROSS_SIZE)
+            self._window = ForgettingWindow(blocks, floor, riders=_CROSS_SIZE)
         self._last_block = self._changed_at = -1
         self._poses: Sequence[Pose] = ()
         self._sensitivity: PoseSensitivity | None = None
         self._model: InertiaModel | None = None
         self._told: _Told | None = None
+        self._told_left = 1.0
         self._mean_crosses = np.zeros((robots, *_CROSS_SHAPE))
         self._tolerance: Array | None = None
 
@@ -118,6 +122,7 @@ class LoadMemory:
         cross = rows[:, MOTION_FEATURES].T @ own_wrench
         self._window.push(block, np.concatenate([packed_gram(rows), cross.ravel()]))
         self._last_block = block
+        self._told_left *= self._kept
         if self._told is not None:
             return None  # samples before and after the last change of poses cannot be compared before ``correct``
         change = self._window.review(self._model, self._tolerance)
@@ -161,7 +166,7 @@ class LoadMemory:
         correction = np.zeros((FEATURES, FEATURES))
         for cross, old, new in zip(told.count * self._mean_crosses, told.old_poses, told.new_poses, strict=True):
             correction[MOTION_FEATURES, _WRENCH_FEATURES] += cross @ (new.adjoint() - old.adjoint()).T
-        since = self._count() - told.count
+        since = self._count() - self._told_left * told.count
 
         def update(sums: Array) -> Array:
             # Exact for the whole, and about right for stretches that began later: they hold a share of the samples.
@@ -184,6 +189,7 @@ class LoadMemory:
 
         self._window.revise(update)
         cross = self._window.total[GRAM_SIZE:].reshape(_CROSS_SHAPE)
+        self._told_left = 1.0
         self._told = _Told(cross, self._count(), self._changed_at, self._last_block, old_poses, new_poses)
 
     def payload(self, own: int, team: TeamPoses) -> tuple[PayloadEstimate | None, tuple[str, ...]]:

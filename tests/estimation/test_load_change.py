@@ -201,3 +201,83 @@ def test_forgetting_follows_slowly_and_does_not_forget_what_no_longer_shows() ->
     np.testing.assert_allclose(run.estimate(window), learned, atol=0.2)
     deviations = np.sqrt(np.diag(np.linalg.inv(information.matrix)))
     assert np.all(deviations < 1.2 * floor)
+
+
+def random_grams(count: int, riders: int) -> Array:
+    """Packed Gram matrices of five samples each, with riders."""
+    rng = np.random.default_rng(8)
+    rows = rng.normal(size=(count, BLOCK, 19))
+    rows[:, :, 0] = 1.0
+    return np.array([np.concatenate([packed_gram(block), rng.normal(size=riders)]) for block in rows])
+
+
+def sums_of(memory: Memory) -> Array:
+    """What is summed inside, all borders (or weights)."""
+    seen: list[Array] = []
+
+    def look(sums: Array) -> Array:
+        seen.append(sums.copy())
+        return sums
+
+    memory.revise(look)
+    return seen[0]
+
+
+def doubled(sums: Array) -> Array:
+    changed: Array = sums * np.append(np.ones(GRAM_SIZE), [2.0, 2.0])
+    return changed
+
+
+def test_all_borders_hold_the_sums_of_what_came_after_them() -> None:
+    grams = random_grams(300, riders=2)
+    window, brute = LoadWindow(riders=2), {}
+    for block, gram in enumerate(grams):
+        window.push(block, gram)
+        brute[block] = gram.copy()
+        if block % 70 == 35:
+            window.revise(doubled)
+            brute = {k: doubled(value) for k, value in brute.items()}
+        if block == 150:
+            window.forget_before(80)
+        if block == 220:
+            before = window.borders
+            window.forget_borders_before(200)
+            assert window.borders[0] == before[0]
+            np.testing.assert_array_equal(window.borders[1:], before[before >= 200])
+        if block % 50 == 49:
+            borders = window.borders
+            expected = [sum(brute[k] for k in range(first, block + 1)) for first in borders]
+            np.testing.assert_allclose(sums_of(window), expected, rtol=1e-9, atol=1e-9)
+            np.testing.assert_array_equal(window.total, sums_of(window)[0])
+    assert window.first_block == 80
+
+
+def test_no_change_is_looked_for_before_a_border_that_was_given_up() -> None:
+    run = Run(seed=3, duration=6.0)
+    grams = np.concatenate([run.grams(run.theta)[:40], run.grams(run.theta + run.dropped(6.0))[40:]])
+    window = LoadWindow()
+    for block, gram in enumerate(grams):
+        window.push(block, gram)
+    window.forget_borders_before(60)
+    assert window.first_block == 0
+    assert window.information(run.model).count == len(run.motion)
+    change = window.review(run.model)
+    assert change is not None
+    assert change.first_block == 60
+
+
+def test_forgetting_revises_all_that_it_remembers() -> None:
+    grams = random_grams(30, riders=2)
+    window = ForgettingWindow(10.0, np.full(10, 1e3), riders=2)
+    for block, gram in enumerate(grams):
+        window.push(block, gram)
+        if block == 14:
+            window.revise(doubled)
+    changed = np.array([doubled(gram) if block <= 14 else gram for block, gram in enumerate(grams)])
+    age = np.arange(len(grams))[::-1, None]
+    expected = [(np.exp(-power * age / 10.0) * changed).sum(axis=0) for power in (1, 2)]
+    np.testing.assert_allclose(sums_of(window), expected, rtol=1e-9)
+    np.testing.assert_array_equal(window.total, sums_of(window)[0])
+    window.forget_before(25)
+    window.forget_borders_before(25)
+    np.testing.assert_array_equal(sums_of(window)[0], window.total)

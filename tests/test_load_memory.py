@@ -1,0 +1,198 @@
+"""What is remembered of the load follows better poses, as if all samples had been summed with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+import pytest
+
+from agents.load_memory import LoadMemory
+from coheft.estimation.acceleration import MotionFusion, carried_constants, derivative_kernel, robot_constants
+from coheft.estimation.body_motion import perturbed
+from coheft.estimation.measurement import WRENCH
+from coheft.estimation.observability import Visibility
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.team_registration import TeamPoses, refit_map
+from coheft.wire.config import AgentConfig, agent_config
+from coheft.wire.scenario import EfficientSettings
+from tests.estimation.team import Team, make_team
+from tests.estimation.test_team_registration import fused_motion
+from tests.in_process import changed
+
+BLOCK = 10
+COUNT = 4
+OWN = 2
+DURATION = 6.0
+
+
+@pytest.fixture(scope="module")
+def team() -> Team:
+    return make_team(7, count=COUNT, duration=DURATION)
+
+
+@pytest.fixture(scope="module")
+def config() -> AgentConfig:
+    scenario = changed("ring6")
+    sensors = msgspec.structs.replace(scenario.sensors, rate=100, block=BLOCK)
+    return agent_config(msgspec.structs.replace(scenario, sensors=sensors), "r3", ("r2", "r4"))
+
+
+class Memories:
+    """What all robots remember of the exact samples of a team, summed with some poses."""
+
+    def __init__(self, config: AgentConfig, team: Team, poses: Sequence[Pose]) -> None:
+        self.team = team
+        self.each = [LoadMemory(config, COUNT, own) for own in range(COUNT)]
+        self.use(poses)
+
+    def use(self, poses: Sequence[Pose]) -> None:
+        self.poses = poses
+        constants = sum(carried_constants(robot_constants(self.team.noise), pose) for pose in poses)
+        for memory in self.each:
+            memory.set_poses(poses, MotionFusion.of(np.asarray(constants), derivative_kernel(2, 0.01)))
+
+    def push(self, first: int, last: int, load: float = 1.0) -> list[int | None]:
+        """Blocks ``first`` to ``last - 1``, of a load so many times as heavy. Returns what the first robot found."""
+        found = []
+        for block in range(first, last):
+            samples = self.team.exact[BLOCK * block : BLOCK * (block + 1)] * np.repeat([1.0, load], [9, 6])
+            motion = fused_motion(samples, self.poses, self.team.noise)
+            wrench = np.sum([samples[:, i, WRENCH] @ pose.adjoint().T for i, pose in enumerate(self.poses)], axis=0)
+            changes = [memory.push(block, motion, wrench, samples[:, i, WRENCH]) for i, memory in enumerate(self.each)]
+            found.append(changes[0])
+        return found
+
+    def map_to(self, poses: Sequence[Pose]) -> None:
+        feature_map = refit_map(self.poses, poses, self.team.noise)
+        for memory in self.each:
+            memory.map_features(feature_map, self.poses, poses)
+        self.use(poses)
+
+    def told(self) -> Array:
+        return np.array([memory.told() for memory in self.each])
+
+    def correct(self, rows: Array | None, moved: float = 0.0) -> None:
+        for memory in self.each:
+            memory.correct(rows, moved)
+
+    def estimate(self) -> Array:
+        """``(m, m h, I_o)`` as one robot believes it."""
+        limits = Visibility()
+        payload, unseen = self.each[OWN].payload(OWN, TeamPoses(tuple(self.poses), 1e-12 * np.eye(6 * COUNT), limits))
+        assert payload is not None
+        assert unseen == ()
+        return Inertia(payload.mass, payload.com, payload.tensor).barycentric()
+
+
+def moved(team: Team, size: float) -> list[Pose]:
+    """The true poses, all but the reference's off by about ``size`` [rad, m]."""
+    rng = np.random.default_rng(5)
+    return [team.poses[0], *(perturbed(pose, size * rng.normal(size=6)) for pose in team.poses[1:])]
+
+
+def distance(a: Array, b: Array) -> float:
+    return float(np.linalg.norm(a - b))
+
+
+def errors_after_a_fit(config: AgentConfig, team: Team, size: float) -> tuple[float, float, float]:
+    """How far the estimate is from that of samples summed anew: not mapped at all, mapped, and corrected as well."""
+    blocks = round(DURATION * 100 / BLOCK)
+    anew, stale, memories = (Memories(config, team, poses) for poses in (team.poses, *2 * [moved(team, size)]))
+    for other in (anew, stale):
+        other.push(0, blocks // 2)
+        other.use(other.poses)  # with weights from the same estimate
+        other.push(blocks // 2, blocks)
+    memories.push(0, blocks // 2)
+    memories.map_to(team.poses)
+    rows = memories.told()
+    memories.push(blocks // 2, blocks)
+    half = distance(memories.estimate(), anew.estimate())
+    memories.correct(rows)
+    return distance(stale.estimate(), anew.estimate()), half, distance(memories.estimate(), anew.estimate())
+
+
+def test_a_fit_is_as_good_as_summing_anew_to_first_order(config: AgentConfig, team: Team) -> None:
+    coarse, fine = (errors_after_a_fit(config, team, size) for size in (4e-3, 1e-3))
+    for stale, mapped, corrected in (coarse, fine):
+        assert corrected < 0.01 * mapped
+        assert corrected < 0.002 * stale
+    # A quarter of the step: a sixteenth of the error.
+    assert fine[2] < coarse[2] / 14.0
+    assert fine[0] == pytest.approx(coarse[0] / 4.0, rel=0.1)
+
+
+def test_rows_of_another_load_are_not_used(config: AgentConfig, team: Team) -> None:
+    """One robot has not heard of the last change yet: its moments are those of other samples."""
+    for spoil in ("changed at", "count", "missing"):
+        memories = Memories(config, team, moved(team, 2e-3))
+        memories.push(0, 40)
+        memories.map_to(team.poses)
+        before = memories.estimate()
+        rows: Array | None = memories.told()
+        assert rows is not None
+        if spoil == "missing":
+            rows = None
+        else:
+            rows[1, 0 if spoil == "changed at" else 1] = 13.0 if spoil == "changed at" else 0.0
+        memories.correct(rows)
+        np.testing.assert_array_equal(memories.estimate(), before)
+
+
+def test_a_change_between_telling_and_correcting_leaves_the_new_load_alone(config: AgentConfig, team: Team) -> None:
+    memories = Memories(config, team, moved(team, 2e-3))
+    memories.push(0, 40)
+    memories.map_to(team.poses)
+    rows = memories.told()
+    memories.push(40, 60, load=1.3)
+    assert all(memory.adopt(40) for memory in memories.each)
+    before = memories.estimate()
+    memories.correct(rows)
+    np.testing.assert_array_equal(memories.estimate(), before)
+    fresh = Memories(config, team, team.poses)
+    fresh.push(40, 60, load=1.3)
+    np.testing.assert_allclose(memories.estimate(), fresh.estimate(), rtol=1e-3, atol=1e-3)
+
+
+def test_changes_are_found_again_after_a_fit_whether_or_not_everybody_was_heard(
+    config: AgentConfig, team: Team
+) -> None:
+    for heard in (True, False):
+        memories = Memories(config, team, moved(team, 1e-5))
+        assert memories.push(0, 20) == 20 * [None]
+        memories.map_to(team.poses)
+        rows = memories.told()
+        # Before and after a fit nothing can be compared until wrenches are corrected as well.
+        assert memories.push(20, 22) == 2 * [None]
+        memories.correct(rows if heard else None, moved=1.0)
+        assert memories.push(22, 40) == 18 * [None]
+        found = [block for block in memories.push(40, 60, load=1.3) if block is not None]
+        assert found == [40]
+        assert memories.each[0].changed_at == 40
+
+
+def test_everybody_ends_with_the_newest_change(config: AgentConfig, team: Team) -> None:
+    memories = Memories(config, team, team.poses)
+    memories.push(0, 40)
+    memory = memories.each[0]
+    assert memory.changed_at == -1
+    assert memory.adopt(21)
+    assert not memory.adopt(21)
+    assert not memory.adopt(8)
+    assert memory.changed_at == 21
+    memories.map_to(team.poses)
+    changed_at, count = memories.told()[0, :2]
+    assert changed_at == 21
+    assert 0 < count <= (40 - 21) * BLOCK
+    # What is told stays the block that was agreed on, though this robot can tell only the next border from there:
+    # else everybody would push everybody on.
+    assert count % BLOCK == 0
+
+
+def test_forgetting_follows_a_fit_too(config: AgentConfig, team: Team) -> None:
+    settings = EfficientSettings(memory=2.0)
+    forgetting = msgspec.structs.replace(config, efficient=settings)
+    stale, _, corrected = errors_after_a_fit(forgetting, team, 2e-3)
+    assert corrected < 0.01 * stale
