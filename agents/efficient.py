@@ -14,7 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from agents.estimator import Belief, Channels, is_converged
-from agents.team import Team
+from agents.team import EARLY, Team
 from coheft.estimation.measurement import KINEMATICS, MeasurementBlock
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.spatial import Array, Pose
@@ -36,8 +36,9 @@ class EfficientEstimator:
         self._config = config
         self._gossip = gossip
         self._pairs = {name: TwistMoments.none() for name in config.neighbours}
+        self._history_length = max(2, round(EARLY * config.rate / config.block))
         self._look_every = max(1, round(_PAIRS_EVERY * config.rate / config.block))
-        self._previous: Array | None = None
+        self._history: dict[int, Array] = {}
         self._team: Team | None = None
 
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
@@ -45,14 +46,18 @@ class EfficientEstimator:
         samples = None if own is None else own.samples
         start = self._gossip.start_block
         if self._team is None and start is not None and index >= start:
-            self._team = Team(self._config, self._gossip, start)
+            self._team = Team(self._config, self._gossip, start, self._history)
+            self._history = {}
         if self._team is not None:
             return self._team.step(index, samples, inbox)
-        self._update_pairs(inbox)
-        self._previous = None if samples is None else samples[:, KINEMATICS]
+        self._update_pairs(self._history.get(index - 1), inbox)
         if index % self._look_every == 0:
             self._announce(index)
-        return {} if self._previous is None else {"kinematics": self._previous}
+        self._history.pop(index - self._history_length, None)
+        if samples is None:
+            return {}
+        self._history[index] = samples
+        return {"kinematics": samples[:, KINEMATICS]}
 
     def belief(self) -> Belief:
         """See ``Estimator.belief``."""
@@ -72,11 +77,11 @@ class EfficientEstimator:
             load_changes=tuple(self._team.load_changes),
         )
 
-    def _update_pairs(self, inbox: Mapping[str, Channels]) -> None:
+    def _update_pairs(self, previous: Array | None, inbox: Mapping[str, Channels]) -> None:
         for name, channels in inbox.items():
             kinematics = channels.get("kinematics")
-            if kinematics is not None and self._previous is not None:
-                self._pairs[name] += TwistMoments.of(self._previous[:, :6], kinematics[:, :6])
+            if kinematics is not None and previous is not None:
+                self._pairs[name] += TwistMoments.of(previous[:, :6], kinematics[:, :6])
 
     def _pair(self, name: str) -> PoseEstimate:
         return register_twists(self._pairs[name], self._config.noise, self._config.noise)

@@ -118,9 +118,7 @@ class LoadMemory:
             The first block of a new load, if a change was found.
         """
         assert self._model is not None
-        rows = features(motion, wrench)
-        cross = rows[:, MOTION_FEATURES].T @ own_wrench
-        self._window.push(block, np.concatenate([packed_gram(rows), cross.ravel()]))
+        self._window.push(block, _moments(motion, wrench, own_wrench))
         self._last_block = block
         self._told_left *= self._kept
         if self._told is not None:
@@ -130,6 +128,11 @@ class LoadMemory:
             return None
         self._changed_at = change.first_block
         return change.first_block
+
+    def push_early(self, motion: Array, wrench: Array, own_wrench: Array) -> None:
+        """Take in a block from before all others, as ``push``; it is not looked at for changes."""
+        if self.changed_at < 0:
+            self._window.push_early(_moments(motion, wrench, own_wrench))
 
     def adopt(self, changed_at: int) -> bool:
         """A neighbour says that the load changed at this block. Returns whether that is news."""
@@ -245,3 +248,10 @@ class LoadMemory:
 
     def _is_enough(self) -> bool:
         return self._count() >= _LEAST * self._config.rate
+
+
+def _moments(motion: Array, wrench: Array, own_wrench: Array) -> Array:
+    """Packed Gram matrix of a block, and its share of ``C_i``."""
+    rows = features(motion, wrench)
+    cross = rows[:, MOTION_FEATURES].T @ own_wrench
+    return np.concatenate([packed_gram(rows), cross.ravel()])

@@ -50,6 +50,8 @@ _KNOWN_ROTATION, _KNOWN_TRANSLATION = 1e-3, 1e-3
 _DERIVATIVE_SPAN = 0.02
 """Half the time over which a gyro is differentiated, where accelerometers do not see all of alpha [s]."""
 _SCORE_SIZE, _POSE_SIZE = 6, 12
+EARLY = 10.0
+"""How far back from their start the sums reach [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +69,7 @@ class Team:
         config: The agent's settings.
         gossip: Knows the graph, and the poses that everybody starts with.
         start: Block at which the sums begin, the same for everybody.
+        history: Own samples of the blocks before, by number. They follow, one per block, through sums of their own.
 
     Attributes:
         total_block: Block of the newest total, -1 while there is none.
@@ -74,7 +77,7 @@ class Team:
         load_changes: Noticed so far.
     """
 
-    def __init__(self, config: AgentConfig, gossip: Gossip, start: int) -> None:
+    def __init__(self, config: AgentConfig, gossip: Gossip, start: int, history: Mapping[int, Array]) -> None:
         graph = gossip.graph
         poses = tuple(gossip.pose(name) for name in sorted(graph or ()))
         # Without the graph, and without a pose, nobody would have been ready.
@@ -89,6 +92,11 @@ class Team:
         self._own_gains = schedule.gains(config.name, config.name)
         self._gains = {name: schedule.gains(config.name, name) for name in graph[config.name]}
         self._pipeline = Pipeline(schedule.rounds, config.block, _CHANNELS)
+        self._early_pipeline = Pipeline(schedule.rounds, config.block, _CHANNELS)
+        # Everybody goes back equally far; whoever does not have a block any more lets it be left out.
+        self._delay = min(start, self._blocks(EARLY))
+        self._start = start
+        self._history = dict(history)
         # Whoever is farthest has heard a diameter later; one block more, so that a lost message does no harm.
         self._hearing = diameter(graph) + 1
 
@@ -120,16 +128,17 @@ class Team:
         """One block: it enters the sums, and one that entered earlier leaves them."""
         for channels in inbox.values():
             self._hear(channels, index)
-        finished = self._pipeline.advance(self._stages(inbox), self._own_gains)
+        finished = self._pipeline.advance(self._stages(inbox, "sums"), self._own_gains)
         leaving = index - self._pipeline.rounds
         fit_round = self._rounds.at(index)
         self._fit_poses(fit_round, index)
         if finished is not None:
             self._take_in(leaving, index, self._scale * finished)
-        self._enter(index, samples)
+        self._enter(self._pipeline, index, samples)
         self._entered.pop(leaving - 3, None)
         self._sums.pop(leaving - 3, None)
-        told = {
+        early = self._catch_up(index, inbox)
+        told = early | {
             "sums": self._pipeline.stages.copy(),
             "sums_valid": self._pipeline.valid.astype(np.float64),
             "load_change": np.array([float(self._memory.changed_at)]),
@@ -154,21 +163,37 @@ class Team:
 
     # --- sums ---
 
-    def _stages(self, inbox: Mapping[str, Mapping[str, Array]]) -> list[NeighbourStages]:
+    def _stages(self, inbox: Mapping[str, Mapping[str, Array]], channel: str) -> list[NeighbourStages]:
         stages = []
         for name, gains in self._gains.items():
             channels = inbox.get(name, {})
-            valid = channels.get("sums_valid")
-            stages.append(NeighbourStages(None, gains, channels.get("sums"), None if valid is None else valid > 0.5))
+            valid = channels.get(f"{channel}_valid")
+            stages.append(NeighbourStages(None, gains, channels.get(channel), None if valid is None else valid > 0.5))
         return stages
 
-    def _enter(self, index: int, samples: Array | None) -> None:
+    def _enter(self, pipeline: Pipeline, block: int, samples: Array | None) -> None:
         if samples is None:
-            self._pipeline.enter(None)
+            pipeline.enter(None)
             return
-        self._entered[index] = _Entered(samples, self._carrying_pose)
+        self._entered[block] = _Entered(samples, self._carrying_pose)
         own = summands(samples, self._config.noise) @ self._carrying_pose.adjoint().T
-        self._pipeline.enter(own.reshape(len(samples), _CHANNELS))
+        pipeline.enter(own.reshape(len(samples), _CHANNELS))
+
+    def _catch_up(self, index: int, inbox: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
+        """One block from before the start enters the sums, and another leaves them; what to tell of that."""
+        pipeline = self._early_pipeline
+        entering = index - self._delay
+        if entering >= self._start + pipeline.rounds:
+            return {}
+        finished = pipeline.advance(self._stages(inbox, "early"), self._own_gains)
+        entered = self._entered.pop(entering - pipeline.rounds, None)
+        if finished is not None and entered is not None and self._fusion.derivative_gain is None:
+            sums = (self._scale * finished).reshape(-1, 3, 6)
+            motion = self._fusion.motion(sums)
+            self._moments += RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
+            self._memory.push_early(motion, sums[:, 0], entered.samples[:, WRENCH])
+        self._enter(pipeline, entering, self._history.pop(entering, None) if entering < self._start else None)
+        return {"early": pipeline.stages.copy(), "early_valid": pipeline.valid.astype(np.float64)}
 
     def _take_in(self, block: int, index: int, totals: Array) -> None:
         """The network's totals of a block, in the body frame."""

@@ -61,6 +61,9 @@ class Memory(Protocol):
     def push(self, block: int, gram: Array) -> None:
         """Take in a block: its number, larger than all before, and packed Gram matrix (190,), then the riders."""
 
+    def push_early(self, gram: Array) -> None:
+        """Take in a block from before all others."""
+
     @property
     def total(self) -> Array:
         """Sum over all blocks that count: packed Gram matrix and riders."""
@@ -143,6 +146,11 @@ class LoadWindow:
         self._sums[: self._borders] += gram
         self._count += 1
         self._last_block = block
+
+    def push_early(self, gram: Array) -> None:
+        """Take in a block from before all others: it adds to the oldest stretch."""
+        if self._borders:
+            self._sums[0] += gram
 
     def review(self, model: InertiaModel, tolerance: Array | None = None) -> LoadChange | None:
         """Test whether the load changed at one of the borders; if so, forget all that is older than the likeliest.
@@ -319,6 +327,9 @@ class ForgettingWindow:
     def push(self, block: int, gram: Array) -> None:
         """Take in a block: packed Gram matrix (190,), then the riders; its number does not matter."""
         self._sums = self._factors * self._sums + gram
+
+    def push_early(self, gram: Array) -> None:
+        """Nothing: it would have faded."""
 
     def review(self, model: InertiaModel, tolerance: Array | None = None) -> None:
         """Remember the estimate, to stay there in directions that are not going to show."""

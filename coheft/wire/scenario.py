@@ -207,7 +207,7 @@ class EfficientSettings(Section, frozen=True):
 
     start_rotation_deg: Positive = 1.0
     start_translation_mm: Positive = 20.0
-    refit_share: Positive = 0.04
+    refit_share: Positive = 0.02
     offsets: bool = False
     memory: Literal["window"] | Positive = "window"
 
