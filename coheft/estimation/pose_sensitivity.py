@@ -73,9 +73,9 @@ def inertia_by_poses(
     weighted = model.regressor_coefficients.swapaxes(1, 2) @ np.linalg.inv(model.residual_covariance)
     of_motion = weighted[MOTION_FEATURES].swapaxes(0, 1).reshape(model.unknowns, -1)
     # Moments of the features with dAd_j u_j, and with M d(a, alpha), shape (6 N, features, 6).
-    wrench = (crosses[:, None] @ sensitivity.adjoints.swapaxes(2, 3)).reshape(-1, *crosses.shape[1:])
+    wrench: Array = (crosses[:, None] @ sensitivity.adjoints.swapaxes(2, 3)).reshape(-1, *crosses.shape[1:])
     needed = spatial_inertia(parameters) @ sensitivity.motion @ gram[MOTION_FEATURES, MOTION_FEATURES]
-    wrench = wrench - needed.swapaxes(1, 2)
+    wrench = np.subtract(wrench, needed.swapaxes(1, 2))
     score = of_motion @ wrench.reshape(len(wrench), -1).T
     solution: Array = np.linalg.solve(information.matrix, score)
     return solution[:INERTIA_SIZE]
