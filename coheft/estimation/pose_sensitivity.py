@@ -77,5 +77,5 @@ def inertia_by_poses(
     needed = spatial_inertia(parameters) @ sensitivity.motion @ gram[MOTION_FEATURES, MOTION_FEATURES]
     wrench = np.subtract(wrench, needed.swapaxes(1, 2))
     score = of_motion @ wrench.reshape(len(wrench), -1).T
-    solution: Array = np.linalg.solve(information.matrix, score)
+    solution = np.linalg.inv(information.matrix) @ score
     return solution[:INERTIA_SIZE]
