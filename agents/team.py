@@ -45,7 +45,7 @@ from consensus.schedule import choose_schedule
 _CHANNELS = 18
 _SHORTEST_ROUND = 0.2
 """Shortest time between two fits of the poses [s]."""
-_KNOWN_ROTATION, _KNOWN_TRANSLATION = 1e-3, 1e-3
+_KNOWN_ROTATION, _KNOWN_TRANSLATION = 2e-3, 2e-3
 """While poses are less certain, what looks like another load is not reported as one [rad, m]."""
 _DERIVATIVE_SPAN = 0.02
 """Half the time over which a gyro is differentiated, where accelerometers do not see all of alpha [s]."""

@@ -20,7 +20,8 @@ from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.app.study.statistics import ratio_of_roots
 from coheft.app.study.trial import Trial
 from coheft.errors import ScenarioError
-from coheft.wire.scenario import LoadChange, Scenario, load_scenario
+from coheft.wire.scenario import LoadChange, Scenario
+from coheft.wire.scenario_file import load_scenario
 from tests.physics_run import scenario
 
 NAMES = [quantity.name for quantity in QUANTITIES]

@@ -43,7 +43,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     lag: int
     seed: int
     motion: Motion
-    estimator: Literal["seed", "efficient"]
+    estimator: Literal["efficient", "seed"]
     seed_method: SeedSettings
     efficient: EfficientSettings
     converged: Converged
