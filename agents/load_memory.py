@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.acceleration import MotionFusion
+from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.bounds import barycentric_derivative, seen_inertia_derivative
 from coheft.estimation.inertia import (
     FEATURES,
@@ -41,8 +42,10 @@ from coheft.wire.messages import PayloadEstimate
 _CROSS_SHAPE = (MOTION_FEATURES.stop, 6)
 _CROSS_SIZE = _CROSS_SHAPE[0] * _CROSS_SHAPE[1]
 _WRENCH_FEATURES = slice(MOTION_FEATURES.stop, FEATURES)
-_FAR = 0.25
-"""Samples from before the poses moved by more than this are not compared with each other any more."""
+_COMPARED = 2.0
+_FAR = 5.0
+"""When the poses' step would shift the test of a stretch of the former length [s] by more than the latter [chi-square],
+samples from before it are not compared with each other any more."""
 _TOLERANCE = 3.0
 """By so many standard deviations, as far as they come from the poses, two stretches may differ without a change."""
 _LEAST = 0.5
@@ -70,7 +73,7 @@ class LoadMemory:
         own: Index of this one.
     """
 
-    told_size = 2 + _CROSS_SIZE
+    told_size = 3 + _CROSS_SIZE
     """Numbers of ``told``."""
 
     def __init__(self, config: AgentConfig, robots: int, own: int) -> None:
@@ -92,6 +95,7 @@ class LoadMemory:
         self._model: InertiaModel | None = None
         self._told: _Told | None = None
         self._told_left = 1.0
+        self._forces = _MeanSquare()
         self._mean_crosses = np.zeros((robots, *_CROSS_SHAPE))
         self._tolerance: Array | None = None
 
@@ -119,6 +123,7 @@ class LoadMemory:
         """
         assert self._model is not None
         self._window.push(block, _moments(motion, wrench, own_wrench))
+        self._forces.add(own_wrench[:, :3])
         self._last_block = block
         self._told_left *= self._kept
         if self._told is not None:
@@ -143,16 +148,19 @@ class LoadMemory:
         return True
 
     def told(self) -> Array:
-        """What everybody has to know of the samples so far: of which load, how many, and own ``C_i``; shape (80,)."""
-        assert self._told is not None
-        return np.concatenate([[self._told.changed_at, self._told.count], self._told.cross.ravel()])
+        """What everybody has to know of the samples so far, shape (81,).
 
-    def correct(self, rows: Array | None, moved: float) -> None:
+        Of which load, how many, mean square of the own force [N²], and own ``C_i``.
+        """
+        assert self._told is not None
+        summary = [self._told.changed_at, self._told.count, self._forces.mean]
+        return np.concatenate([summary, self._told.cross.ravel()])
+
+    def correct(self, rows: Array | None) -> None:
         """Let the total wrenches be as the newest poses would have carried them.
 
         Args:
-            rows: Everybody's ``told``, shape (N, 80); None if not everybody's has been heard.
-            moved: How far the poses moved, root mean square in units of their standard deviations.
+            rows: Everybody's ``told``, shape (N, 81); None if not everybody's has been heard.
         """
         told, self._told = self._told, None
         if told is None:
@@ -160,10 +168,21 @@ class LoadMemory:
         is_same_load = told.changed_at == self._changed_at
         if rows is not None and is_same_load and np.all(rows[:, 0] == told.changed_at) and np.all(rows[:, 1] > 0.0):
             # Each one's mean: not everybody need have missed the same samples.
-            self._mean_crosses = rows[:, 2:].reshape(-1, *_CROSS_SHAPE) / rows[:, 1, None, None]
+            self._mean_crosses = rows[:, 3:].reshape(-1, *_CROSS_SHAPE) / rows[:, 1, None, None]
             self._correct_wrenches(told)
-        if moved > _FAR:
+        if rows is None or self._shift(told, rows[:, 2]) > _FAR:
             self._window.forget_borders_before(told.last_block + 1)
+
+    def _shift(self, told: _Told, mean_square_forces: Array) -> float:
+        """What the poses' step does to the test of a short stretch, if it is corrected for its mean effect only.
+
+        A robot whose pose moved by ``d`` [m], at its lever arm, shifts the total wrench by ``d`` times what it pushes.
+        """
+        length, noise = self._length(), self._config.noise
+        steps = [perturbation_between(old, new) for old, new in zip(told.old_poses, told.new_poses, strict=True)]
+        moved = [length * np.linalg.norm(step[:3]) + np.linalg.norm(step[3:]) for step in steps]
+        variance = len(steps) * ((noise.force * length) ** 2 + noise.torque**2)
+        return float(_COMPARED * self._config.rate * np.square(moved) @ mean_square_forces / variance)
 
     def _correct_wrenches(self, told: _Told) -> None:
         correction = np.zeros((FEATURES, FEATURES))
@@ -255,3 +274,21 @@ def _moments(motion: Array, wrench: Array, own_wrench: Array) -> Array:
     rows = features(motion, wrench)
     cross = rows[:, MOTION_FEATURES].T @ own_wrench
     return np.concatenate([packed_gram(rows), cross.ravel()])
+
+
+class _MeanSquare:
+    """Mean square of the norm of the vectors seen so far."""
+
+    def __init__(self) -> None:
+        self._sum = 0.0
+        self._count = 0
+
+    def add(self, vectors: Array) -> None:
+        """Take in vectors, shape (n, 3)."""
+        self._sum += float(np.square(vectors).sum())
+        self._count += len(vectors)
+
+    @property
+    def mean(self) -> float:
+        """The mean, 0 of none."""
+        return self._sum / max(self._count, 1)

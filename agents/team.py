@@ -13,7 +13,7 @@ So what was accumulated always is, to first order, what the newest poses would h
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +28,6 @@ from coheft.estimation.acceleration import (
     robot_constants,
     summands,
 )
-from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.measurement import KINEMATICS, WRENCH
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.registration import RegistrationMoments, score_and_information
@@ -118,7 +117,6 @@ class Team:
         self._scores = Flood(len(self._names), _SCORE_SIZE + _POSE_SIZE)
         self._crosses = Flood(len(self._names), LoadMemory.told_size)
         self._new: TeamPoses | None = None
-        self._moved = 0.0
         self._noticed_block = -1
         self.total_block = -1
         self.total_wrench = np.zeros(6)
@@ -265,7 +263,7 @@ class Team:
             self._new = None
             self._crosses.tell(self._own, fit_round.number, self._memory.told())
         elif index == fit_round.correct:
-            self._memory.correct(self._crosses.rows(fit_round.number), self._moved)
+            self._memory.correct(self._crosses.rows(fit_round.number))
 
     def _fit(self, rows: Array | None) -> TeamPoses | None:
         """The joint step, from everybody's score and pose (N, 18); None if not everybody's has been heard."""
@@ -274,7 +272,6 @@ class Team:
         # What each says of its own pose counts, should somebody have missed an earlier fit.
         poses = tuple(Pose.of_numbers(numbers) for numbers in rows[:, _SCORE_SIZE:])
         fitted = register_team(poses, rows[:, :_SCORE_SIZE], self._moments, self._config.noise)
-        self._moved = _distance(poses, fitted)
         self._memory.set_tolerance(fitted)
         self._carrying_pose = fitted.poses[self._own]
         self._fitted = fitted
@@ -306,10 +303,3 @@ class Team:
     def _time(self, block: int) -> float:
         """Start of a block [s]."""
         return block * self._config.block / self._config.rate
-
-
-def _distance(old: Sequence[Pose], fitted: TeamPoses) -> float:
-    """Root mean square of all poses' steps, but the reference's, in units of their standard deviations."""
-    steps = np.concatenate([perturbation_between(a, b) for a, b in zip(old, fitted.poses, strict=True)])
-    deviations = np.sqrt(np.diag(fitted.covariance))
-    return float(np.sqrt(np.mean(np.square(steps[6:] / deviations[6:]))))
