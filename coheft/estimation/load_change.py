@@ -1,21 +1,19 @@
-"""Which samples still count: memories that notice, or slowly outlive, a change of the load.
+"""Which samples still count: a memory that notices when the load changes.
 
 ``LoadWindow`` keeps everything since the last change. It remembers ``O(log n)`` borders between blocks, dense among the
 newest and ever sparser towards the oldest, and for each the sum of all that came after it. For every border it can so
 compare "one load all along" with "another load since this border": an adaptive window after Bifet and Gavalda (2007),
 with a generalised likelihood ratio test (Basseville and Nikiforov 1993) in place of a difference of means.
 
-``ForgettingWindow`` is the classical alternative, exponential forgetting, kept from forgetting what no longer shows.
-
-Both are plain state machines: what they do depends on what they were told, on nothing else. They take packed Gram
-matrices of blocks (``inertia.packed_gram``).
+It is a plain state machine: what it does depends on what it was told, on nothing else. It takes packed Gram matrices of
+blocks (``inertia.packed_gram``). ``forgetting_window`` has the classical alternative.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -35,9 +33,7 @@ _SMALL = 4.0
 _OVERDUE = 3.0
 """A drift is over when this many times the usual interval went by without a change."""
 _TESTED = 0.2
-"""Directions are tested in which at least this share of the information is motion, and not noise of motion,"""
-_SHOWN = 0.5
-"""and forgetting, which has few samples to tell that from, keeps the estimate where the share is below this one."""
+"""Directions are tested in which at least this share of the information is motion, and not noise of motion."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +227,7 @@ class LoadWindow:
             return np.empty(0), np.inf
         everything, newer = model.information(self._sums[0, :GRAM_SIZE]), model.information(sums)
         # In these coordinates the score covariance of everything is the identity, and its matrix diagonal.
-        basis, dual, shares = _signal(everything.matrix, _safe_score_covariance(everything), _TESTED)
+        basis, dual, shares = signal_directions(everything.matrix, _safe_score_covariance(everything), _TESTED)
         if len(basis) == 0:
             return np.zeros(len(sums)), np.inf
         matrix = basis @ newer.matrix @ basis.T
@@ -269,7 +265,7 @@ def pose_tolerance(mass: float, length: float, rotation: float, translation: flo
     return np.repeat([mass * rotation, mass * lever, mass * length * lever], [1, 3, 6])
 
 
-def _signal(matrix: Array, covariance: Array, least: float) -> tuple[Array, Array, Array]:
+def signal_directions(matrix: Array, covariance: Array, least: float) -> tuple[Array, Array, Array]:
     """The directions in which information is motion and not mostly its noise.
 
     Args:
@@ -294,79 +290,3 @@ def _safe_score_covariance(information: InertiaInformation) -> Array:
     """With the regressor's noise as expected on top of what it happened to be: in a few samples that can be nil."""
     result: Array = 2.0 * information.uncompensated - information.matrix
     return result
-
-
-class ForgettingWindow:
-    """Exponential forgetting, down to a floor.
-
-    Args:
-        memory: Blocks after which ``1/e`` of a block's weight is left. There should be a review for each block.
-        floor: Standard deviation (u,) of the unknowns ``theta`` (and offset) up to which information may be lost. In
-            directions that no longer show, the estimate stays where it was, with this uncertainty.
-        riders: Numbers per block that are summed along with the Gram matrix, for the caller's use.
-    """
-
-    def __init__(self, memory: float, floor: Array, riders: int = 0) -> None:
-        self._factor = float(np.exp(-1.0 / memory))
-        self._floor = np.diag(floor**-2.0)
-        self._anchor: Array = np.zeros(len(floor))
-        # Sums with the blocks' weights, and with their squares.
-        self._sums = np.zeros((2, GRAM_SIZE + riders))
-        self._factors = np.array([[self._factor], [self._factor**2]])
-
-    @property
-    def total(self) -> Array:
-        """Weighted sum over all blocks: packed Gram matrix and riders."""
-        total: Array = self._sums[0].copy()
-        return total
-
-    def revise(self, update: Callable[[Array], Array]) -> None:
-        """Change what was summed: ``update`` takes sums (2, 190 + riders) to their new values."""
-        self._sums = update(self._sums)
-
-    def push(self, block: int, gram: Array) -> None:
-        """Take in a block: packed Gram matrix (190,), then the riders; its number does not matter."""
-        self._sums = self._factors * self._sums + gram
-
-    def push_early(self, gram: Array) -> None:
-        """Nothing: it would have faded."""
-
-    def review(self, model: InertiaModel, tolerance: Array | None = None) -> None:
-        """Remember the estimate, to stay there in directions that are not going to show."""
-        information = self.information(model)
-        estimate = np.linalg.solve(information.matrix, information.vector)
-        # Slowly, because neighbouring estimates come from the same data: those must not count again and again.
-        self._anchor = self._anchor + (1.0 - self._factor) * (estimate - self._anchor)
-
-    def forget_before(self, block: int) -> None:
-        """Nothing: older blocks fade by themselves."""
-
-    def forget_borders_before(self, block: int) -> None:
-        """Nothing: there are none."""
-
-    def information(self, model: InertiaModel) -> InertiaInformation:
-        """Of all blocks with their weights, and the floor."""
-        weighted, squares = self._sums[:, :GRAM_SIZE]
-        information = model.information(weighted)
-        if not weighted.any():
-            return _with_prior(information, self._floor, self._anchor)
-        spread = model.information(squares).score_covariance
-        basis, dual, shares = _signal(information.matrix, information.uncompensated, _SHOWN)
-        shown = replace(
-            information,
-            matrix=(dual.T * shares) @ dual,
-            vector=dual.T @ (basis @ information.vector),
-            score_covariance=dual.T @ (basis @ spread @ basis.T) @ dual,
-        )
-        return _with_prior(shown, self._floor, self._anchor)
-
-
-def _with_prior(information: InertiaInformation, prior: Array, mean: Array) -> InertiaInformation:
-    """Added: that the unknowns are ``mean`` (u,) with the information ``prior`` (u, u)."""
-    return replace(
-        information,
-        matrix=information.matrix + prior,
-        vector=information.vector + prior @ mean,
-        uncompensated=information.uncompensated + prior,
-        score_covariance=information.score_covariance + prior,
-    )

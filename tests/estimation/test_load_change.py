@@ -8,8 +8,9 @@ from scipy.stats import chi2
 
 from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.bounds import wrench_regressor
+from coheft.estimation.forgetting_window import ForgettingWindow
 from coheft.estimation.inertia import GRAM_SIZE, InertiaModel, features, packed_gram
-from coheft.estimation.load_change import ForgettingWindow, LoadChange, LoadWindow, Memory, pose_tolerance
+from coheft.estimation.load_change import LoadChange, LoadWindow, Memory, pose_tolerance
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
 from tests.estimation.fusion import fusion_of
