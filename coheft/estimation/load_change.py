@@ -154,7 +154,7 @@ class LoadWindow:
         Args:
             model: The weights.
             tolerance: Standard deviation (u,) of the unknowns by which two stretches may differ though the load is the
-                same, because the model is not exact; see ``pose_tolerance``.
+                same, because the model is not exact: the poses are not.
         """
         phase = 1 + self._reviews % self._stride
         self._reviews += 1
@@ -247,22 +247,6 @@ class LoadWindow:
 def _threshold(degrees_of_freedom: int, false_alarm: float) -> float:
     """What a chi-square variable exceeds with the given probability."""
     return float(chdtri(degrees_of_freedom, false_alarm))
-
-
-def pose_tolerance(mass: float, length: float, rotation: float, translation: float) -> Array:
-    """What errors of the poses can make of ``theta``, differently at different times.
-
-    Args:
-        mass: Of the load [kg].
-        length: Rough size of the body [m].
-        rotation: Standard deviation of the poses' rotations [rad].
-        translation: And of their translations [m].
-
-    Returns:
-        Standard deviations of ``theta``, shape (10,).
-    """
-    lever = translation + length * rotation
-    return np.repeat([mass * rotation, mass * lever, mass * length * lever], [1, 3, 6])
 
 
 def signal_directions(matrix: Array, covariance: Array, least: float) -> tuple[Array, Array, Array]:

@@ -10,7 +10,7 @@ from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.bounds import wrench_regressor
 from coheft.estimation.forgetting_window import ForgettingWindow
 from coheft.estimation.inertia import GRAM_SIZE, InertiaModel, features, packed_gram
-from coheft.estimation.load_change import LoadChange, LoadWindow, Memory, pose_tolerance
+from coheft.estimation.load_change import LoadChange, LoadWindow, Memory
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
 from tests.estimation.fusion import fusion_of
@@ -148,7 +148,7 @@ def test_missing_blocks_are_no_matter() -> None:
 
 def test_tolerance_overlooks_what_poses_may_explain_and_nothing_else() -> None:
     run = Run(seed=5, duration=14.0)
-    tolerance = pose_tolerance(20.0, 0.5, rotation=5e-3, translation=5e-3)
+    tolerance = np.repeat([0.1, 0.15, 0.075], [1, 3, 6])  # 20 kg, 0.5 m; poses off by 5 mrad, 5 mm
     for moved, seen in ((0.005, False), (0.06, True)):
         theta = run.theta.copy()
         theta[1] += 20.0 * moved
