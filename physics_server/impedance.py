@@ -52,10 +52,12 @@ class Arms:
         count, samples = len(self._robots), scenario.sensors.block
         self._steps_per_sample = PHYSICS_RATE // scenario.sensors.rate
         (k_t, k_r), (d_t, d_r) = scenario.robots.stiffness, scenario.robots.damping
-        rate_gain = np.repeat([d_t / k_t, d_r / k_r], 3)
-        # The reference goes on at its rate until the next sample; the spring's damping acts against that rate too.
-        since_sample = np.arange(self._steps_per_sample) / PHYSICS_RATE
-        self._rate_gains = since_sample[:, None, None] + rate_gain
+        damping = np.repeat([d_t / k_t, d_r / k_r], 3)
+        # Until the next sample the reference goes on at its rate, and the rate at its slope: a rate that stood still
+        # would shake the payload at half the sensors' rate. The spring's damping acts against the reference's rate too.
+        since_sample = np.arange(self._steps_per_sample)[:, None, None] / PHYSICS_RATE
+        self._rate_gains = since_sample + damping
+        self._slope_gains = scenario.sensors.rate * since_sample * (0.5 * since_sample + damping)
         self._displacement = np.zeros((samples, count, 6))
         self._rate = np.zeros((samples, count, 6))
         self._controls = np.zeros((samples, self._steps_per_sample, count, 2, 6))
@@ -81,7 +83,12 @@ class Arms:
             self._displacement[:, i, :3], self._displacement[:, i, 3:] = motion[:, 3:6], motion[:, :3]
             self._rate[:, i, :3], self._rate[:, i, 3:] = motion[:, 9:], motion[:, 6:9]
             self._controls[..., i, _MOTOR, :] = reference.wrench
-        self._controls[..., _SPRING, :] = self._displacement[:, None] + self._rate[:, None] * self._rate_gains
+        slope = np.diff(self._rate, axis=0)
+        slope = np.concatenate([slope, slope[-1:]])  # the next block's reference is not known yet
+        spring = (
+            self._displacement[:, None] + self._rate[:, None] * self._rate_gains + slope[:, None] * self._slope_gains
+        )
+        self._controls[..., _SPRING, :] = spring
         return self._controls.reshape(-1, self.controls_per_robot * len(self._robots))
 
     def wrenches(self, forces: Array, rotations: Array, home_rotations: Array) -> Array:

@@ -13,7 +13,7 @@ from coheft.wire.scenario import LoadChange
 from coheft.wire.scenario_file import load_scenario
 from physics_server.scene import PAYLOAD_HOME, place_grasps
 from physics_server.simulation import Simulation
-from tests.physics_run import excitation, reference, run, scenario
+from tests.physics_run import excitation, reference, run, samples, scenario
 
 EXACT = 1e-12
 GRASPS = place_grasps(scenario("ring6"))
@@ -149,6 +149,18 @@ def test_missing_reference_holds_the_last_displacement():
             np.testing.assert_array_equal(measured.samples, expected.measurements[name].samples)
 
 
+def test_accelerometers_and_the_slope_of_gyros_agree():
+    """No ripple between samples: with two robots the gyros' slope is all that tells of turning about their line."""
+    exact = scenario("ring3", rate=500, block=10)
+    taken = samples(run(Simulation(exact), excitation(exact), 150))[:, 500:]
+    first, second, _ = place_grasps(exact)
+    one, two, to_one = taken[0], taken[1], first.inverse() @ second
+    w, alpha, p = one[1:-1, :3], (one[2:, :3] - one[:-2, :3]) * (0.5 * exact.sensors.rate), to_one.translation
+    expected = one[1:-1, 6:9] + np.cross(alpha, p) + np.cross(w, np.cross(w, p))
+    found = two[1:-1, 6:9] @ to_one.rotation.T
+    assert np.abs(found - expected).max() < 0.01 * np.linalg.norm(np.cross(alpha, p), axis=1).max()
+
+
 def test_reference_goes_on_at_its_rate_between_samples():
     coarse, fine = scenario(rate=250, block=5), scenario(rate=1000, block=20)
     slow, fast = Simulation(coarse), Simulation(fine)
@@ -158,7 +170,11 @@ def test_reference_goes_on_at_its_rate_between_samples():
         between = {}
         for name, coarse_one in asked.items():
             motion = np.repeat(coarse_one.motion, 4, axis=0)
-            motion[:, :6] += np.tile(np.arange(4) / 1000, 5)[:, None] * motion[:, 6:]
+            slope = np.diff(coarse_one.motion[:, 6:], axis=0) * 250
+            slope = np.repeat(np.concatenate([slope, slope[-1:]]), 4, axis=0)
+            since = np.tile(np.arange(4) / 1000, 5)[:, None]
+            motion[:, :6] += since * motion[:, 6:] + 0.5 * since**2 * slope
+            motion[:, 6:] += since * slope
             between[name] = reference(name, block, motion)
         result, expected = slow.advance(asked), fast.advance(between)
         for name, measured in result.measurements.items():
