@@ -97,6 +97,7 @@ class LoadMemory:
         self._told: _Told | None = None
         self._told_left = 1.0
         self._forces = _MeanSquare()
+        self._mean_square_forces: Array | None = None
         self._mean_crosses = np.zeros((robots, *_CROSS_SHAPE))
         self._tolerance: Array | None = None
 
@@ -127,7 +128,7 @@ class LoadMemory:
         self._forces.add(own_wrench[:, :3])
         self._last_block = block
         self._told_left *= self._kept
-        if self._told is not None:
+        if self._told is not None and self._shift(self._told) > _FAR:
             return None  # samples before and after the last change of poses cannot be compared before ``correct``
         change = self._window.review(self._model, self._tolerance)
         if change is None:
@@ -171,19 +172,22 @@ class LoadMemory:
             # Each one's mean: not everybody need have missed the same samples.
             self._mean_crosses = rows[:, 3:].reshape(-1, *_CROSS_SHAPE) / rows[:, 1, None, None]
             self._correct_wrenches(told)
-        if rows is None or self._shift(told, rows[:, 2]) > _FAR:
+        self._mean_square_forces = None if rows is None else rows[:, 2]
+        if self._shift(told) > _FAR:
             self._window.forget_borders_before(told.last_block + 1)
 
-    def _shift(self, told: _Told, mean_square_forces: Array) -> float:
+    def _shift(self, told: _Told) -> float:
         """What the poses' step does to the test of a short stretch, if it is corrected for its mean effect only.
 
         A robot whose pose moved by ``d`` [m], at its lever arm, shifts the total wrench by ``d`` times what it pushes.
         """
+        if self._mean_square_forces is None:
+            return np.inf
         length, noise = self._length(), self._config.noise
         steps = [perturbation_between(old, new) for old, new in zip(told.old_poses, told.new_poses, strict=True)]
         moved = [length * np.linalg.norm(step[:3]) + np.linalg.norm(step[3:]) for step in steps]
         variance = len(steps) * ((noise.force * length) ** 2 + noise.torque**2)
-        return float(_COMPARED * self._config.rate * np.square(moved) @ mean_square_forces / variance)
+        return float(_COMPARED * self._config.rate * np.square(moved) @ self._mean_square_forces / variance)
 
     def _correct_wrenches(self, told: _Told) -> None:
         correction = np.zeros((FEATURES, FEATURES))

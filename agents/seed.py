@@ -13,10 +13,12 @@ import numpy as np
 
 from agents.estimator import Belief, Channels, is_converged
 from coheft.estimation.angular_acceleration import AngularAcceleration, gyro_derivative
+from coheft.estimation.bounds import barycentric_derivative
+from coheft.estimation.consistency import is_possible, nearest_possible
 from coheft.estimation.joint_rls import JointRls
 from coheft.estimation.measurement import KINEMATICS, MeasurementBlock
 from coheft.estimation.pose_rls import PoseRls
-from coheft.estimation.rigid_body import packed_rotation, unpack_symmetric
+from coheft.estimation.rigid_body import Inertia, packed_rotation, unpack_symmetric
 from coheft.estimation.spatial import Array, Pose, skew
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
@@ -219,7 +221,19 @@ class _InertialPhase:
         covariance[0] *= -(agreed[0] ** 2)
         covariance[:, 0] *= -(agreed[0] ** 2)
         covariance += 0.25 * np.outer(agreed - own, agreed - own)
-        return PayloadEstimate(float(agreed[0]), agreed[1:4], unpack_symmetric(agreed[4:]), covariance)
+        raw = Inertia(float(agreed[0]), agreed[1:4], unpack_symmetric(agreed[4:]))
+        inertia = self._possible(raw, covariance)
+        return PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, covariance)
+
+    def _possible(self, raw: Inertia, covariance: Array) -> Inertia:
+        """The likeliest body that can exist: nobody is to be told of one that cannot."""
+        parameters = raw.barycentric()
+        if is_possible(parameters):
+            return raw
+        derivative = barycentric_derivative(raw)
+        information = np.linalg.inv(derivative @ covariance @ derivative.T)
+        length = np.sqrt(np.mean([pose.translation @ pose.translation for pose in self._poses.values()]))
+        return Inertia.from_barycentric(nearest_possible(parameters, information, float(length)))
 
     def _inputs_of(self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array]) -> Array:
         """This robot's wrench and angular acceleration of a block; the last ones if a measurement is missing."""

@@ -166,6 +166,7 @@ class LoadChange(Section, frozen=True):
         mass: Of the new load [kg].
         position: Of its centre in the payload's frame [m].
         size: Its edge lengths [m].
+        leak: What it loses from then on [kg/s], until nothing is left; taken off at every border of a block.
         remove: Instead: number of the load to take away; loads are numbered from 1 as they come.
     """
 
@@ -173,6 +174,7 @@ class LoadChange(Section, frozen=True):
     mass: Positive | None = None
     position: Vector = (0.0, 0.0, 0.0)
     size: Lengths = (0.1, 0.1, 0.1)
+    leak: NotNegative = 0.0
     remove: Annotated[int, Meta(ge=1)] | None = None
 
 
@@ -207,7 +209,7 @@ class EfficientSettings(Section, frozen=True):
 
     start_rotation_deg: Positive = 1.0
     start_translation_mm: Positive = 20.0
-    refit_share: Positive = 0.02
+    refit_share: Positive = 0.01
     offsets: bool = False
     memory: Literal["window"] | Positive = "window"
 
