@@ -49,6 +49,8 @@ _FAR = 5.0
 samples from before it are not compared with each other any more."""
 _TOLERANCE = 3.0
 """By so many standard deviations, as far as they come from the poses, two stretches may differ without a change."""
+_SINGULAR = 1e-12
+"""Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
 _LEAST = 0.5
 """Least time of samples from which anything is estimated [s]."""
 
@@ -58,6 +60,7 @@ class _Told:
     """What is told about the samples so far: own ``C_i``, and from which poses to which they are to be corrected."""
 
     cross: Array
+    motion_gram: Array
     count: float
     changed_at: int
     last_block: int
@@ -96,6 +99,7 @@ class LoadMemory:
         self._model: InertiaModel | None = None
         self._told: _Told | None = None
         self._told_left = 1.0
+        self._since_told = np.zeros(GRAM_SIZE)
         self._forces = _MeanSquare()
         self._mean_square_forces: Array | None = None
         self._mean_crosses = np.zeros((robots, *_CROSS_SHAPE))
@@ -124,10 +128,12 @@ class LoadMemory:
             The first block of a new load, if a change was found.
         """
         assert self._model is not None
-        self._window.push(block, _moments(motion, wrench, own_wrench))
+        moments = _moments(motion, wrench, own_wrench)
+        self._window.push(block, moments)
         self._forces.add(own_wrench[:, :3])
         self._last_block = block
         self._told_left *= self._kept
+        self._since_told = self._kept * self._since_told + moments[:GRAM_SIZE]
         if self._told is not None and self._shift(self._told) > _FAR:
             return None  # samples before and after the last change of poses cannot be compared before ``correct``
         change = self._window.review(self._model, self._tolerance)
@@ -193,12 +199,17 @@ class LoadMemory:
         correction = np.zeros((FEATURES, FEATURES))
         for cross, old, new in zip(told.count * self._mean_crosses, told.old_poses, told.new_poses, strict=True):
             correction[MOTION_FEATURES, _WRENCH_FEATURES] += cross @ (new.adjoint() - old.adjoint()).T
-        since = self._count() - self._told_left * told.count
+        # For stretches that began later, the part of it that follows the motion: what it would do to their mean motion.
+        # A share of the whole would move them also in directions that they do not show, where they are compared best.
+        by_motion = np.linalg.lstsq(told.motion_gram, correction[MOTION_FEATURES], rcond=_SINGULAR)[0]
 
         def update(sums: Array) -> Array:
-            # Exact for the whole, and about right for stretches that began later: they hold a share of the samples.
-            share = np.clip((sums[:, 0] - since) / told.count, 0.0, 1.0)
-            sums[:, :GRAM_SIZE] += share[:, None] * repacked_gram(correction)
+            began_before = sums[:, 0] > self._since_told[0]
+            grams = unpacked_gram(began_before[:, None] * (sums[:, :GRAM_SIZE] - self._since_told))
+            corrections = np.zeros_like(grams)
+            corrections[:, MOTION_FEATURES] = grams[:, MOTION_FEATURES, MOTION_FEATURES] @ by_motion
+            corrections[0] = self._told_left * correction
+            sums[:, :GRAM_SIZE] += repacked_gram(corrections)
             return sums
 
         self._window.revise(update)
@@ -215,9 +226,12 @@ class LoadMemory:
             return np.hstack([repacked_gram(gram), cross.reshape(len(sums), -1)])
 
         self._window.revise(update)
-        cross = self._window.total[GRAM_SIZE:].reshape(_CROSS_SHAPE)
+        total = self._window.total
+        cross = total[GRAM_SIZE:].reshape(_CROSS_SHAPE)
+        motion_gram = unpacked_gram(total[:GRAM_SIZE])[MOTION_FEATURES, MOTION_FEATURES]
         self._told_left = 1.0
-        self._told = _Told(cross, self._count(), self._changed_at, self._last_block, old_poses, new_poses)
+        self._since_told = np.zeros(GRAM_SIZE)
+        self._told = _Told(cross, motion_gram, self._count(), self._changed_at, self._last_block, old_poses, new_poses)
 
     def payload(self, own: int, team: TeamPoses) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
         """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable."""

@@ -74,9 +74,9 @@ class Memories:
     def told(self) -> Array:
         return np.array([memory.told() for memory in self.each])
 
-    def correct(self, rows: Array | None, moved: float = 0.0) -> None:
+    def correct(self, rows: Array | None) -> None:
         for memory in self.each:
-            memory.correct(rows, moved)
+            memory.correct(rows)
 
     def estimate(self) -> Array:
         """``(m, m h, I_o)`` as one robot believes it."""
@@ -166,7 +166,7 @@ def test_changes_are_found_again_after_a_fit_whether_or_not_everybody_was_heard(
         rows = memories.told()
         # Before and after a fit nothing can be compared until wrenches are corrected as well.
         assert memories.push(20, 22) == 2 * [None]
-        memories.correct(rows if heard else None, moved=1.0)
+        memories.correct(rows if heard else None)
         assert memories.push(22, 40) == 18 * [None]
         found = [block for block in memories.push(40, 60, load=1.3) if block is not None]
         assert found == [40]
