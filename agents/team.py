@@ -44,8 +44,9 @@ from consensus.schedule import choose_schedule
 _CHANNELS = 18
 _SHORTEST_ROUND = 0.2
 """Shortest time between two fits of the poses [s]."""
-_KNOWN_ROTATION, _KNOWN_TRANSLATION = 2e-3, 2e-3
-"""While poses are less certain, what looks like another load is not reported as one [rad, m]."""
+_KNOWN = 5e-3
+"""While poses are less certain, what looks like another load is not reported as one: what the robots push against each
+other, times what the poses are off, must be small beside the noise of forces [rad, and m, per N of that noise]."""
 _DERIVATIVE_SPAN = 0.02
 """Half the time over which a gyro is differentiated, where accelerometers do not see all of alpha [s]."""
 _SCORE_SIZE, _POSE_SIZE = 6, 12
@@ -235,8 +236,8 @@ class Team:
         """Whether a change of the load can be told from one of the poses."""
         if self._fitted is None:
             return False
-        deviations = np.sqrt(np.diag(self._fitted.covariance)).reshape(-1, 2, 3).max(axis=(0, 2))
-        return bool(deviations[0] < _KNOWN_ROTATION and deviations[1] < _KNOWN_TRANSLATION)
+        largest = np.sqrt(np.diag(self._fitted.covariance).max())
+        return bool(largest < _KNOWN * self._config.noise.force)
 
     # --- poses ---
 
