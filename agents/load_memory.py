@@ -121,8 +121,17 @@ class LoadMemory:
             fusion.wrench_covariance, fusion.acceleration_covariance, parameters, with_offset=self._offsets
         )
 
-    def push(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> int | None:
+    def push(
+        self, block: int, motion: Array, wrench: Array, own_wrench: Array, look_for_change: bool = True
+    ) -> int | None:
         """Take in a block of body motion (B, 12), total wrench (B, 6) and own wrench in ``F_i`` (B, 6).
+
+        Args:
+            block: Its number.
+            motion: Of the body frame.
+            wrench: Total, in the body frame.
+            own_wrench: This robot's share.
+            look_for_change: Whether the poses are known well enough to tell another load from other poses.
 
         Returns:
             The first block of a new load, if a change was found.
@@ -136,6 +145,8 @@ class LoadMemory:
         self._since_told = self._kept * self._since_told + moments[:GRAM_SIZE]
         if self._told is not None and self._shift(self._told) > _FAR:
             return None  # samples before and after the last change of poses cannot be compared before ``correct``
+        if not look_for_change:
+            return None
         change = self._window.review(self._model, self._tolerance)
         if change is None:
             return None

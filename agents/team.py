@@ -45,7 +45,7 @@ _CHANNELS = 18
 _SHORTEST_ROUND = 0.2
 """Shortest time between two fits of the poses [s]."""
 _KNOWN = 5e-3
-"""While poses are less certain, what looks like another load is not reported as one: what the robots push against each
+"""While poses are less certain, what looks like another load is not taken for one: what the robots push against each
 other, times what the poses are off, must be small beside the noise of forces [rad, and m, per N of that noise]."""
 _DERIVATIVE_SPAN = 0.02
 """Half the time over which a gyro is differentiated, where accelerometers do not see all of alpha [s]."""
@@ -216,14 +216,12 @@ class Team:
         samples, sums = self._entered[block].samples, self._sums[block]
         motion = self._fusion.motion(sums, w_derivative)
         self._moments += RegistrationMoments.of(samples[:, KINEMATICS], motion)
-        changed_at = self._memory.push(block, motion, sums[:, 0], samples[:, WRENCH])
+        changed_at = self._memory.push(block, motion, sums[:, 0], samples[:, WRENCH], self._are_poses_known())
         if changed_at is not None:
             self._notice(changed_at, index)
 
     def _notice(self, changed_at: int, index: int) -> None:
         """The load has changed, as this robot or another one has found."""
-        if not self._are_poses_known():
-            return
         notice = LoadChangeNotice(self._time(index + 1), self._time(changed_at))
         if self.load_changes and index - self._noticed_block <= self._hearing:
             # Somebody found the same change at the same time, and places it a bit later.
