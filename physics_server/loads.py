@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import msgspec
 import mujoco
 import numpy as np
 
@@ -70,7 +71,7 @@ class Loads:
         """How many more loads the payload can take."""
         return self._slots.count(None)
 
-    def put(self, mass: float, position: Vector, size: Vector) -> LoadState:
+    def put(self, mass: float, position: Vector, size: Vector, leak: float = 0.0) -> LoadState:
         """Fix a load, at rest in the world until then, to the moving payload.
 
         The impact keeps the momentum of both together, ``M_new xi_new = M_old xi_old`` with the payload's twist
@@ -80,17 +81,18 @@ class Loads:
             mass: [kg].
             position: Of its centre in the payload's frame [m].
             size: Its edge lengths [m].
+            leak: What it loses [kg/s], see ``leak``.
 
         Raises:
             LoadError: There can be no such load, or no slot is free.
         """
-        _check(mass, position, size)
+        _check(mass, position, size, leak)
         if not self.slots_free:
             raise LoadError(
                 f"all {len(self._slots)} load slots of the payload are taken: remove one of the loads "
                 f"{_ids(self.states)}, or give the scenario more 'payload.load_slots'"
             )
-        load = LoadState(self._next_id, float(mass), _vector(position), _vector(size))
+        load = LoadState(self._next_id, float(mass), _vector(position), _vector(size), float(leak))
         with np.errstate(over="ignore", invalid="ignore"):
             together = combined([self.inertia, _inertia_of(load)]).spatial()
         if not np.isfinite(together).all():
@@ -112,6 +114,16 @@ class Loads:
                 return load
         there = f"the loads are {_ids(self.states)}" if self.states else "there are no loads"
         raise LoadError(f"there is no load {load_id}: {there}")
+
+    def leak(self, duration: float) -> None:
+        """Let all loads lose what leaks out of them in that time [s], down to nothing.
+
+        As in ``take``, the twist of the payload stays: what leaves keeps the velocity that it has. The rest is a
+        homogeneous box of the same size. An empty load keeps its slot until it is taken away.
+        """
+        for slot, load in enumerate(self._slots):
+            if load is not None and load.leak > 0.0 and load.mass > 0.0:
+                self._fill(slot, msgspec.structs.replace(load, mass=max(0.0, load.mass - load.leak * duration)))
 
     def _keep_momentum(self, before: Array, after: Array) -> None:
         """Set the twist with which the heavier body has the momentum of the lighter one; spatial inertias (6, 6)."""
@@ -148,13 +160,15 @@ def _inertia_of(load: LoadState) -> Inertia:
     return Inertia.of_box(load.mass, load.size, Pose(np.eye(3), np.array(load.position)))
 
 
-def _check(mass: float, position: Vector, size: Vector) -> None:
+def _check(mass: float, position: Vector, size: Vector, leak: float) -> None:
     if not (math.isfinite(mass) and mass > 0.0):
         raise LoadError(f"mass of a load is {mass} kg but expected a finite number greater than 0")
     if len(position) != 3 or not all(map(math.isfinite, position)):
         raise LoadError(f"position of a load is {tuple(position)} m but expected three finite numbers")
     if len(size) != 3 or not all(math.isfinite(edge) and edge > 0.0 for edge in size):
         raise LoadError(f"size of a load is {tuple(size)} m but expected three finite numbers greater than 0")
+    if not (math.isfinite(leak) and leak >= 0.0):
+        raise LoadError(f"leak of a load is {leak} kg/s but expected a finite number not below 0")
 
 
 def _vector(values: Sequence[float]) -> Vector:

@@ -129,13 +129,13 @@ class Simulation:
         """How many more loads the payload can take."""
         return self._loads.slots_free
 
-    def inject(self, mass: float, position: Vector, size: Vector = (0.1, 0.1, 0.1)) -> LoadState:
+    def inject(self, mass: float, position: Vector, size: Vector = (0.1, 0.1, 0.1), leak: float = 0.0) -> LoadState:
         """Put a load onto the payload, before the next block; see ``Loads.put``.
 
         Raises:
             LoadError: There can be no such load, or no slot is free.
         """
-        return self._loads.put(mass, position, size)
+        return self._loads.put(mass, position, size, leak)
 
     def remove(self, load_id: int) -> LoadState:
         """Take a load away, before the next block; see ``Loads.take``.
@@ -148,7 +148,8 @@ class Simulation:
     def advance(self, references: Mapping[str, Reference]) -> BlockResult:
         """Simulate one block.
 
-        Sample b of block k was taken at ``(k B + b) / rate`` seconds: the engine senses the state before a step.
+        Sample b of block k was taken at ``(k B + b) / rate`` seconds: the engine senses the state before a step. The
+        payload is the same during the block; what leaks from loads meanwhile leaves them at its end.
 
         Args:
             references: What the robots' arms shall do during the block, by robot. A robot that is missing holds its
@@ -169,6 +170,7 @@ class Simulation:
             for name, rows in zip(self._names, samples, strict=True)
         }
         truth = self._truth(readings.positions[-1], samples[:, -1, WRENCH])
+        self._loads.leak(self._scenario.block_duration)
         self.block += 1
         return BlockResult(measurements, truth, problems)
 
@@ -180,7 +182,7 @@ class Simulation:
                 if change.remove is not None:
                     self.remove(change.remove)
                 elif change.mass is not None:
-                    self.inject(change.mass, change.position, change.size)
+                    self.inject(change.mass, change.position, change.size, change.leak)
             except LoadError as error:
                 problems.append(f"the load change at {change.at} s was skipped: {error}")
         return tuple(problems)

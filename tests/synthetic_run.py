@@ -12,6 +12,7 @@ from coheft.estimation.spatial import Array, Pose
 from coheft.wire.messages import (
     Estimate,
     LoadChangeNotice,
+    LoadState,
     PayloadEstimate,
     PayloadTruth,
     PoseEstimate,
@@ -30,6 +31,7 @@ SCENE = Scene(
 )
 LIGHT = Inertia(10.0, np.array([0.1, -0.2, 0.05]), np.diag([0.5, 0.8, 1.1]))
 HEAVY = Inertia(13.0, np.array([0.0, -0.1, 0.06]), np.diag([0.7, 0.9, 1.3]))
+LOAD = LoadState(1, 3.0, (0.0, 0.1, 0.1), (0.1, 0.1, 0.1))
 STD = np.array([0.1, 0.001, 0.002, 0.003, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06])
 
 
@@ -42,7 +44,7 @@ def truth(block: int, payload: Inertia) -> Truth:
         block=block,
         time=(block + 1) * BLOCK,
         payload=PayloadTruth(payload.mass, payload.com, payload.tensor),
-        loads=[],
+        loads=[LOAD] if payload is HEAVY else [],
         position=np.zeros(3),
         quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
         total_wrench=total_wrench(block),

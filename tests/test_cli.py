@@ -42,9 +42,10 @@ def test_overrides_change_what_they_name_and_nothing_else(ring6: Scenario) -> No
 
 
 def test_changes_replace_the_scenarios_own(ring6: Scenario) -> None:
-    changed = override(ring6, changes=["t=20,mass=3,at=0.4,-0.3,0.1", "remove=1,t=25.5", "mass=2,t=1,size=0.1,0.2,0.3"])
+    texts = ["t=20,mass=3,at=0.4,-0.3,0.1,leak=0.2", "remove=1,t=25.5", "mass=2,t=1,size=0.1,0.2,0.3"]
+    changed = override(ring6, changes=texts)
     assert changed.load_changes == (
-        LoadChange(at=20.0, mass=3.0, position=(0.4, -0.3, 0.1)),
+        LoadChange(at=20.0, mass=3.0, position=(0.4, -0.3, 0.1), leak=0.2),
         LoadChange(at=25.5, remove=1),
         LoadChange(at=1.0, mass=2.0, size=(0.1, 0.2, 0.3)),
     )
@@ -63,6 +64,7 @@ def test_changes_replace_the_scenarios_own(ring6: Scenario) -> None:
         ("t=20,remove=1.5", "remove"),
         ("t=20", "'mass'"),
         ("t=20,mass=3,remove=1", "'remove'"),
+        ("t=20,remove=1,leak=0.1", "leak"),
     ],
 )
 def test_a_change_that_makes_no_sense_is_explained(ring6: Scenario, text: str, complaint: str) -> None:

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from coheft.errors import LoadError, ScenarioError, SimulationError
-from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.measurement import ACCELERATION, GYRO
+from coheft.estimation.rigid_body import Inertia, combined
 from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion
 from coheft.wire.scenario import LoadChange, Scenario
 from physics_server.simulation import Simulation
@@ -86,6 +87,49 @@ def test_a_slot_that_was_emptied_is_as_if_never_used():
             np.testing.assert_array_equal(measured.samples, expected.measurements[name].samples)
 
 
+def test_a_leak_leaves_a_payload_for_each_block_whose_newton_euler_equations_hold():
+    leaking = LoadChange(at=0.1, mass=2.0, position=(-0.2, 0.1, 0.3), size=(0.2, 0.1, 0.3), leak=4.0)
+    chosen = scenario("ring6", load_changes=(leaking,))
+    simulation, references = Simulation(chosen), excitation(chosen, feed_forward=True)
+    scene = simulation.scene
+    payload_in_r1 = Pose(scene.rotations[0], scene.translations[0]).inverse()
+    rest = scenario("ring6").payload.inertia()
+    for block in range(140):
+        (result,) = run(simulation, references, 1)
+        left = 0.0 if block < 20 else max(0.0, 2.0 - 4.0 * 0.005 * (block - 20))
+        load = Inertia.of_box(left, leaking.size, Pose(np.eye(3), np.array(leaking.position)))
+        expected = combined([rest, load])
+        truth = result.truth.payload
+        assert truth.mass == pytest.approx(expected.mass, rel=1e-12)
+        np.testing.assert_allclose(truth.com, expected.com, rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(truth.tensor, expected.tensor, rtol=1e-11, atol=1e-14)
+        # The last sample is the last step, to which the engine's acceleration belongs.
+        last, alpha = result.measurements["r1"].samples[-1], payload_in_r1.rotation @ simulation.data.qacc[3:]
+        needed = Inertia(truth.mass, truth.com, truth.tensor).carried(payload_in_r1)
+        np.testing.assert_allclose(
+            payload_in_r1.adjoint() @ result.truth.total_wrench,
+            needed.wrench(last[GYRO], last[ACCELERATION], alpha),
+            rtol=1e-9,
+            atol=1e-10,
+        )
+    assert truth.mass == pytest.approx(rest.mass, rel=1e-12)
+    assert [load.mass for load in result.truth.loads] == [0.0]
+
+
+def test_a_load_that_has_leaked_away_is_as_if_taken_away():
+    leaked, taken = moving(), moving()
+    leaked.inject(3.0, (-0.3, 0.2, 0.08), leak=1e3)
+    load = taken.inject(3.0, (-0.3, 0.2, 0.08))
+    references = excitation(scenario("ring6"))
+    for step in range(10):
+        result, expected = (simulation.advance(references(simulation.block)) for simulation in (leaked, taken))
+        for name, measured in result.measurements.items():
+            np.testing.assert_array_equal(measured.samples, expected.measurements[name].samples)
+        if step == 0:
+            taken.remove(load.id)
+    assert leaked.remove(load.id).mass == 0.0
+
+
 def test_loads_are_numbered_as_they_come_and_slots_used_again():
     simulation = Simulation(scenario())
     assert simulation.slots_free == 4
@@ -134,6 +178,14 @@ def test_impossible_loads_are_refused_and_change_nothing(mass, position, size, m
     assert simulation.loads == []
     np.testing.assert_array_equal(simulation.data.qvel, twist)
     assert simulation.inject(1.0, (0.0, 0.0, 0.0)).id == 1
+
+
+@pytest.mark.parametrize("leak", [-0.1, math.nan, math.inf])
+def test_impossible_leaks_are_refused(leak):
+    simulation = Simulation(scenario())
+    with pytest.raises(LoadError, match=rf"leak of a load is {leak} kg/s but expected"):
+        simulation.inject(1.0, (0.0, 0.0, 0.0), leak=leak)
+    assert simulation.loads == []
 
 
 def test_too_many_loads_and_unknown_loads_are_refused():

@@ -11,7 +11,8 @@ import pytest
 from coheft.app.report import RunInfo, build_report
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Pose
-from tests.synthetic_run import BLOCK, GRASPS, LIGHT, ROBOTS, SCENE, changing_run, estimate, truth
+from coheft.wire.messages import Truth
+from tests.synthetic_run import BLOCK, GRASPS, HEAVY, LIGHT, LOAD, ROBOTS, SCENE, changing_run, estimate, truth
 
 INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, real_time_factor=1.0)
 
@@ -81,6 +82,28 @@ def test_recovery_counts_from_when_it_lasts() -> None:
     estimates["r3"][150] = estimate("r3", 150, LIGHT)
     (change,) = build_report(INFO, SCENE, truths, estimates).load_changes
     assert change.recovered_at_s == pytest.approx(152 * BLOCK)
+
+
+def test_a_leak_is_one_change_and_each_estimate_is_compared_with_the_payload_of_its_block() -> None:
+    def payload(block: int) -> Inertia:
+        return LIGHT if block < 100 else Inertia(13.0 - 0.02 * (block - 100), HEAVY.com, HEAVY.tensor)
+
+    def leaking(block: int) -> Truth:
+        load = msgspec.structs.replace(LOAD, mass=payload(block).mass - 10.0, leak=1.0)
+        return msgspec.structs.replace(truth(block, payload(block)), loads=[load] if block >= 100 else [])
+
+    truths = [leaking(block) for block in range(200)]
+    estimates = {r: [estimate(r, b, LIGHT if b < 110 else payload(b)) for b in range(200)] for r in ROBOTS}
+    report = build_report(INFO, SCENE, truths, estimates, with_history=True)
+    (change,) = report.load_changes
+    assert change.at_s == pytest.approx(2.0)
+    assert change.truth.mass == pytest.approx(13.0)
+    assert change.leak_kg_s == pytest.approx(1.0)
+    assert change.recovered_at_s == pytest.approx(111 * BLOCK)
+    assert report.history is not None
+    for name in ROBOTS:
+        assert [point.mass_error_pct for point in report.history[name]] == pytest.approx([0.0] * 4, abs=1e-9)
+        assert report.robots[name].mass.truth == pytest.approx(11.02)
 
 
 def test_nothing_observable_gives_no_numbers() -> None:

@@ -75,6 +75,8 @@ def test_good_scenario_is_good() -> None:
         ("duration = 12.0", "sensors = 3", "sensors", "3", "`object`"),
         ("mass = 1.0", "", "load_changes[0]", "neither", "exactly one"),
         ("mass = 1.0", "mass = 1.0\nremove = 1", "load_changes[0]", "both", "exactly one"),
+        ("mass = 1.0", "mass = 1.0\nleak = -0.1", "load_changes[0].leak", "-0.1", ">= 0"),
+        ("mass = 1.0", "remove = 1\nleak = 0.1", "load_changes[0].leak", "0.1 without 'mass'", "new load"),
         ("[graph]", "[robots.perimeter]\ncount = 2\nextent = [1, 1]\n[graph]", "robots", "both", "exactly one"),
         ("[[robots.grasps]]\nposition = [0.2, 0.0, 0.0]\n", "", "robots.grasps", "1 grasp", "at least 2"),
     ],

@@ -11,7 +11,7 @@ from coheft.wire.scenario import LoadChange, Scenario
 from coheft.wire.scenario_file import check_scenario
 
 _ORIGIN = "command line"
-_CHANGE_KEYS = {"t": "at", "mass": "mass", "at": "position", "size": "size", "remove": "remove"}
+_CHANGE_KEYS = {"t": "at", "mass": "mass", "at": "position", "size": "size", "leak": "leak", "remove": "remove"}
 _CHANGE_EXAMPLE = "--change t=20,mass=3,at=0.4,0.3,0.1"
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from coheft.app.judge import Judge, Matrix, RobotReport
 from coheft.errors import CoheftError
-from coheft.wire.messages import Estimate, PayloadTruth, Scene, Truth
+from coheft.wire.messages import Estimate, Scene, Truth
 
 
 class PayloadReport(msgspec.Struct, frozen=True):
@@ -25,11 +25,13 @@ class PayloadReport(msgspec.Struct, frozen=True):
 
 
 class LoadChangeReport(msgspec.Struct, frozen=True):
-    """One change of the load.
+    """A load was put on, or taken away.
 
     Attributes:
         at_s: When it happened [s].
-        truth: The payload from then on.
+        truth: The payload right after.
+        leak_kg_s: What the loads on it lose from then on [kg/s]; it is this payload, as it becomes, that robots have to
+            recover.
         detected_at_s: When the last robot had noticed [s]; None if some never did.
         recovered_at_s: From when on every robot's mass was within 3 % and centre of mass within 20 mm, until the next
             change or the end [s]; None if not.
@@ -38,6 +40,7 @@ class LoadChangeReport(msgspec.Struct, frozen=True):
 
     at_s: float
     truth: PayloadReport
+    leak_kg_s: float
     detected_at_s: float | None
     recovered_at_s: float | None
     before_change: dict[str, RobotReport]
@@ -163,12 +166,9 @@ def build_report(
     )
 
 
-def _same_payload(first: PayloadTruth, second: PayloadTruth) -> bool:
-    return (
-        first.mass == second.mass
-        and np.array_equal(first.com, second.com)
-        and np.array_equal(first.tensor, second.tensor)
-    )
+def _same_loads(first: Truth, second: Truth) -> bool:
+    """Whether nothing was put on or taken away; a load that leaks stays the same load."""
+    return [load.id for load in first.loads] == [load.id for load in second.loads]
 
 
 def _load_changes(
@@ -176,7 +176,7 @@ def _load_changes(
 ) -> list[LoadChangeReport]:
     """The truth tells when the load changed, so changes asked for in mid-run are reported too."""
     truths = judge.truths
-    changed = [new for old, new in pairwise(truths) if not _same_payload(old.payload, new.payload)]
+    changed = [new for old, new in pairwise(truths) if not _same_loads(old, new)]
     starts = [truth.time - block_duration for truth in changed]
     ends = [*starts[1:], np.inf][: len(starts)]
     reports = []
@@ -187,6 +187,7 @@ def _load_changes(
             LoadChangeReport(
                 at_s=round(start, 9),
                 truth=PayloadReport(truth.payload.mass, truth.payload.com.tolist(), truth.payload.tensor.tolist()),
+                leak_kg_s=sum(load.leak for load in truth.loads if load.mass > 0.0),
                 detected_at_s=_last_of([_detected(series, start, end) for series in estimates.values()]),
                 recovered_at_s=_last_of([_recovered(judge, series) for series in during]),
                 before_change={name: judge.robot(series) for name, series in before.items() if series},

@@ -277,8 +277,9 @@ def _load_change_sentence(change: LoadChangeReport) -> str:
 
     before = next((robot.mass.truth for robot in change.before_change.values()), None)
     start = f"from {before:.2f} kg " if before is not None else ""
+    leak = f", leaking {change.leak_kg_s:g} kg/s" if change.leak_kg_s > 0.0 else ""
     return (
-        f"At {change.at_s:g} s the payload changed {start}to {change.truth.mass:.2f} kg. "
+        f"At {change.at_s:g} s the payload changed {start}to {change.truth.mass:.2f} kg{leak}. "
         f"Noticed: {after(change.detected_at_s)}. Mass within 3 %, centre of mass within 20 mm at every robot: "
         f"{after(change.recovered_at_s) if change.recovered_at_s is not None else 'not reached'}."
     )

@@ -192,12 +192,21 @@ class PayloadTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class LoadState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A load on the payload: its id, mass [kg], position [m] and edge lengths [m] in the payload's frame."""
+    """A load on the payload.
+
+    Attributes:
+        id: Its number.
+        mass: What there is of it [kg]; 0 when all has leaked away.
+        position: Of its centre in the payload's frame [m].
+        size: Its edge lengths [m].
+        leak: What it loses [kg/s].
+    """
 
     id: int
     mass: float
     position: tuple[float, float, float]
     size: tuple[float, float, float]
+    leak: float = 0.0
 
 
 class Truth(Message, frozen=True):

@@ -166,7 +166,7 @@ class LoadChange(Section, frozen=True):
         mass: Of the new load [kg].
         position: Of its centre in the payload's frame [m].
         size: Its edge lengths [m].
-        leak: What it loses from then on [kg/s], until nothing is left; taken off at every border of a block.
+        leak: What it loses from then on [kg/s], until nothing is left.
         remove: Instead: number of the load to take away; loads are numbered from 1 as they come.
     """
 

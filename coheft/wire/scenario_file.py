@@ -94,6 +94,11 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
                 f"{origin}: key 'load_changes[{number}]': found "
                 f"{'neither' if change.mass is None else 'both'} 'mass' and 'remove', expected exactly one of them"
             )
+        if change.leak > 0.0 and change.mass is None:
+            raise ScenarioError(
+                f"{origin}: key 'load_changes[{number}].leak': found {change.leak} without 'mass', "
+                f"expected it for a new load only"
+            )
 
 
 def _numbers(value: object, place: str = "") -> Iterator[tuple[str, float]]:
