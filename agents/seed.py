@@ -231,7 +231,7 @@ class _InertialPhase:
         if is_possible(parameters):
             return raw
         derivative = barycentric_derivative(raw)
-        information: Array = np.linalg.inv(derivative @ covariance @ derivative.T)
+        information = np.linalg.inv(derivative @ covariance @ derivative.T).astype(np.float64)
         length = np.sqrt(np.mean([pose.translation @ pose.translation for pose in self._poses.values()]))
         return Inertia.from_barycentric(nearest_possible(parameters, information, float(length)))
 

@@ -1,0 +1,44 @@
+"""What all commands share: the application, exit statuses, kinds of arguments."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import cyclopts
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+import coheft
+
+EXIT_CONVERGED = 0
+EXIT_ERROR = 1
+EXIT_USAGE = 2
+EXIT_NOT_CONVERGED = 3
+EXIT_INTERRUPTED = 130
+
+app = cyclopts.App(
+    name="coheft",
+    help="Robots that hold one load together find out, by themselves, what they are holding.",
+    help_epilogue="Exit status: 0 every robot converged (or: done), 1 an error, 2 wrong usage or a bad scenario, "
+    "3 the run ended but not every robot had converged, 130 stopped by Ctrl-C.",
+    version=coheft.__version__,
+)
+
+Vector = tuple[float, float, float]
+RunFolder = Annotated[Path | None, Parameter(name="--run")]
+Flag = Annotated[bool, Parameter(negative=(), show_default=False)]
+
+
+def _is_target(_: object, value: str | None) -> None:
+    if value is None or value == "-":
+        return
+    if value.startswith("-"):
+        raise ValueError(f"expected a file, or - for standard output; found {value!r}")
+    if not Path(value).absolute().parent.is_dir():
+        raise ValueError(f"there is no folder {str(Path(value).parent)!r} to write {value!r} into")
+
+
+Count = Annotated[int, Parameter(validator=Number(gte=1))]
+Positive = Annotated[float, Parameter(validator=Number(gt=0))]
+ReportTarget = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_is_target)]

@@ -1,0 +1,111 @@
+"""Commands for a run that goes on."""
+
+from __future__ import annotations
+
+from coheft.app.cli_base import RunFolder, Vector, app
+
+
+@app.command
+def inject(*, mass: float, at: Vector, size: Vector = (0.1, 0.1, 0.1), run: RunFolder = None) -> None:
+    """Drop a load onto the payload of a run that goes on.
+
+    Parameters
+    ----------
+    mass:
+        Of the load [kg].
+    at:
+        Where its centre comes to lie, in the payload's frame [m].
+    size:
+        Its edge lengths [m].
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    from coheft.app.observer import ask_run
+    from coheft.wire.messages import InjectRequest
+
+    status = ask_run(InjectRequest(mass=mass, position=at, size=size), run)
+    print(f"load {status.loads[-1].id} of {mass:g} kg put on; {status.slots_free} more fit")
+
+
+@app.command
+def remove(load: int, *, run: RunFolder = None) -> None:
+    """Take a load off the payload of a run that goes on.
+
+    Parameters
+    ----------
+    load:
+        Its number, as 'coheft inject' told; loads are numbered from 1 as they come.
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    from coheft.app.observer import ask_run
+    from coheft.wire.messages import RemoveRequest
+
+    status = ask_run(RemoveRequest(load=load), run)
+    print(f"load {load} taken away; {len(status.loads)} left")
+
+
+@app.command
+def pause(*, run: RunFolder = None) -> None:
+    """Stop the clock of a run.
+
+    Parameters
+    ----------
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    from coheft.app.observer import ask_run
+    from coheft.wire.messages import PauseRequest
+
+    status = ask_run(PauseRequest(paused=True), run)
+    print(f"paused at {status.time:.2f} s; 'coheft resume' goes on")
+
+
+@app.command
+def resume(*, run: RunFolder = None) -> None:
+    """Let a paused run go on.
+
+    Parameters
+    ----------
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    from coheft.app.observer import ask_run
+    from coheft.wire.messages import PauseRequest
+
+    status = ask_run(PauseRequest(paused=False), run)
+    print(f"goes on from {status.time:.2f} s")
+
+
+@app.command
+def stop(*, run: RunFolder = None) -> None:
+    """End a run now; whoever started it gets its report.
+
+    Parameters
+    ----------
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    from coheft.app.observer import ask_run
+    from coheft.wire.messages import StopRequest
+
+    status = ask_run(StopRequest(), run)
+    print(f"stopped at {status.time:.2f} s")
+
+
+@app.command
+def watch(*, run: RunFolder = None) -> None:
+    """Watch a run that goes on, until it ends.
+
+    Parameters
+    ----------
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    from rich.console import Console
+
+    from coheft.app.launch import watch as watch_run
+    from coheft.app.run_folder import find_run
+    from coheft.app.terminal import make_display
+
+    watch_run(find_run(run), make_display(Console()))

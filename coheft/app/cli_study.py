@@ -1,0 +1,123 @@
+"""The command that measures estimators over many runs."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from coheft.app.cli_base import EXIT_CONVERGED, Count, Flag, Positive, ReportTarget, app
+
+
+def _words(text: str) -> list[str]:
+    return [word.strip() for word in text.split(",")]
+
+
+def _are_estimators(_: object, text: str) -> None:
+    from agents.agent import ESTIMATORS
+
+    words = _words(text)
+    if not set(words) <= set(ESTIMATORS) or len(set(words)) < len(words):
+        raise ValueError(f"expected different ones of {', '.join(ESTIMATORS)}, with commas between; found {text!r}")
+
+
+def _are_factors(_: object, text: str) -> None:
+    try:
+        factors = [float(word) for word in _words(text)]
+    except ValueError:
+        factors = []
+    if not factors or not all(0.0 < factor < math.inf for factor in factors) or len(set(factors)) < len(factors):
+        raise ValueError(f"expected different positive numbers, with commas between; found {text!r}")
+
+
+@app.command
+def study(
+    scenario: str = "ring6",
+    *,
+    runs: Count = 50,
+    estimators: Annotated[str, Parameter(validator=_are_estimators)] = "seed,efficient",
+    noise: Annotated[str, Parameter(validator=_are_factors)] = "1",
+    at: Positive = 20.0,
+    after: Positive = 1.0,
+    first_seed: Annotated[int, Parameter(validator=Number(gte=0))] = 1,
+    jobs: Count | None = None,
+    dask: str | None = None,
+    json: ReportTarget = None,
+    report: Path | None = None,
+    quiet: Flag = False,
+) -> int:
+    """Measure the estimators against the Cramér-Rao bound, over many runs in this process's own simulated network.
+
+    Each run has a seed of its own, for the sensors' noise and for the robots' motions, and is the same for all
+    estimators.
+
+    Parameters
+    ----------
+    scenario:
+        Name of a shipped scenario (see 'coheft scenarios'), or a path that ends with .toml.
+    runs:
+        Number of runs, for each noise.
+    estimators:
+        Which to compare.
+    noise:
+        Factors on the scenario's noise, for instance 1,3.
+    at:
+        When accuracy is judged [s]; not after the load changes.
+    after:
+        From the scenario's first change of the load to the judgement of the recovery [s].
+    first_seed:
+        Of the first run; the others count on from there.
+    jobs:
+        Number of processes, instead of one per core.
+    dask:
+        Address of a Dask scheduler; its workers run everything.
+    json:
+        Write the results to this file; - for standard output.
+    report:
+        Folder for a report with pictures.
+    quiet:
+        Show nothing but errors.
+    """
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    from coheft.app.report import write_report
+    from coheft.app.study.campaign import make_plan, run_study
+    from coheft.app.study.output import make_folder, print_study, write_folder
+    from coheft.wire.scenario_file import load_scenario
+
+    plan = make_plan(
+        load_scenario(scenario),
+        runs=runs,
+        estimators=_words(estimators),
+        noise_scales=[float(factor) for factor in _words(noise)],
+        at=at,
+        after=after,
+        first_seed=first_seed,
+    )
+    if report is not None:
+        make_folder(report)
+    console = Console(stderr=json == "-")
+    columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, disable=quiet) as progress:
+        bar = progress.add_task("runs", total=plan.runs)
+        found, trials = run_study(
+            plan, jobs=jobs, dask=dask, on_progress=lambda done: progress.update(bar, completed=done)
+        )
+    if json is not None:
+        write_report(found, json)
+    if report is not None:
+        write_folder(found, trials, report)
+    if not quiet:
+        print_study(console, found)
+    return EXIT_CONVERGED
