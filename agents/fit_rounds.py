@@ -12,7 +12,8 @@ class FitRound:
     Attributes:
         number: From 0 on.
         tell: Block at which each tells its score,
-        fit: at which all compute the new poses, and from which on samples are carried with them,
+        fit: at which the reference robot computes the new poses and tells them,
+        switch: from which on samples are carried with them,
         map: at which the last block with old poses has left the sums,
         correct: and at which everybody has heard everybody's moments.
     """
@@ -20,6 +21,7 @@ class FitRound:
     number: int
     tell: int
     fit: int
+    switch: int
     map: int
     correct: int
 
@@ -55,6 +57,7 @@ class FitRounds:
 
     def _from(self, number: int, tell: int) -> FitRound:
         fit = tell + self._hearing
-        leaving = fit + self._under_way
+        switch = fit + self._hearing
+        leaving = switch + self._under_way
         # One block more, for agents that look one block ahead before they take one in.
-        return FitRound(number, tell, fit, leaving, leaving + self._hearing + 1)
+        return FitRound(number, tell, fit, switch, leaving, leaving + self._hearing + 1)

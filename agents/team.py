@@ -1,12 +1,14 @@
 """A robot's share of the team's work: exact sums, joint poses, and the load's inertia, all in the body frame.
 
-Poses are fitted again and again, in four steps at blocks that all agents know:
+Poses are fitted again and again, in five steps at blocks that all agents know:
 
 1. *tell*: each tells its score, and a diameter later everybody has heard everybody;
-2. *fit*: all compute the same joint step. Samples that enter the sums from now on are carried with the new poses;
-3. *map*: the last block with old poses has left the sums. The motions of all samples are mapped to the new poses, and
+2. *fit*: the reference robot computes the joint step, and tells all poses. Anybody could, but not everybody need have
+   the same samples, where messages were lost, and must not be of another opinion on the poses for that;
+3. *switch*: a diameter later, samples that enter the sums from now on are carried with the new poses;
+4. *map*: the last block with old poses has left the sums. The motions of all samples are mapped to the new poses, and
    each tells the moments of its own wrench;
-4. *correct*: a diameter later, the total wrenches are corrected for the new poses as well.
+5. *correct*: a diameter later, the total wrenches are corrected for the new poses as well.
 
 So what was accumulated always is, to first order, what the newest poses would have given for all samples so far.
 """
@@ -116,6 +118,7 @@ class Team:
             start, schedule.rounds, self._hearing, self._blocks(_SHORTEST_ROUND), config.efficient.refit_share
         )
         self._scores = Flood(len(self._names), _SCORE_SIZE + _POSE_SIZE)
+        self._fits = Flood(1, len(self._names) * _POSE_SIZE)
         self._crosses = Flood(len(self._names), LoadMemory.told_size)
         self._new: TeamPoses | None = None
         self._noticed_block = -1
@@ -144,6 +147,8 @@ class Team:
         }
         if fit_round.tell <= index < fit_round.fit:
             told["scores"] = self._scores.table
+        if fit_round.fit <= index < fit_round.switch:
+            told["fits"] = self._fits.table
         if fit_round.map <= index < fit_round.correct:
             told["crosses"] = self._crosses.table
         return told
@@ -242,6 +247,8 @@ class Team:
     def _hear(self, channels: Mapping[str, Array], index: int) -> None:
         if "scores" in channels:
             self._scores.hear(channels["scores"])
+        if "fits" in channels:
+            self._fits.hear(channels["fits"])
         if "crosses" in channels:
             self._crosses.hear(channels["crosses"])
         if "load_change" in channels:
@@ -255,8 +262,12 @@ class Team:
             own = self._poses[self._own]
             score, _, _ = score_and_information(self._moments, own, self._config.noise)
             self._scores.tell(self._own, fit_round.number, np.concatenate([score, own.numbers()]))
-        elif index == fit_round.fit:
-            self._new = self._fit(self._scores.rows(fit_round.number))
+        elif index == fit_round.fit and self._own == 0:
+            rows = self._scores.rows(fit_round.number)
+            if rows is not None:
+                self._fits.tell(0, fit_round.number, self._fit(rows))
+        elif index == fit_round.switch:
+            self._new = self._switch(self._fits.rows(fit_round.number))
         elif index == fit_round.map + self._lag and self._new is not None:
             self._map_to(self._new.poses)
             self._new = None
@@ -264,17 +275,23 @@ class Team:
         elif index == fit_round.correct:
             self._memory.correct(self._crosses.rows(fit_round.number))
 
-    def _fit(self, rows: Array | None) -> TeamPoses | None:
-        """The joint step, from everybody's score and pose (N, 18); None if not everybody's has been heard."""
-        if rows is None:
-            return None
+    def _fit(self, rows: Array) -> Array:
+        """All poses (12 N,) after the joint step, from everybody's score and pose (N, 18)."""
         # What each says of its own pose counts, should somebody have missed an earlier fit.
         poses = tuple(Pose.of_numbers(numbers) for numbers in rows[:, _SCORE_SIZE:])
         fitted = register_team(poses, rows[:, :_SCORE_SIZE], self._moments, self._config.noise)
-        self._memory.set_tolerance(fitted)
-        self._carrying_pose = fitted.poses[self._own]
-        self._fitted = fitted
-        return fitted
+        return np.concatenate([pose.numbers() for pose in fitted.poses])
+
+    def _switch(self, rows: Array | None) -> TeamPoses | None:
+        """From now on use the poses (1, 12 N) that the reference robot has told; None if that has not been heard."""
+        if rows is None:
+            return None
+        poses = tuple(Pose.of_numbers(numbers) for numbers in rows.reshape(-1, _POSE_SIZE))
+        no_step = np.zeros((len(poses), _SCORE_SIZE))
+        self._fitted = register_team(poses, no_step, self._moments, self._config.noise)
+        self._memory.set_tolerance(self._fitted)
+        self._carrying_pose = self._fitted.poses[self._own]
+        return self._fitted
 
     @property
     def _lag(self) -> int:
