@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 
 
 def main() -> None:
     """Run the command line and leave with its exit status."""
+    # A polite request to end is as good as Ctrl-C: whatever a command has started ends with it.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     from coheft.app.cli import run_command_line
 
     sys.exit(run_command_line(sys.argv[1:]))

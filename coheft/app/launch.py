@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import time
 from pathlib import Path
 
@@ -31,9 +30,8 @@ def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = F
     Raises:
         ProcessError: A process failed; the others have been stopped.
         LinkError: The processes did not find each other.
-        KeyboardInterrupt: Ctrl-C, or a polite request to end (SIGTERM).
+        KeyboardInterrupt: Ctrl-C.
     """
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     scenario = plan.server.scenario
     with Processes(folder) as processes, observe(plan.run_file()) as observer, display:
         processes.start("server", "physics_server.server", plan.server)
