@@ -58,7 +58,7 @@ def run_with_faults(
     """
     graph = build_graph(scenario.graph, scenario.robot_names)
     agents = {name: Agent(agent_config(scenario, name, graph[name])) for name in graph}
-    simulation = Simulation(scenario)
+    simulation = Simulation(scenario, graph)
     recording = Recording(simulation.scene, [], {name: [] for name in graph})
     references: dict[int, dict[str, Reference]] = {}
     messages: dict[str, NeighbourMessage] = {}

@@ -1,0 +1,79 @@
+"""Real processes in lockstep, and one process without a network: the same estimates, bit for bit."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+import pytest
+
+from coheft.app.inprocess import run_in_process
+from coheft.app.report import RunInfo, build_report
+from coheft.wire.codec import decode, encode
+from coheft.wire.messages import Estimate, Message, Truth
+from coheft.wire.scenario import LoadChange, Scenario
+from coheft.wire.scenario_file import load_scenario
+from consensus.graph import build_graph
+from physics_server.simulation import Simulation
+
+PATIENCE = 60.0
+M = TypeVar("M", bound=Message)
+
+
+def in_processes(estimator: str, folder: Path) -> dict[str, object]:
+    """What robots believe at the end, and at every second, as the command line reports it."""
+    report = folder / "report.json"
+    command = [
+        sys.executable, "-m", "coheft", "run", "ring3", "--quiet", "--history", "--json", str(report),
+        "--estimator", estimator, "--duration", "8", "--seed", "5", "--change", "t=6,mass=2,at=0.2,0.1,0.08",
+        "--logs", str(folder / "logs"),
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode in (0, 3), done.stderr
+    loaded: dict[str, object] = json.loads(report.read_text())
+    return loaded
+
+
+def received(message: M) -> M:
+    """As it would come over the wire: what the report computes of it depends on how arrays lie in memory."""
+    return decode(encode(message), type(message))
+
+
+def in_one_process(scenario: Scenario) -> dict[str, object]:
+    """The same from a run in this process."""
+    graph = build_graph(scenario.graph, scenario.robot_names)
+    truths: list[Truth] = []
+    estimates: dict[str, list[Estimate]] = {name: [] for name in graph}
+    for record in run_in_process(scenario):
+        truths.append(received(record.truth))
+        for name, estimate in record.estimates.items():
+            estimates[name].append(received(estimate))
+    info = RunInfo(
+        scenario=scenario.name,
+        seed=scenario.seed,
+        estimator=scenario.estimator,
+        block_duration=scenario.block_duration,
+        real_time_factor=1.0,
+        late_blocks=0,
+    )
+    report = build_report(info, received(Simulation(scenario, graph).scene), truths, estimates, with_history=True)
+    loaded: dict[str, object] = json.loads(msgspec.json.encode(report))
+    return loaded
+
+
+@pytest.mark.parametrize("estimator", ["efficient", "seed"])
+def test_the_same_numbers_in_one_process_and_in_many(estimator: str, tmp_path: Path) -> None:
+    scenario = msgspec.structs.replace(
+        load_scenario("ring3"),
+        estimator=estimator,
+        duration=8.0,
+        seed=5,
+        load_changes=(LoadChange(at=6.0, mass=2.0, position=(0.2, 0.1, 0.08)),),
+    )
+    one, many = in_one_process(scenario), in_processes(estimator, tmp_path)
+    for key in ("robots", "history", "load_changes", "consensus"):
+        assert one[key] == many[key], key
