@@ -56,7 +56,7 @@ def followed(request: pytest.FixtureRequest) -> Followed:
 
 def test_the_mass_follows_the_leak(followed: Followed) -> None:
     assert followed.silent == set()
-    # 0.04 to 0.09 kg over five seeds; the mean of all samples since the drop would be off by 0.3 kg, the mass dropped by 0.6 kg.
+    # 0.04 to 0.09 kg over five seeds. All samples since the drop would give 0.3, what was dropped 0.6.
     assert np.sqrt(np.mean(np.square(followed.errors))) < 0.2
 
 
