@@ -1,7 +1,7 @@
 """The method at the Cramér-Rao bound, for one robot.
 
 First, poses of the neighbours by maximum likelihood, and from neighbour to neighbour the robot's own pose in the frame
-of the reference robot, the **body frame**. When everybody's is roughly known, the network's sums begin (``TeamSums``):
+of the reference robot, the **body frame**. When everybody's is roughly known, the network's sums begin (``Team``):
 everybody carries its own samples to the body frame with its own pose, so all rounds happen in one frame, and every
 loop is closed by construction. The totals say how the body moves and what wrench moves it. Out of these come better
 poses (``TeamPoses``, again and again, with all samples since the start) and the load's inertia (``LoadMemory``).
