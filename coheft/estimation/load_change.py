@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -199,10 +199,13 @@ class LoadWindow:
     def information(self, model: InertiaModel) -> InertiaInformation:
         """Of all blocks since the last change.
 
-        While the load drifts it is divided by the threshold: so much the load can have moved on unnoticed.
+        While the load drifts, its covariance grows by the threshold: so much the load can have moved on unnoticed.
         """
-        total = self.total[:GRAM_SIZE]
-        return model.information(total / _threshold(model.unknowns, self._false_alarm) if self.drifting else total)
+        information = model.information(self.total[:GRAM_SIZE])
+        if not self.drifting:
+            return information
+        threshold = _threshold(model.unknowns, self._false_alarm)
+        return replace(information, score_covariance=threshold * information.score_covariance)
 
     def _thin_out(self) -> None:
         """Drop the newest border whose neighbours are close to each other for their age."""

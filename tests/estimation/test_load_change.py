@@ -179,7 +179,8 @@ def test_a_leaking_load_is_followed_and_its_estimate_called_uncertain() -> None:
             flags.append(window.drifting)
             truth = run.theta[0] + 3.0 * left[BLOCK * block + BLOCK - 1]
             information = window.information(run.model)
-            covariance = np.linalg.inv(information.matrix)
+            inverse = np.linalg.inv(information.matrix)
+            covariance = inverse @ information.score_covariance @ inverse
             errors.append(np.linalg.solve(information.matrix, information.vector)[0] - truth)
             deviations.append(np.sqrt(covariance[0, 0]))
     assert np.mean(flags) > 0.9
