@@ -142,7 +142,7 @@ def test_noise_scales_multiply_the_scenario_s_own_and_seeds_count_on() -> None:
 
 
 def test_accuracy_after_the_load_s_change_is_refused() -> None:
-    with pytest.raises(ScenarioError, match="the load changes at 4 s, but accuracy is to be judged at 5 s"):
+    with pytest.raises(ScenarioError, match="the load changes at 6 s, but accuracy is to be judged at 7 s"):
         plan(at=7.0)
 
 
