@@ -4,7 +4,7 @@ First, poses of the neighbours by maximum likelihood, and from neighbour to neig
 of the reference robot, the **body frame**. When everybody's is roughly known, the network's sums begin (``Team``):
 everybody carries its own samples to the body frame with its own pose, so all rounds happen in one frame, and every
 loop is closed by construction. The totals say how the body moves and what wrench moves it. Out of these come better
-poses (``TeamPoses``, again and again, with all samples since the start) and the load's inertia (``LoadMemory``).
+poses, again and again, with all samples since the start, and the load's inertia (``agents.load_memory.LoadMemory``).
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from coheft.wire.scenario import Converged
 from consensus.gossip import Gossip
 
 Channels = Mapping[str, Array]
-"""Arrays by name, in the sender's own grasp frame."""
+"""Arrays by name; what an agent measured is in its own grasp frame, what the team sums in a frame of its choice."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,1 +1,1 @@
-"""Consensus: sums over a network with one-hop messages, each agent in its own coordinates."""
+"""Consensus: sums over a network with one-hop messages, among agents that know their neighbours only."""

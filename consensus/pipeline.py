@@ -41,7 +41,7 @@ class Pipeline:
     """One agent's values under way.
 
     Attributes:
-        stages: Shape (K, B, C): values to send, in the agent's own coordinates.
+        stages: Shape (K, B, C): values to send, in the frame that the agent works in.
         valid: Shape (K,): which of them are complete so far.
     """
 

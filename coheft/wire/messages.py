@@ -87,13 +87,13 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
 
 
 class NeighbourMessage(Message, frozen=True):
-    """Agent to each neighbour, once per block. All numbers are in the sender's own grasp frame.
+    """Agent to each neighbour, once per block.
 
     Attributes:
         sender: Who speaks.
         block: The block after which it was sent.
         gossip: News about robots, see ``LinkState``.
-        channels: The estimator's arrays by name.
+        channels: The estimator's arrays by name; it says in which frame they are.
     """
 
     sender: str
