@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from coheft.estimation.spatial import Array
 
@@ -19,6 +21,8 @@ KINEMATICS = slice(0, 9)
 WRENCH = slice(9, 15)
 SAMPLE_SIZE = 15
 
+Positive = Annotated[float, Meta(gt=0)]
+
 
 class SensorNoise(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Standard deviation of each sensor's white noise, per axis and sample.
@@ -31,11 +35,11 @@ class SensorNoise(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         torque: Of the torque on the payload about the frame's origin [N·m].
     """
 
-    gyro: float = 0.005
-    velocity: float = 0.01
-    acceleration: float = 0.05
-    force: float = 0.3
-    torque: float = 0.03
+    gyro: Positive = 0.005
+    velocity: Positive = 0.01
+    acceleration: Positive = 0.05
+    force: Positive = 0.3
+    torque: Positive = 0.03
 
     def per_column(self) -> Array:
         """Standard deviation of each column of a sample, shape (15,)."""

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.measurement import Positive, SensorNoise
 from coheft.estimation.rigid_body import Inertia, combined
 from coheft.estimation.spatial import Pose, rotation_exp
 
@@ -16,7 +16,6 @@ PHYSICS_RATE = 1000
 """Physics steps per second."""
 
 Vector = tuple[float, float, float]
-Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Seed = Annotated[int, Meta(ge=0)]
 Name = Annotated[str, Meta(pattern="^[a-z][a-z0-9_-]{0,31}$")]
@@ -129,14 +128,14 @@ class Sensors(Section, frozen=True):
         rate: Samples per second; must divide 1000.
         block: Samples that travel in one message.
         noise: Standard deviations per sample.
-        noise_scale: Multiplies all of ``noise``.
+        noise_scale: Multiplies all of ``noise``. A file cannot say 0: estimators weigh samples by their noise.
         offset: Constant errors.
     """
 
     rate: Literal[100, 125, 200, 250, 500, 1000] = 500
     block: Annotated[int, Meta(ge=2, le=200)] = 10
     noise: SensorNoise = SensorNoise()
-    noise_scale: NotNegative = 1.0
+    noise_scale: Positive = 1.0
     offset: SensorOffset = SensorOffset()
 
 
