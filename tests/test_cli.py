@@ -117,6 +117,13 @@ def test_help_tells_the_exit_status(capfd: pytest.CaptureFixture[str]) -> None:
     assert "3 the run ended but not every robot had converged" in text
 
 
+def test_help_offers_no_empty_vectors(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line(["inject", "--help"]) == EXIT_CONVERGED
+    text = capfd.readouterr().out
+    assert "--at" in text
+    assert "--empty" not in text
+
+
 def test_scenarios_lists_every_shipped_one(capfd: pytest.CaptureFixture[str]) -> None:
     assert run_command_line(["scenarios"]) == EXIT_CONVERGED
     assert "ring6 " in capfd.readouterr().out

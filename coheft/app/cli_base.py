@@ -23,9 +23,10 @@ app = cyclopts.App(
     help_epilogue="Exit status: 0 every robot converged (or: done), 1 an error, 2 wrong usage or a bad scenario, "
     "3 the run ended but not every robot had converged, 130 stopped by Ctrl-C.",
     version=coheft.__version__,
+    suppress_keyboard_interrupt=False,  # what Ctrl-C means is up to ``run_command_line``
 )
 
-Vector = tuple[float, float, float]
+Vector = Annotated[tuple[float, float, float], Parameter(negative=())]
 RunFolder = Annotated[Path | None, Parameter(name="--run")]
 Flag = Annotated[bool, Parameter(negative=(), show_default=False)]
 
