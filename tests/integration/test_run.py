@@ -194,6 +194,7 @@ def test_ctrl_c_stops_everything_within_two_seconds(start: Callable[..., Run]) -
     assert run.wait() == 130
     assert time.monotonic() - pressed < STOPS_WITHIN
     assert run.left() == []
+    assert run.text.endswith("stopped\n")
     assert "Traceback" not in run.text
     assert not (run.folder / RUN_FILE).exists()
 
