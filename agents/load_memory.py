@@ -14,7 +14,6 @@ import numpy as np
 
 from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.body_motion import perturbation_between
-from coheft.estimation.bounds import barycentric_derivative, seen_inertia_derivative
 from coheft.estimation.forgetting_window import ForgettingWindow
 from coheft.estimation.inertia import (
     FEATURES,
@@ -27,6 +26,7 @@ from coheft.estimation.inertia import (
     repacked_gram,
     unpacked_gram,
 )
+from coheft.estimation.inertia_derivatives import barycentric_derivative, seen_inertia_derivative
 from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, unseen_quantities
 from coheft.estimation.load_change import LoadWindow, Memory
 from coheft.estimation.pose_sensitivity import (

@@ -13,8 +13,8 @@ import numpy as np
 
 from agents.estimator import Belief, Channels, is_converged
 from coheft.estimation.angular_acceleration import AngularAcceleration, gyro_derivative
-from coheft.estimation.bounds import barycentric_derivative
 from coheft.estimation.consistency import is_possible, nearest_possible
+from coheft.estimation.inertia_derivatives import barycentric_derivative
 from coheft.estimation.joint_rls import JointRls
 from coheft.estimation.measurement import KINEMATICS, MeasurementBlock
 from coheft.estimation.pose_rls import PoseRls

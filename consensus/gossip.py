@@ -54,11 +54,6 @@ class Gossip:
         self._news = set()
         return [self.records[name] for name in sorted(told)]
 
-    def degree(self, name: str) -> int | None:
-        """Number of neighbours of a robot, None while unknown."""
-        record = self.records.get(name)
-        return None if record is None else len(record.neighbours)
-
     def pose(self, name: str) -> Pose | None:
         """What a robot has told of its pose, None if nothing."""
         numbers = self.records[name].pose

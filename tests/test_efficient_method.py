@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from coheft.estimation.body_motion import perturbation_between
-from coheft.estimation.consistency import pseudo_inertia
-from coheft.estimation.rigid_body import Inertia, pack_symmetric
+from coheft.estimation.rigid_body import Inertia, pack_symmetric, pseudo_inertia
 from coheft.estimation.spatial import Array, Pose
 from coheft.wire.messages import Estimate
 from coheft.wire.scenario import EfficientSettings, Graph, LoadChange, Perimeter, Scenario, SensorOffset

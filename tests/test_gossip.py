@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -47,7 +46,6 @@ def test_everybody_learns_the_graph_within_its_diameter(graph: Neighbours) -> No
         team.block()
     for robot in team.robots.values():
         assert robot.graph == graph
-        assert {name: robot.degree(name) for name in graph} == {name: len(others) for name, others in graph.items()}
 
 
 @given(graphs, st.data())
@@ -107,11 +105,6 @@ def test_only_a_robot_itself_says_what_is_new_about_it() -> None:
     assert robot.start_block is None
     robot.announce_ready(3)
     assert robot.start_block == 5
-
-
-@pytest.mark.parametrize("name", ["a", "c"])
-def test_degrees_of_strangers_are_not_known(name: str) -> None:
-    assert Gossip("a", ["b", "c"]).degree(name) == (2 if name == "a" else None)
 
 
 @given(graphs)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.rigid_body import pack_symmetric, unpack_symmetric
+from coheft.estimation.rigid_body import pack_symmetric, pseudo_inertia
 from coheft.estimation.spatial import Array
 
 _THINNEST = 1e-10
@@ -25,17 +25,6 @@ _GROWTH = 20.0
 _NEWTON_STEPS = 40
 _INWARDS = 1e-7
 """The result is moved by this share of the way to a point well inside, or rounding could push it over the edge."""
-
-
-def pseudo_inertia(parameters: Array) -> Array:
-    """4x4 pseudo-inertia ``[[Sigma, m h], [m h^T, m]]`` of ``theta``, shape (..., 10) to (..., 4, 4)."""
-    about_origin = unpack_symmetric(parameters[..., 4:10])
-    half_trace = 0.5 * np.trace(about_origin, axis1=-2, axis2=-1)
-    matrix = np.empty((*parameters.shape[:-1], 4, 4))
-    matrix[..., :3, :3] = half_trace[..., None, None] * np.eye(3) - about_origin
-    matrix[..., :3, 3] = matrix[..., 3, :3] = parameters[..., 1:4]
-    matrix[..., 3, 3] = parameters[..., 0]
-    return matrix
 
 
 def parameters_of(pseudo: Array) -> Array:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.bounds import barycentric_derivative
 from coheft.estimation.consistency import nearest_possible
 from coheft.estimation.inertia import INERTIA_SIZE, InertiaInformation
+from coheft.estimation.inertia_derivatives import barycentric_derivative
 from coheft.estimation.rigid_body import Inertia, pack_symmetric, unpack_symmetric
 from coheft.estimation.spatial import Array
 

@@ -8,8 +8,7 @@ The residuals are linear in ``FEATURES`` = 28 numbers per sample: 1, the robot's
 ``(w, v, a, alpha)``, and six products of ``w``. So their Gram matrix holds all that the samples say about the pose:
 cost, score and Gauss-Newton information, at any pose, without the samples.
 
-When every robot registers itself so, and the network then finds the body's motion anew with the new poses, this is
-coordinate descent on the joint likelihood of all poses and motions: it closes all loops, and reaches the joint bound.
+``team_registration`` puts the scores of all robots together.
 """
 
 from __future__ import annotations
@@ -18,10 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.body_motion import BODY_W, MOTION_SIZE, perturbed
+from coheft.estimation.body_motion import BODY_W, MOTION_SIZE
 from coheft.estimation.inertia import symmetric_products
 from coheft.estimation.measurement import KINEMATICS, SensorNoise
-from coheft.estimation.observability import PoseEstimate, Visibility, seen_information
 from coheft.estimation.rigid_body import inertia_operator
 from coheft.estimation.spatial import Array, Pose, skew
 
@@ -31,8 +29,6 @@ MOTION = slice(10, 22)
 TWIST, ACCELERATION, PRODUCTS = slice(10, 16), slice(16, 22), slice(22, 28)
 TWIST_ROWS, ACCELERATION_ROWS = slice(0, 6), slice(6, 9)
 _W, _V, _A, _ALPHA = slice(10, 13), slice(13, 16), slice(16, 19), slice(19, 22)
-_STEPS = 6
-_CLOSE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,24 +130,3 @@ def score_and_information(moments: RegistrationMoments, pose: Pose, noise: Senso
         information += np.einsum("kab,lab->kl", weighted @ gram, derivative[:, rows])
         cost += 0.5 * float(np.sum(weights[rows, None] * residual * operator[rows]))
     return score, information, cost
-
-
-def register_own(
-    moments: RegistrationMoments, start: Pose, noise: SensorNoise, limits: Visibility | None = None
-) -> PoseEstimate:
-    """Pose of a robot in the body frame from its own sensors, the body's motion taken as exact.
-
-    A few Gauss-Newton steps. Alternated with sums over the network it leads to the joint optimum, slowly along some
-    directions. The covariance is that for a body motion known from elsewhere, and too small where the own sensors
-    helped to find it. ``team_registration`` does better in both.
-    """
-    limits = limits or Visibility()
-    pose = start
-    for _ in range(_STEPS):
-        score, information, _ = score_and_information(moments, pose, noise)
-        seen = seen_information(information, limits)
-        step = seen.step(score)
-        pose = perturbed(pose, step)
-        if np.all(np.abs(step) < _CLOSE * limits.scale()):
-            break
-    return PoseEstimate(pose, seen.inverse(), seen.unseen())

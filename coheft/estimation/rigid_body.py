@@ -49,6 +49,20 @@ def packed_rotation(rotation: Array) -> Array:
     return pack_symmetric(turned).T
 
 
+def pseudo_inertia(parameters: Array) -> Array:
+    """4x4 pseudo-inertia ``[[Sigma, m h], [m h^T, m]]`` of ``(m, m h, I_o)``, shape (..., 10) to (..., 4, 4).
+
+    ``Sigma`` is the second moment of mass about the frame's origin (Wensing, Kim, Slotine 2017).
+    """
+    about_origin = unpack_symmetric(parameters[..., 4:10])
+    half_trace = 0.5 * np.trace(about_origin, axis1=-2, axis2=-1)
+    matrix = np.empty((*parameters.shape[:-1], 4, 4))
+    matrix[..., :3, :3] = half_trace[..., None, None] * np.eye(3) - about_origin
+    matrix[..., :3, 3] = matrix[..., 3, :3] = parameters[..., 1:4]
+    matrix[..., 3, 3] = parameters[..., 0]
+    return matrix
+
+
 @dataclass(frozen=True, eq=False)
 class Inertia:
     """Mass properties of a rigid body in some frame ``F_i``.
@@ -96,16 +110,8 @@ class Inertia:
         return np.block([[about_origin, moment], [-moment, self.mass * np.eye(3)]])
 
     def pseudo_inertia(self) -> Array:
-        """4x4 second moments ``[[Sigma, m h], [m h^T, m]]``; a body exists if and only if it is positive semi-definite.
-
-        ``Sigma`` is the second moment of mass about the frame's origin (Wensing, Kim, Slotine 2017).
-        """
-        about_origin = self.tensor - self.mass * skew(self.com) @ skew(self.com)
-        matrix = np.empty((4, 4))
-        matrix[:3, :3] = 0.5 * np.trace(about_origin) * np.eye(3) - about_origin
-        matrix[:3, 3] = matrix[3, :3] = self.mass * self.com
-        matrix[3, 3] = self.mass
-        return matrix
+        """4x4 pseudo-inertia; a body exists if and only if it is positive semi-definite."""
+        return pseudo_inertia(self.barycentric())
 
     def wrench(self, w: Array, a: Array, alpha: Array) -> Array:
         """Total wrench ``(F, T)`` about the frame's origin that the motion needs (Newton-Euler).

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from coheft.estimation.consistency import is_possible, nearest_possible, parameters_of, pseudo_inertia
-from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.consistency import is_possible, nearest_possible, parameters_of
+from coheft.estimation.rigid_body import Inertia, pseudo_inertia
 from coheft.estimation.spatial import Array
 from tests.rigid_motions import Particles, bodies, vectors
 
