@@ -224,7 +224,7 @@ def test_scenarios_whose_changes_cannot_be_made_are_refused():
     five = tuple(LoadChange(at=float(at), mass=1.0) for at in range(5))
     with pytest.raises(ScenarioError, match=r"5 loads at a time from 4.0 s on, but 'payload.load_slots' is 4"):
         Simulation(scenario(load_changes=five))
-    with pytest.raises(ScenarioError, match=r"remove = 2 at 3.0 s, expected one of the loads .*\[1\]"):
+    with pytest.raises(ScenarioError, match=r"remove': found 2 at 3.0 s, expected one of the loads .*\[1\]"):
         Simulation(scenario(load_changes=(*five[:1], LoadChange(at=3.0, remove=2))))
     payload = msgspec.structs.replace(scenario().payload, load_slots=0)
     simulation = Simulation(scenario(payload=payload))

@@ -7,10 +7,8 @@ was found there and what is allowed.
 from __future__ import annotations
 
 import difflib
-import math
 import re
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import get_args
 
@@ -18,6 +16,7 @@ import msgspec
 
 from coheft.errors import ScenarioError
 from coheft.wire.scenario import Scenario
+from coheft.wire.scenario_checks import check_changes_come, check_scenario
 
 CONFIG_FOLDER = Path(__file__).resolve().parents[2] / "configs"
 
@@ -61,56 +60,10 @@ def parse_scenario(text: str, origin: str) -> Scenario:
     try:
         scenario = msgspec.convert(table, Scenario)
     except msgspec.ValidationError as error:
-        raise ScenarioError(f"{origin}: {_explain(error, table)}") from error
+        raise ScenarioError(f"{origin}: {explain(error, table)}") from error
     check_scenario(scenario, origin)
+    check_changes_come(scenario, origin)
     return scenario
-
-
-def check_scenario(scenario: Scenario, origin: str) -> None:
-    """Check what the types cannot say.
-
-    Raises:
-        ScenarioError: Keys contradict each other.
-    """
-    for place, value in _numbers(msgspec.to_builtins(scenario)):
-        if not math.isfinite(value):
-            raise ScenarioError(f"{origin}: key '{place}': expected a finite number; found {value!r}")
-    robots = scenario.robots
-    if bool(robots.grasps) == (robots.perimeter is not None):
-        raise ScenarioError(
-            f"{origin}: key 'robots': found {'both' if robots.grasps else 'neither'} 'grasps' and 'perimeter', "
-            f"expected exactly one of them"
-        )
-    if scenario.robot_count < 2:
-        raise ScenarioError(f"{origin}: key 'robots.grasps': found 1 grasp, expected at least 2")
-    low, high = scenario.motion.frequency
-    if low > high:
-        raise ScenarioError(
-            f"{origin}: key 'motion.frequency': found {[low, high]}, expected the lower frequency first"
-        )
-    for number, change in enumerate(scenario.load_changes):
-        if (change.mass is None) == (change.remove is None):
-            raise ScenarioError(
-                f"{origin}: key 'load_changes[{number}]': found "
-                f"{'neither' if change.mass is None else 'both'} 'mass' and 'remove', expected exactly one of them"
-            )
-        if change.leak > 0.0 and change.mass is None:
-            raise ScenarioError(
-                f"{origin}: key 'load_changes[{number}].leak': found {change.leak} without 'mass', "
-                f"expected it for a new load only"
-            )
-
-
-def _numbers(value: object, place: str = "") -> Iterator[tuple[str, float]]:
-    """All floating-point numbers in nested builtins, with their keys."""
-    if isinstance(value, float):
-        yield place, value
-    elif isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _numbers(inner, f"{place}.{key}".lstrip("."))
-    elif isinstance(value, list | tuple):
-        for index, inner in enumerate(value):
-            yield from _numbers(inner, f"{place}[{index}]")
 
 
 def _unknown_scenario(name: str, shipped: list[str]) -> str:
@@ -122,8 +75,8 @@ def _unknown_scenario(name: str, shipped: list[str]) -> str:
     )
 
 
-def _explain(error: msgspec.ValidationError, table: dict[str, object]) -> str:
-    """Name the key and the value found beside what msgspec says was expected."""
+def explain(error: msgspec.ValidationError, table: dict[str, object]) -> str:
+    """Name the key of the scenario and what was found there, beside what msgspec says was expected."""
     message = str(error)
     match = re.search(r" - at `\$(.*)`$", message)
     place = match.group(1).lstrip(".") if match else ""
