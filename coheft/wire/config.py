@@ -90,7 +90,7 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> AgentConfig:
-    """The agent's share of a scenario. Its seed mixes the scenario's with its own name."""
+    """The agent's share of a scenario. Its seed is 1000 times the scenario's seed plus its own number, from 0."""
     index = scenario.robot_names.index(name)
     return AgentConfig(
         name=name,
