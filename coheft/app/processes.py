@@ -24,6 +24,8 @@ from coheft.errors import CoheftError
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
 _GO_BY_THEMSELVES = 1.0
 _GO_WHEN_ASKED = 0.4
+_OTHERS_FAIL = 0.5
+"""Time after the first failure in which others show theirs, the cause perhaps among them [s]."""
 _LOG_LINES = 12
 
 
@@ -92,9 +94,9 @@ class Processes:
         Raises:
             ProcessError: One has; the message names it and shows the end of its log.
         """
-        failed = [child for child in self.children if child.process.poll() not in (None, 0)]
-        if failed:
-            raise _error(failed)
+        if self._failed():
+            self._wait(_OTHERS_FAIL)
+            raise _error(self._failed())
 
     def all_done_but(self, name: str) -> bool:
         """Whether every process but one has ended."""
@@ -112,6 +114,9 @@ class Processes:
         for child in self._left():
             child.process.kill()
             child.process.wait()
+
+    def _failed(self) -> list[Child]:
+        return [child for child in self.children if child.process.poll() not in (None, 0)]
 
     def _left(self) -> list[Child]:
         return [child for child in self.children if child.process.poll() is None]

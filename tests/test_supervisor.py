@@ -1,0 +1,46 @@
+"""The supervisor's view of its processes, with small ones in the place of a run's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from coheft.app.processes import ProcessError, Processes
+from coheft.wire.messages import StatusRequest
+
+# Like a server that loses the link with a robot before the robot's process has ended.
+FOLLOWS = """
+import pathlib, sys, time
+while not pathlib.Path("cause-is-up").exists():
+    time.sleep(0.001)
+pathlib.Path("link-is-lost").touch()
+sys.exit("lost the link with cause")
+"""
+CAUSE = """
+import pathlib, time
+pathlib.Path("cause-is-up").touch()
+while not pathlib.Path("link-is-lost").exists():
+    time.sleep(0.001)
+time.sleep(0.1)
+raise ValueError("this is why")
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where modules that are started are looked for."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_process_that_fails_last_but_with_a_traceback_is_the_cause(folder: Path) -> None:
+    (folder / "follows.py").write_text(FOLLOWS)
+    (folder / "cause.py").write_text(CAUSE)
+    with Processes(folder) as processes:
+        follows = processes.start("follows", "follows", StatusRequest())
+        processes.start("cause", "cause", StatusRequest())
+        follows.process.wait()
+        with pytest.raises(ProcessError, match=r"^cause ended with status 1(?s:.)*this is why") as caught:
+            processes.check()
+    assert "After it, follows ended with status 1" in str(caught.value)
