@@ -7,6 +7,7 @@ import json
 import os
 import socket
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -70,6 +71,28 @@ def test_changes_replace_the_scenarios_own(ring6: Scenario) -> None:
 def test_a_change_that_makes_no_sense_is_explained(ring6: Scenario, text: str, complaint: str) -> None:
     with pytest.raises(ScenarioError, match=complaint):
         override(ring6, changes=[text])
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"estimator": "foo"}, "command line: key 'estimator': expected one of 'efficient', 'seed'; found 'foo'"),
+        ({"sensor_rate": 300}, "command line: key 'sensors.rate': expected one of 100, 125, .*; found 300"),
+        ({"duration": -5.0}, "command line: key 'duration': expected .* > 0.0; found -5.0"),
+        ({"seed": -1}, "command line: key 'seed': expected .* >= 0; found -1"),
+        ({"changes": ["t=-1,mass=3"]}, "--change t=-1,mass=3: key 't': expected .* >= 0.0; found -1.0"),
+        ({"changes": ["t=9,remove=3"]}, "command line: key 'load_changes.0..remove': found 3 at 9.0 s, .* none"),
+        ({"changes": ["t=99,mass=3"]}, "command line: key 'load_changes.0..at': found 99.0 s, .* = 35.0 s"),
+    ],
+)
+def test_overrides_that_cannot_be_are_explained(ring6: Scenario, given: dict[str, Any], message: str) -> None:
+    with pytest.raises(ScenarioError, match=f"^{message}"):
+        override(ring6, **given)
+
+
+def test_a_run_may_end_before_its_load_changes_come(ring6: Scenario) -> None:
+    assert override(ring6, duration=5.0).load_changes == ring6.load_changes
+    assert override(ring6, duration=5.0, changes=["t=9,mass=1"]).load_changes == (LoadChange(at=9.0, mass=1.0),)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ import msgspec
 
 from coheft.errors import ScenarioError
 from coheft.wire.scenario import LoadChange, Scenario
-from coheft.wire.scenario_file import check_scenario
+from coheft.wire.scenario_checks import check_changes_come, check_scenario
+from coheft.wire.scenario_file import explain
 
 _ORIGIN = "command line"
 _CHANGE_KEYS = {"t": "at", "mass": "mass", "at": "position", "size": "size", "leak": "leak", "remove": "remove"}
@@ -39,8 +40,10 @@ def override(
     try:
         changed = msgspec.convert(table, Scenario)
     except msgspec.ValidationError as error:
-        raise ScenarioError(f"{_ORIGIN}: {error}") from error
+        raise ScenarioError(f"{_ORIGIN}: {explain(error, table)}") from error
     check_scenario(changed, _ORIGIN)
+    if changes and duration is None:
+        check_changes_come(changed, _ORIGIN)
     return changed
 
 
@@ -79,7 +82,8 @@ def _parse_change(text: str) -> LoadChange:
     try:
         return msgspec.convert(change, LoadChange)
     except msgspec.ValidationError as error:
-        raise _change_error(text, str(error)) from error
+        # The scenario's key for the time, 'at', is the command line's for the position.
+        raise _change_error(text, explain(error, change).replace("key 'at'", "key 't'")) from error
 
 
 def _change_error(text: str, what: str) -> ScenarioError:
