@@ -22,6 +22,7 @@ _START_LIMIT = 60.0
 _NO_COMMENT = 5.0
 _SILENCE = 2.0
 _LAST_WORDS = 1.0
+_AGENTS_END = 5.0
 
 
 def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = False) -> Report:
@@ -71,14 +72,23 @@ def _wait_for_start(observer: Observer, processes: Processes, display: Display) 
 
 
 def _follow(record: Record, observer: Observer, processes: Processes, display: Display) -> Status:
-    """Collect what the processes say until the agents have been told to go; return the server's last word."""
+    """Collect what the processes say until the agents have gone; return the server's last word.
+
+    Raises:
+        ProcessError: A process failed, or an agent does not go though the run is over.
+        LinkError: The server has no last word.
+    """
     news = time.monotonic()
     while not processes.all_done_but("server"):
         processes.check()
         if _collect(record, observer, display):
             news = time.monotonic()
         elif time.monotonic() > news + _SILENCE:
-            _explain_silence(observer, display)
+            status = observer.status()
+            if processes.ended("server") or (status is not None and status.state == "finished"):
+                processes.wait_for_all_but("server", _AGENTS_END)
+            elif status is not None:
+                _explain_silence(status, display)
     processes.check()
     deadline = time.monotonic() + _LAST_WORDS
     while time.monotonic() < deadline and not record.complete:
@@ -114,9 +124,8 @@ def _collect(record: Record, observer: Observer, display: Display, seconds: floa
     return record.time > before
 
 
-def _explain_silence(observer: Observer, display: Display) -> None:
-    status = observer.status()
-    if status is not None and status.state == "paused":
+def _explain_silence(status: Status, display: Display) -> None:
+    if status.state == "paused":
         display.note(f"paused at {status.time:.2f} s; 'coheft resume' goes on")
-    elif status is not None and status.waiting_for:
+    elif status.waiting_for:
         display.note(f"waiting for {', '.join(status.waiting_for)}")

@@ -102,6 +102,29 @@ class Processes:
         """Whether every process but one has ended."""
         return all(child.process.poll() is not None for child in self.children if child.name != name)
 
+    def ended(self, name: str) -> bool:
+        """Whether one process has ended."""
+        return any(child.process.poll() is not None for child in self.children if child.name == name)
+
+    def wait_for_all_but(self, name: str, seconds: float) -> None:
+        """Wait for every process but one to end.
+
+        Raises:
+            ProcessError: One has failed, or some go on for longer; the message names them.
+        """
+        deadline = time.monotonic() + seconds
+        while not self.all_done_but(name):
+            self.check()
+            if time.monotonic() > deadline:
+                raise ProcessError(
+                    "\n".join(
+                        f"{child.name} does not end: it may be frozen; its log: {child.log}"
+                        for child in self._left()
+                        if child.name != name
+                    )
+                )
+            time.sleep(0.01)
+
     def stop(self) -> None:
         """End all processes: ask by the end of stdin, then by a signal, then do not ask."""
         for child in self.children:

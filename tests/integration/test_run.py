@@ -230,6 +230,19 @@ def test_a_frozen_process_does_not_outlive_its_supervisor(start: Callable[..., R
     assert run.left() == []
 
 
+def test_an_agent_that_is_frozen_when_the_run_ends_is_named(start: Callable[..., Run]) -> None:
+    run = start("--realtime", "--duration", "10000")
+    run.wait_until_under_way()
+    os.kill(run.pids["r2"], signal.SIGSTOP)
+    status, text = run.ask("stop")
+    assert status == 0, text
+    assert run.wait() == 1
+    assert "r2 does not end: it may be frozen" in run.words
+    assert "r2.log" in run.text
+    assert "Traceback" not in run.text
+    assert run.left() == []
+
+
 def test_no_process_outlives_a_killed_supervisor(start: Callable[..., Run]) -> None:
     run = start("--duration", "10000")
     run.wait_until_under_way()
