@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
+import shutil
 import socket
 import sys
 import time
@@ -15,6 +17,9 @@ import msgspec
 from coheft.errors import CoheftError
 
 RUN_FILE = "run.json"
+_KEPT = 20
+"""How many folders there are among the user's runs at most, not counting runs that go on."""
+_FOLDERS = "[0-9]*-[0-9]*-coheft-*"  # as ``make_run_folder`` names them; they sort by time
 
 
 class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -46,11 +51,13 @@ def runs_folder() -> Path:
 
 
 def make_run_folder(run: str, logs: Path | None = None) -> Path:
-    """Make the folder of a new run: ``logs``, or a new one among the user's runs.
+    """Make the folder of a new run: ``logs``, or a new one among the user's runs, of which the oldest are removed.
 
     Raises:
         CoheftError: It cannot be made.
     """
+    if logs is None:
+        _remove_old_folders(_KEPT - 1)
     folder = logs if logs is not None else runs_folder() / f"{time.strftime('%Y%m%d-%H%M%S')}-{run}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -59,6 +66,14 @@ def make_run_folder(run: str, logs: Path | None = None) -> Path:
             f"cannot make the folder of the run, {folder}: {error.strerror}; name another: --logs DIR"
         ) from error
     return folder.resolve()
+
+
+def _remove_old_folders(kept: int) -> None:
+    """Remove the folders of all but the user's newest runs; what cannot be removed stays."""
+    for folder in sorted(runs_folder().glob(_FOLDERS), reverse=True)[kept:]:
+        run_file = _read(folder)
+        if run_file is None or not _answers(run_file.server):
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextlib.contextmanager
@@ -83,14 +98,21 @@ def find_run(folder: Path | None = None) -> RunFile:
         if run_file is None or not _answers(run_file.server):
             raise CoheftError(f"no run goes on in {folder}")
         return run_file
-    folders = sorted(runs_folder().glob(f"*/{RUN_FILE}"), key=lambda path: path.stat().st_mtime, reverse=True)
-    for path in folders:
+    for path in sorted(runs_folder().glob(f"*/{RUN_FILE}"), key=_written_at, reverse=True):
         run_file = _read(path.parent)
         if run_file is not None and _answers(run_file.server):
             return run_file
     raise CoheftError(
         "no run goes on; start one with 'coheft run', or name its folder if it has one of its own: --run DIR"
     )
+
+
+def _written_at(path: Path) -> float:
+    """When a file was written; long ago if it has gone, for its run may end at any time."""
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return -math.inf
 
 
 def _read(folder: Path) -> RunFile | None:

@@ -1,0 +1,46 @@
+"""Which folders of runs are kept."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from coheft.app.plan import free_ports
+from coheft.app.run_folder import RunFile, announced, make_run_folder, runs_folder
+
+
+@pytest.fixture(autouse=True)
+def own_state_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No test sees the runs of the user who runs it."""
+    for name in ("XDG_STATE_HOME", "LOCALAPPDATA", "HOME"):
+        monkeypatch.setenv(name, str(tmp_path / "state"))
+
+
+@pytest.fixture
+def endpoint() -> Iterator[str]:
+    """Where somebody listens, as a run's server does."""
+    (port,) = free_ports(1)
+    with socket.create_server(("127.0.0.1", port)):
+        yield f"tcp/127.0.0.1:{port}"
+
+
+def test_the_newest_folders_are_kept_and_those_of_runs_that_go_on(endpoint: str) -> None:
+    old = [runs_folder() / f"20200101-0000{number:02}-coheft-{number}" for number in range(30)]
+    other = runs_folder() / "not-of-a-run"
+    for folder in (*old, other):
+        folder.mkdir(parents=True)
+        (folder / "server.log").write_text("log")
+    with announced(old[0], RunFile(run="coheft-0", server=endpoint, agents={})):
+        new = make_run_folder("coheft-new")
+    assert set(runs_folder().iterdir()) == {old[0], *old[-19:], new, other}
+
+
+def test_a_folder_of_the_users_own_choice_removes_none(tmp_path: Path) -> None:
+    old = [runs_folder() / f"20200101-0000{number:02}-coheft-{number}" for number in range(30)]
+    for folder in old:
+        folder.mkdir(parents=True)
+    make_run_folder("coheft-new", tmp_path / "logs")
+    assert all(folder.is_dir() for folder in old)
