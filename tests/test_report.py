@@ -126,10 +126,11 @@ def test_poses_that_are_still_being_found_are_not_reported() -> None:
 
 def test_speed_counts_every_message_of_a_block() -> None:
     truths = [truth(block, LIGHT) for block in range(100)]
-    report = build_report(INFO, SCENE, truths, {r: [estimate(r, 99, LIGHT)] for r in ROBOTS})
+    estimates = {r: [estimate(r, block, LIGHT) for block in range(4, 100, 5)] for r in ROBOTS}
+    report = build_report(INFO, SCENE, truths, estimates)
     assert report.real_time_factor == pytest.approx(1.0)
     assert report.processes == 4
-    per_block = 3 + 3 + 4 + 3 + 1  # measurements, references, two edges both ways, estimates, truth
+    per_block = 3 + 3 + 4 + 3 / 5 + 1  # measurements, references, two edges both ways, estimates, truth
     assert report.messages_per_s == pytest.approx(per_block * 100 / 2.0)
 
 

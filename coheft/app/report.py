@@ -76,7 +76,8 @@ class Report(msgspec.Struct, frozen=True):
         processes: Physics server and agents.
         real_time_factor: Simulated time over wall time.
         messages_per_s: Messages between processes per second of wall time: for each block one measurement and one
-            reference per robot, one message each way along each edge, one estimate per robot, one truth.
+            reference per robot, one message each way along each edge, one truth; and the estimates that were kept,
+            about one per robot every 0.1 s.
         late_blocks: References that came too late, in real time only, summed over robots.
         history: Errors about once a second, if asked for.
     """
@@ -149,7 +150,8 @@ def build_report(
     judge = Judge(scene, truths)
     estimates = {name: estimates[name] for name in scene.robots}  # sums depend on the order, in their last digit
     robots = len(scene.robots)
-    messages_per_block = 3 * robots + sum(len(names) for names in scene.neighbours.values()) + 1
+    estimates_per_block = sum(len(series) for series in estimates.values()) / len(truths)
+    messages_per_block = 2 * robots + sum(map(len, scene.neighbours.values())) + estimates_per_block + 1
     return Report(
         scenario=info.scenario,
         seed=info.seed,
