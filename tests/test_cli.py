@@ -20,7 +20,7 @@ from coheft.app.run_folder import RUN_FILE, RunFile, announced, find_run, runs_f
 from coheft.errors import CoheftError, ScenarioError
 from coheft.wire.config import AgentProcessConfig, ServerConfig
 from coheft.wire.scenario import LoadChange, Scenario
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.scenario_file import available_scenarios, load_scenario
 
 
 @pytest.fixture
@@ -149,7 +149,13 @@ def test_help_offers_no_empty_vectors(capfd: pytest.CaptureFixture[str]) -> None
 
 def test_scenarios_lists_every_shipped_one(capfd: pytest.CaptureFixture[str]) -> None:
     assert run_command_line(["scenarios"]) == EXIT_CONVERGED
-    assert "ring6 " in capfd.readouterr().out
+    lines = capfd.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    names = [line.split()[0] for line in lines if not line.startswith(" ")]
+    assert sorted(names) == list(available_scenarios())
+    assert [name for name in names if name.startswith("ring")] == ["ring3", "ring6", "ring12", "ring24"]
+    starts = {len(line) - len(line.partition(" ")[2].lstrip()) for line in lines}
+    assert len(starts) == 1, "descriptions stand in one column"
 
 
 def test_commands_for_a_run_need_one(capfd: pytest.CaptureFixture[str]) -> None:

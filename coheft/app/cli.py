@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import sys
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -22,6 +24,9 @@ from coheft.app.cli_base import (
     app,
 )
 from coheft.errors import CoheftError, ScenarioError
+
+_WIDTH = 80
+"""Of a terminal, in columns."""
 
 
 def run_command_line(arguments: Sequence[str]) -> int:
@@ -132,8 +137,16 @@ def scenarios() -> None:
     """List the shipped scenarios."""
     from coheft.wire.scenario_file import available_scenarios, load_scenario
 
-    for name, path in available_scenarios().items():
-        print(f"{name:10} {load_scenario(path).description}")
+    shipped = available_scenarios()
+    column = max(map(len, shipped)) + 2
+    for name in sorted(shipped, key=_by_number):
+        text = f"{name:{column}}{load_scenario(shipped[name]).description}"
+        print(textwrap.fill(text, _WIDTH, subsequent_indent=" " * column))
+
+
+def _by_number(name: str) -> list[tuple[int, str]]:
+    """Key that sorts ring3 before ring12."""
+    return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]
 
 
 @app.command
