@@ -30,6 +30,7 @@ from coheft.wire.transport import Event, Inbox, Keys, LinkChange, Received, Refu
 HELLO_PERIOD = 0.05
 """Time after which a robot that waits for the first block says hello again [s]."""
 _SERVER = "the server"
+_POSE_SIZE = 12
 
 
 class _Stopped(Exception):  # noqa: N818
@@ -117,9 +118,11 @@ class AgentProcess:
         expected = set(self._config.neighbours) if block > 0 else set()
         while not self._measurements or expected - self._messages.get(block - 1, {}).keys():
             self._handle(self._inbox.receive())
-        outbox = self._agent.step(self._usable(self._measurements.popleft()), self._messages.pop(block - 1, {}))
+        measured = self._usable(self._measurements.popleft())
+        heard = self._messages.pop(block - 1, {})
+        outbox = self._agent.step(measured, {name: self._in_use(message) for name, message in heard.items()})
         self._block += 1
-        self._shapes = {name: array.shape for name, array in outbox.message.channels.items()}
+        self._shapes.update((name, array.shape) for name, array in outbox.message.channels.items())
         self._message.send(outbox.message)
         if outbox.estimate is not None:
             self._estimate.send(structs.replace(outbox.estimate, problems=self._problems))
@@ -131,6 +134,16 @@ class AgentProcess:
             return MeasurementBlock(measurements.block, measurements.samples)
         self._tell_problem(f"measurements of block {measurements.block} are not all finite: the block is not used")
         return None
+
+    def _in_use(self, message: NeighbourMessage) -> NeighbourMessage:
+        """The message without what came before its channel's shape was known, and does not have it.
+
+        Nothing is lost: all agents begin with a channel at the same block, and read it one block later.
+        """
+        channels = {name: array for name, array in message.channels.items() if array.shape == self._shapes.get(name)}
+        for name in message.channels.keys() & self._shapes.keys() - channels.keys():
+            self._tell_problem(f"channels[{name!r}] of {message.sender}, block {message.block}, is of the wrong shape")
+        return structs.replace(message, channels=channels)
 
     def _handle(self, event: Event | None) -> None:
         """Take in whatever came.
@@ -187,6 +200,9 @@ class AgentProcess:
         for name, array in message.channels.items():
             # A channel has one shape in the whole team; until we use it ourselves, only its numbers can be checked.
             check_array(array, self._shapes.get(name, array.shape), f"channels[{name!r}]")
+        for record in message.gossip:
+            if len(record.pose) not in (0, _POSE_SIZE) or not np.isfinite(record.pose).all():
+                raise MessageError(f"pose of {record.robot!r} is {record.pose} but expected 0 or 12 finite numbers")
 
     def _tell_problem(self, text: str) -> None:
         """Tell observers and the log what is wrong, and go on."""

@@ -5,8 +5,8 @@ round would cost ``K`` messages per block. Instead, one message per block carrie
 one round further than the one that came after it: ``stages[s]`` is the block that entered ``s`` blocks ago, after ``s``
 rounds. Every block leaves exactly ``K`` blocks late, with its own number, to be paired with its own kinematics.
 
-A value whose rounds cannot be completed, because a neighbour's message is missing or was itself incomplete, is marked
-invalid and never used.
+A value whose rounds cannot be completed, because a neighbour's message is missing, of another shape, or was itself
+incomplete, is marked invalid and never used.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Pipeline:
         moved = own_gains[:, None, None] * self.stages
         valid = self.valid.copy()
         for neighbour in neighbours:
-            if neighbour.stages is None or neighbour.valid is None:
+            if neighbour.stages is None or neighbour.valid is None or not self._fits(neighbour.stages, neighbour.valid):
                 valid[:] = False
                 continue
             carried = neighbour.stages
@@ -80,6 +80,9 @@ class Pipeline:
         self.stages[1:] = moved[:-1]
         self.valid[1:] = valid[:-1]
         return finished
+
+    def _fits(self, stages: Array, valid: npt.NDArray[np.bool_]) -> bool:
+        return stages.shape == self.stages.shape and valid.shape == self.valid.shape
 
     def enter(self, values: Array | None) -> None:
         """Put the next block's values (B, C) in; None if the agent has none for it."""

@@ -8,7 +8,7 @@ import pytest
 from coheft.estimation.spatial import Array
 from coheft.wire.scenario import Graph
 from consensus.graph import build_graph, distances
-from consensus.pipeline import Pipeline
+from consensus.pipeline import NeighbourStages, Pipeline
 from tests.consensus_network import CHANNELS, SAMPLES, Network
 
 ROUNDS = 4
@@ -50,6 +50,21 @@ def test_a_lost_message_costs_exactly_the_blocks_that_need_it(kind: str) -> None
         assert missing == set(range(step - ROUNDS + hops[name], step))
         for block in set(damaged[name]) - missing:
             np.testing.assert_equal(damaged[name][block], whole[name][block])
+
+
+@pytest.mark.parametrize(
+    ("stages", "valid"),
+    [((ROUNDS, SAMPLES), ROUNDS), ((ROUNDS, SAMPLES, 1), ROUNDS), ((ROUNDS, SAMPLES, CHANNELS), 1), ((), ROUNDS)],
+)
+def test_stages_of_another_shape_count_as_missing(stages: tuple[int, ...], valid: int) -> None:
+    pipeline = Pipeline(ROUNDS, SAMPLES, CHANNELS)
+    for _ in range(ROUNDS):
+        pipeline.advance([], np.ones(ROUNDS))
+        pipeline.enter(np.ones((SAMPLES, CHANNELS)))
+    assert pipeline.valid.all()
+    wrong = NeighbourStages(np.eye(CHANNELS), np.ones(ROUNDS), np.ones(stages), np.ones(valid, dtype=np.bool_))
+    assert pipeline.advance([wrong], np.ones(ROUNDS)) is None
+    assert not pipeline.valid[1:].any()
 
 
 def test_a_block_that_one_agent_does_not_have_leaves_nowhere_it_was_needed() -> None:

@@ -12,12 +12,16 @@ import numpy as np
 import pytest
 
 from agents.agent import Agent
-from coheft.estimation.measurement import MeasurementBlock
+from coheft.app.plan import make_plan
+from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
 from coheft.wire.codec import encode
 from coheft.wire.messages import (
     PROTOCOL_VERSION,
     Estimate,
+    Hello,
     InjectRequest,
+    LinkState,
+    Measurements,
     NeighbourMessage,
     PauseRequest,
     Problem,
@@ -27,11 +31,12 @@ from coheft.wire.messages import (
     RemoveRequest,
     Request,
     StatusRequest,
+    Stop,
     StopRequest,
     Truth,
 )
 from coheft.wire.scenario import Scenario
-from coheft.wire.transport import Inbox, Received, Sender, ask, open_session
+from coheft.wire.transport import Inbox, Keys, Received, Sender, ask, open_session
 from physics_server.simulation import Simulation
 
 from .team import LIMIT, ROOT, Team, running_team, small_scenario, wait_until
@@ -138,12 +143,17 @@ def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
                 Reference(robot=first, block=now, answers=now, motion=motion * np.nan, wrench=np.zeros(6))
             ),
         }
+        lost, short_pose = (LinkState("r3", 9, (), 0, pose) for pose in ((np.nan,) * 12, (1.0, 2.0, 3.0)))
         not_finite, too_short = np.full((10, 9), np.nan), np.zeros((9, 9))
         to_agent = {
             "not a NeighbourMessage": b"rubbish",
             "sender is 'nobody'": encode(NeighbourMessage(sender="nobody", block=now, gossip=[], channels={})),
             "block is 1000000": encode(NeighbourMessage(sender=second, block=1000000, gossip=[], channels={})),
             "block is 0 but": encode(NeighbourMessage(sender=second, block=0, gossip=[], channels={})),
+            "pose of 'r3' is (nan,": encode(NeighbourMessage(sender=second, block=now, gossip=[lost], channels={})),
+            "pose of 'r3' is (1.0, 2.0, 3.0)": encode(
+                NeighbourMessage(sender=second, block=now, gossip=[short_pose], channels={})
+            ),
             "90 numbers that are not finite": encode(
                 NeighbourMessage(sender=second, block=now, gossip=[], channels={"kinematics": not_finite})
             ),
@@ -172,6 +182,54 @@ def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
         team.ask(StopRequest())
         for name in plan.agents:
             assert team.exit_status(name) == 0
+
+
+def test_channels_that_come_before_their_shape_is_known_do_no_harm(tmp_path):
+    """The test is the server and the only neighbour of one agent, whose first message is there before any block."""
+    plan = make_plan(small_scenario(2, "line"), "lockstep")
+    keys, (name, other) = Keys(plan.run), plan.agents
+    dialled = [robot.endpoint for robot in plan.agents[other].neighbours if robot.endpoint is not None]
+    inbox = Inbox()
+    with ExitStack() as stack:
+        server = stack.enter_context(open_session(listen=[plan.server.robots[name]]))
+        neighbour = stack.enter_context(open_session(listen=[plan.agents[other].listen], connect=dialled))
+        inbox.listen(server, name, {keys.robot(name, "ready"): Ready, keys.robot(name, "reference"): Reference})
+        measurements = Sender(server, keys.robot(name, "measurements"), may_drop=False)
+        hello = Sender(neighbour, keys.agent(other, "hello"), may_drop=False)
+        blocks = Sender(neighbour, keys.agent(other, "block"), may_drop=False)
+        team = Team(plan, keys, tmp_path, server, {})
+        try:
+            team.start(name, ("-m", "agents.process"), plan.agents[name])
+            wait_until(lambda: hello.has_listener and blocks.has_listener, "the agent's links")
+            hello.send(Hello(sender=other, heard=[name]))
+            assert isinstance(inbox.receive(LIMIT), Received)
+            wrong = {
+                "kinematics": np.zeros(3),
+                "sums": np.zeros(1),
+                "sums_valid": np.ones(1),
+                "load_change": np.zeros(0),
+            }
+            blocks.send(NeighbourMessage(sender=other, block=0, gossip=[], channels=wrong))
+            neighbour.put(keys.agent(other, "block"), b"rubbish")  # when this is refused, the message is there
+            wait_until(lambda: "not a NeighbourMessage" in team.log(name), "the refusal")
+            samples = np.random.default_rng(1).normal(size=(2, plan.agents[name].agent.block, SAMPLE_SIZE))
+            for block in range(2):
+                measurements.send(Measurements(robot=name, block=block, samples=samples[block]))
+            answered = -1
+            while answered < 1:
+                event = inbox.receive(LIMIT)
+                assert isinstance(event, Received), team.log(name)
+                if isinstance(event.message, Reference):
+                    answered = event.message.answers
+            assert f"channels['kinematics'] of {other}, block 0, is of the wrong shape" in team.log(name)
+            Sender(server, keys.robot(name, "stop"), may_drop=False).send(Stop(reason="enough"))
+            assert team.exit_status(name) == 0
+        finally:
+            for process in team.processes.values():
+                process.kill()
+                process.wait()
+                if process.stdin is not None:
+                    process.stdin.close()
 
 
 def test_a_robot_that_dies_ends_a_run_in_lockstep_with_a_clear_error(tmp_path):
