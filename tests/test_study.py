@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import io
 import json
 import math
 from collections.abc import Iterator
@@ -8,16 +9,18 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from rich.console import Console
 
 from coheft.app.cli import EXIT_USAGE, run_command_line
 from coheft.app.inprocess import run_in_process
 from coheft.app.study.campaign import Plan, make_plan, run_study
 from coheft.app.study.exact_run import ExactRun
-from coheft.app.study.output import write_folder
+from coheft.app.study.output import print_study, write_folder
 from coheft.app.study.quantities import QUANTITIES, directed_edges
 from coheft.app.study.report import StudyReport
 from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.app.study.statistics import ratio_of_roots
+from coheft.app.study.tables import LEGEND
 from coheft.app.study.trial import Trial
 from coheft.errors import ScenarioError
 from coheft.wire.scenario import LoadChange, Scenario
@@ -104,6 +107,15 @@ def test_folder_holds_report_and_pictures(studied: tuple[StudyReport, list[Trial
         assert f"]({picture})" in text
         assert (tmp_path / "new" / picture).read_bytes().startswith(b"\x89PNG")
     assert msgspec.json.decode((tmp_path / "new" / "report.json").read_bytes(), type=StudyReport) == studied[0]
+
+
+def test_terminal_shows_tables_and_what_their_columns_mean(studied: tuple[StudyReport, list[Trial]]) -> None:
+    output = io.StringIO()
+    print_study(Console(file=output, width=80), studied[0])
+    text = output.getvalue()
+    for part in ("NEES / central", "NEES: ", "* outside", "/ central: ", "(…): 95 % range"):
+        assert part in text
+    assert all(f"{line}\n" in text for line in LEGEND), "each on one line"
 
 
 def test_samples_are_those_that_the_agents_of_a_run_get() -> None:

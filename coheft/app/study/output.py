@@ -14,6 +14,7 @@ from coheft.app.study.plots import plot_curves, plot_ratios
 from coheft.app.study.report import StudyReport
 from coheft.app.study.tables import (
     HEADER,
+    LEGEND,
     RECOVERY_HEADER,
     accuracy_rows,
     markdown,
@@ -72,6 +73,8 @@ def print_study(console: Console, report: StudyReport) -> None:
             for line in sentences(name, result):
                 console.print(line, highlight=False)
         console.print()
+    for line in LEGEND:
+        console.print(line, style="dim", highlight=False)
 
 
 def _table(caption: str, header: Sequence[str], rows: Iterable[tuple[str, ...]]) -> Table:

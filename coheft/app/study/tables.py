@@ -18,6 +18,11 @@ NAMES = {
 """Of quantities: name, unit, and what to multiply SI units with."""
 HEADER = ("quantity", "estimator", "RMS", "bound", "RMS / bound", "NEES", "/ central", "honest NEES", "missing")
 RECOVERY_HEADER = ("quantity", "estimator", "RMS", "bound", "RMS / bound", "missing")
+LEGEND = (
+    "NEES: error² over stated covariance, 1 if honest; * outside its 95 % range.",
+    "/ central: RMS over that of a batch with all data. (…): 95 % range over runs.",
+)
+"""What the terminal has room for."""
 EXPLANATION = (
     "rotation, translation: of the neighbours' grasp frames in the own one. RMS: root mean square error.",
     "bound: Cramér-Rao bound of any unbiased estimator that finds poses from kinematics, and then inertia from all "
