@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import signal
+
 from hypothesis import settings
 
 # Always the same examples, so a test that passed once passes everywhere; no deadline, because machines differ.
 settings.register_profile("coheft", derandomize=True, deadline=None, max_examples=60, database=None)
 settings.load_profile("coheft")
+
+# Started in the background by a shell, tests would ignore Ctrl-C, and so would all runs that they start and interrupt.
+signal.signal(signal.SIGINT, signal.default_int_handler)
