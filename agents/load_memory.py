@@ -143,10 +143,11 @@ class LoadMemory:
         self._last_block = block
         self._told_left *= self._kept
         self._since_told = self._kept * self._since_told + moments[:GRAM_SIZE]
+        if not look_for_change:
+            self._window.forget_borders_before(block)  # later, too, these samples cannot be told apart by their load
+            return None
         if self._told is not None and self._shift(self._told) > _FAR:
             return None  # samples before and after the last change of poses cannot be compared before ``correct``
-        if not look_for_change:
-            return None
         change = self._window.review(self._model, self._tolerance)
         if change is None:
             return None

@@ -122,6 +122,7 @@ class Team:
         self._crosses = Flood(len(self._names), LoadMemory.told_size)
         self._new: TeamPoses | None = None
         self._noticed_block = -1
+        self._poses_are_known = False
         self.total_block = -1
         self.total_wrench = np.zeros(6)
         self.load_changes: list[LoadChangeNotice] = []
@@ -221,7 +222,7 @@ class Team:
         samples, sums = self._entered[block].samples, self._sums[block]
         motion = self._fusion.motion(sums, w_derivative)
         self._moments += RegistrationMoments.of(samples[:, KINEMATICS], motion)
-        changed_at = self._memory.push(block, motion, sums[:, 0], samples[:, WRENCH], self._are_poses_known())
+        changed_at = self._memory.push(block, motion, sums[:, 0], samples[:, WRENCH], self._poses_are_known)
         if changed_at is not None:
             self._notice(changed_at, index)
 
@@ -234,13 +235,6 @@ class Team:
         else:
             self._noticed_block = index
         self.load_changes.append(notice)
-
-    def _are_poses_known(self) -> bool:
-        """Whether a change of the load can be told from one of the poses."""
-        if self._fitted is None:
-            return False
-        largest = np.sqrt(np.diag(self._fitted.covariance).max())
-        return bool(largest < _KNOWN * self._config.noise.force)
 
     # --- poses ---
 
@@ -274,6 +268,10 @@ class Team:
             self._crosses.tell(self._own, fit_round.number, self._memory.told())
         elif index == fit_round.correct:
             self._memory.correct(self._crosses.rows(fit_round.number))
+            # Only now are the poses in use those that have this covariance.
+            if self._fitted is not None:
+                largest = np.sqrt(np.diag(self._fitted.covariance).max())
+                self._poses_are_known = bool(largest < _KNOWN * self._config.noise.force)
 
     def _fit(self, rows: Array) -> Array:
         """All poses (12 N,) after the joint step, from everybody's score and pose (N, 18)."""
