@@ -46,7 +46,7 @@ from consensus.schedule import choose_schedule
 _CHANNELS = 18
 _SHORTEST_ROUND = 0.2
 """Shortest time between two fits of the poses [s]."""
-_KNOWN = 5e-3
+_KNOWN = 4e-3
 """While poses are less certain, what looks like another load is not taken for one: what the robots push against each
 other, times what the poses are off, must be small beside the noise of forces [rad, and m, per N of that noise]."""
 _DERIVATIVE_SPAN = 0.02
