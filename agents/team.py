@@ -23,6 +23,8 @@ import numpy as np
 from agents.fit_rounds import FitRound, FitRounds
 from agents.load_memory import LoadMemory
 from coheft.estimation.acceleration import (
+    CHANNELS,
+    DERIVATIVE_SPAN,
     MotionFusion,
     carried_constants,
     derivative,
@@ -43,14 +45,11 @@ from consensus.graph import diameter
 from consensus.pipeline import NeighbourStages, Pipeline
 from consensus.schedule import choose_schedule
 
-_CHANNELS = 18
 _SHORTEST_ROUND = 0.2
 """Shortest time between two fits of the poses [s]."""
 _KNOWN = 4e-3
 """While poses are less certain, what looks like another load is not taken for one: what the robots push against each
 other, times what the poses are off, must be small beside the noise of forces [rad, and m, per N of that noise]."""
-_DERIVATIVE_SPAN = 0.02
-"""Half the time over which a gyro is differentiated, where accelerometers do not see all of alpha [s]."""
 _SCORE_SIZE, _POSE_SIZE = 6, 12
 EARLY = 10.0
 """How far back from their start the sums reach [s]."""
@@ -93,8 +92,8 @@ class Team:
         self._scale = schedule.scale
         self._own_gains = schedule.gains(config.name, config.name)
         self._gains = {name: schedule.gains(config.name, name) for name in graph[config.name]}
-        self._pipeline = Pipeline(schedule.rounds, config.block, _CHANNELS)
-        self._early_pipeline = Pipeline(schedule.rounds, config.block, _CHANNELS)
+        self._pipeline = Pipeline(schedule.rounds, config.block, CHANNELS)
+        self._early_pipeline = Pipeline(schedule.rounds, config.block, CHANNELS)
         # Everybody goes back equally far; whoever does not have a block any more lets it be left out.
         self._delay = min(start, self._blocks(EARLY))
         self._start = start
@@ -102,7 +101,7 @@ class Team:
         # Whoever is farthest has heard a diameter later; one block more, so that a lost message does no harm.
         self._hearing = diameter(graph) + 1
 
-        self._half_span = max(2, min(config.block, round(_DERIVATIVE_SPAN * config.rate)))
+        self._half_span = max(2, min(config.block, round(DERIVATIVE_SPAN * config.rate)))
         self._kernel = derivative_kernel(self._half_span, 1.0 / config.rate)
         self._carrying_pose = self._poses[self._own]
         self._fusion = self._fuse()
@@ -182,7 +181,7 @@ class Team:
             return
         self._entered[block] = _Entered(samples, self._carrying_pose)
         own = summands(samples, self._config.noise) @ self._carrying_pose.adjoint().T
-        pipeline.enter(own.reshape(len(samples), _CHANNELS))
+        pipeline.enter(own.reshape(len(samples), CHANNELS))
 
     def _catch_up(self, index: int, inbox: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
         """One block from before the start enters the sums, and another leaves them; what to tell of that."""

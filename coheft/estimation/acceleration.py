@@ -27,6 +27,8 @@ from coheft.estimation.measurement import ACCELERATION, GYRO, VELOCITY, WRENCH, 
 from coheft.estimation.spatial import Array, Pose
 
 CHANNELS = 18
+DERIVATIVE_SPAN = 0.02
+"""Half the time over which a gyro is differentiated, where accelerometers do not see all of alpha [s]."""
 _SMALLEST_DEVIATION = 1e-9
 """Sensors without noise would have infinite weight."""
 _DERIVATIVE_IS_BETTER = 10.0

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.acceleration import (
+    DERIVATIVE_SPAN,
     MotionFusion,
     carried_constants,
     derivative,
@@ -34,8 +35,6 @@ _POSE_STEPS = 30
 _CLOSE = 1e-3
 """Steps of poses below this share of their standard deviations are the last."""
 _REWEIGHTINGS = 3
-_DERIVATIVE_SPAN = 0.02
-"""Half the time over which a gyro is differentiated, where accelerometers do not see all of alpha [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +82,7 @@ def sum_up(samples: Array, poses: Sequence[Pose], noise: SensorNoise, rate: floa
     own = robot_constants(noise)
     constants = np.sum([carried_constants(own, pose) for pose in poses], axis=0)
     sums = np.sum([summands(samples[:, i], noise) @ pose.adjoint().T for i, pose in enumerate(poses)], axis=0)
-    half_span = max(2, round(_DERIVATIVE_SPAN * rate))
+    half_span = max(2, round(DERIVATIVE_SPAN * rate))
     kernel = derivative_kernel(half_span, 1.0 / rate)
     fusion = MotionFusion.of(constants, kernel)
     slope = None

@@ -62,28 +62,3 @@ class MeasurementBlock:
 
     index: int
     samples: Array
-
-    @property
-    def twist(self) -> Array:
-        """``(w, v)``, shape (B, 6)."""
-        return self.samples[:, TWIST]
-
-    @property
-    def gyro(self) -> Array:
-        """``w``, shape (B, 3) [rad/s]."""
-        return self.samples[:, GYRO]
-
-    @property
-    def acceleration(self) -> Array:
-        """``a``, shape (B, 3) [m/s²]."""
-        return self.samples[:, ACCELERATION]
-
-    @property
-    def kinematics(self) -> Array:
-        """``(w, v, a)``, shape (B, 9): what neighbours are told."""
-        return self.samples[:, KINEMATICS]
-
-    @property
-    def wrench(self) -> Array:
-        """``(f, t)``, shape (B, 6)."""
-        return self.samples[:, WRENCH]
