@@ -90,7 +90,7 @@ def test_messages_do_not_grow_with_the_team() -> None:
         for _ in range(3 * n):
             team.block()
         sizes[n] = max(
-            len(encode(NeighbourMessage(sender="r00", block=1, gossip=records, channels={})))
+            len(encode(NeighbourMessage(sender="r00", block=1, gossip=records, channels={}), "key"))
             for _ in range(n)
             for records in team.block().values()
         )

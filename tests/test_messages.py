@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import types
 import typing
@@ -16,9 +17,10 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 from coheft.errors import MessageError
 from coheft.wire import codec, messages
-from coheft.wire.codec import decode, encode
+from coheft.wire.codec import decode, encode, seal
 from coheft.wire.messages import PROTOCOL_VERSION, Hello, Measurements, Message, Request, Stop
 
+KEY = "run-1/agent/r1/block"
 KINDS = [
     kind
     for kind in vars(messages).values()
@@ -77,18 +79,18 @@ def plain(value: Any) -> Any:
 @given(data=st.data())
 def test_round_trip(kind: type[Message], data: st.DataObject) -> None:
     message = data.draw(values(kind))
-    assert plain(decode(encode(message), kind)) == plain(message)
+    assert plain(decode(encode(message, KEY), kind, KEY)) == plain(message)
 
 
 @given(data=st.data())
 def test_requests_are_told_apart(data: st.DataObject) -> None:
     request = data.draw(values(Request))
-    assert type(decode(encode(request), Request)) is type(request)
+    assert type(decode(encode(request, KEY), Request, KEY)) is type(request)
 
 
 def _decode_or_refuse(data: bytes, kind: type[Message]) -> None:
     try:
-        found = decode(data, kind)
+        found = decode(data, kind, KEY)
     except MessageError:
         return
     assert isinstance(found, kind)
@@ -98,22 +100,34 @@ def _decode_or_refuse(data: bytes, kind: type[Message]) -> None:
 @settings(max_examples=25)
 @given(data=st.data())
 def test_damaged_bytes_are_refused_or_still_a_message(kind: type[Message], data: st.DataObject) -> None:
-    sound = encode(data.draw(values(kind)))
+    sound = encode(data.draw(values(kind)), KEY)
     length = data.draw(st.integers(0, len(sound) - 1))
     with pytest.raises(MessageError):
-        decode(sound[:length], kind)
+        decode(sound[:length], kind, KEY)
     with pytest.raises(MessageError):
-        decode(sound + data.draw(st.binary(min_size=1, max_size=8)), kind)
+        decode(sound + data.draw(st.binary(min_size=1, max_size=8)), kind, KEY)
     flipped = bytearray(sound)
     for _ in range(data.draw(st.integers(1, 3))):
         bit = data.draw(st.integers(0, 8 * len(sound) - 1))
         flipped[bit // 8] ^= 1 << bit % 8
-    _decode_or_refuse(bytes(flipped), kind)
+    with pytest.raises(MessageError, match="checksum") if bytes(flipped) != sound else contextlib.nullcontext():
+        decode(bytes(flipped), kind, KEY)
+
+
+@pytest.mark.parametrize("key", ["run-2/agent/r1/block", "run-1/agent/r2/block", "run-1/agent/r1/hello"])
+def test_what_was_said_under_another_key_is_refused(key: str) -> None:
+    """In an older run, by another agent, under another topic."""
+    data = encode(Hello(sender="r1", heard=["r2"]), key)
+    assert decode(data, Hello, key).heard == ["r2"]
+    with pytest.raises(MessageError, match="of another run, sender or topic"):
+        decode(data, Hello, KEY)
 
 
 @given(st.binary(max_size=200), st.sampled_from(KINDS))
 def test_any_bytes_are_refused_or_a_message(data: bytes, kind: type[Message]) -> None:
-    _decode_or_refuse(data, kind)
+    with pytest.raises(MessageError):
+        decode(data, kind, KEY)
+    _decode_or_refuse(seal(data, KEY), kind)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +141,7 @@ def test_any_bytes_are_refused_or_a_message(data: bytes, kind: type[Message]) ->
 )
 def test_hostile_bytes_are_refused(data: bytes) -> None:
     with pytest.raises(MessageError, match="not a Hello"):
-        decode(data, Hello)
+        decode(seal(data, KEY), Hello, KEY)
 
 
 def _with_array(shape: list[int], numbers: int) -> bytes:
@@ -141,25 +155,25 @@ def _with_array(shape: list[int], numbers: int) -> bytes:
 )
 def test_arrays_that_are_not_what_their_header_says_are_refused(shape: list[int], numbers: int) -> None:
     with pytest.raises(MessageError, match="not a Measurements"):
-        decode(_with_array(shape, numbers), Measurements)
+        decode(seal(_with_array(shape, numbers), KEY), Measurements, KEY)
 
 
 def test_array_of_the_wrong_code_is_refused() -> None:
     fields = {"version": PROTOCOL_VERSION, "robot": "r1", "block": 0, "samples": msgspec.msgpack.Ext(2, b"\x00" * 9)}
     with pytest.raises(MessageError, match="not an array"):
-        decode(msgspec.msgpack.encode(fields), Measurements)
+        decode(seal(msgspec.msgpack.encode(fields), KEY), Measurements, KEY)
 
 
 @pytest.mark.parametrize("fields", [{"reason": "over"}, {"reason": 3}, {"what": "new"}])
 def test_other_versions_are_told(fields: dict[str, object]) -> None:
     data = msgspec.msgpack.encode({"version": PROTOCOL_VERSION + 1} | fields)
     with pytest.raises(MessageError, match=f"version {PROTOCOL_VERSION + 1}.*speaks version {PROTOCOL_VERSION}"):
-        decode(data, Stop)
+        decode(seal(data, KEY), Stop, KEY)
 
 
 def test_what_is_no_array_cannot_be_sent() -> None:
     with pytest.raises(NotImplementedError, match="cannot send a complex"):
-        encode(Hello(sender="r1", heard=typing.cast("list[str]", [1j])))
+        encode(Hello(sender="r1", heard=typing.cast("list[str]", [1j])), KEY)
 
 
 def test_check_array() -> None:

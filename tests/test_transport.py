@@ -101,14 +101,15 @@ def test_what_is_not_the_expected_message_is_refused_and_the_next_one_arrives(pa
     wait_until(lambda: sender.has_listener)
     hello = Hello(sender="r2", heard=[])
     far.put(key, b"\xc1 no MessagePack")
-    far.put(key, encode(Ready(robot="r2")))
-    far.put(key, encode(Hello(version=PROTOCOL_VERSION + 1, sender="r2", heard=[])))
+    far.put(key, encode(Ready(robot="r2"), key))
+    far.put(key, encode(Hello(version=PROTOCOL_VERSION + 1, sender="r2", heard=[]), key))
     far.delete(key)
-    far.put(keys.agent("r2", "gossip"), encode(hello))
+    far.put(keys.agent("r2", "gossip"), encode(hello, key))
+    far.put(key, encode(hello, Keys("older-run").agent("r2", "hello")))
     sender.send(hello)
 
     texts = []
-    for _ in range(5):
+    for _ in range(6):
         event = next_event(inbox)
         assert isinstance(event, Refused)
         texts.append(str(event.error))
@@ -117,6 +118,7 @@ def test_what_is_not_the_expected_message_is_refused_and_the_next_one_arrives(pa
     assert f"version {PROTOCOL_VERSION + 1}" in texts[2]
     assert "not a Hello" in texts[3]
     assert "nothing is expected under the key" in texts[4]
+    assert "of another run" in texts[5]
     assert next_event(inbox) == Received("r2", hello)
 
 

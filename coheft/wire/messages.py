@@ -7,7 +7,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -72,11 +72,13 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
 
     Attributes:
         robot: Whom it is about.
-        sequence: Grows with every change; the highest wins.
+        sequence: Grows with every change; within an incarnation the highest wins.
         neighbours: Names of its neighbours.
         ready_block: From this block on it can take part in the network's sums; -1 while it cannot.
         pose: Its grasp frame in the reference robot's, rotation row by row then position [m], 12 numbers; empty while
             unknown, or where the estimator does not need it.
+        incarnation: Grows when the robot's agent starts again with an empty memory; the highest wins.
+        holding: Whether it has hold of the load. One whose agent is dead still holds what it held.
     """
 
     robot: str
@@ -84,6 +86,8 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
     neighbours: tuple[str, ...]
     ready_block: int = -1
     pose: tuple[float, ...] = ()
+    incarnation: int = 0
+    holding: bool = True
 
 
 class NeighbourMessage(Message, frozen=True):
@@ -94,12 +98,14 @@ class NeighbourMessage(Message, frozen=True):
         block: The block after which it was sent.
         gossip: News about robots, see ``LinkState``.
         channels: The estimator's arrays by name; it says in which frame they are.
+        incarnation: Grows when the sender starts again with an empty memory; what an older one said is void.
     """
 
     sender: str
     block: int
     gossip: list[LinkState]
     channels: dict[str, np.ndarray[Any, Any]]
+    incarnation: int = 0
 
 
 # --- observer plane: everybody -> whoever watches; agents cannot hear it -----------------------------------------
@@ -159,6 +165,11 @@ class Estimate(Message, frozen=True):
         not_observable: What the motion so far cannot tell, in words.
         load_changes: Changes noticed so far.
         problems: Messages refused so far.
+        status: ``starting`` until there is a first estimate of the payload. While it is ``valid``, the truth is within
+            five of its own standard deviations. ``stale``: the agent cannot know whether it still holds; payload and
+            poses are the last valid ones.
+        reasons: Why it is not valid, in words, for instance "r3 is silent since 12.34 s".
+        valid_block: Block to which payload and poses belong, the last valid one when stale; -1 if there is none.
     """
 
     robot: str
@@ -174,6 +185,9 @@ class Estimate(Message, frozen=True):
     not_observable: list[str]
     load_changes: list[LoadChangeNotice]
     problems: int = 0
+    status: Literal["starting", "valid", "stale"] = "starting"
+    reasons: list[str] = []
+    valid_block: int = -1
 
 
 class Problem(Message, frozen=True):

@@ -134,11 +134,12 @@ class Sender:
 
     def __init__(self, session: zenoh.Session, key: str, *, may_drop: bool) -> None:
         control = zenoh.CongestionControl.DROP if may_drop else zenoh.CongestionControl.BLOCK
+        self._key = key
         self._publisher = session.declare_publisher(key, congestion_control=control, express=True)
 
     def send(self, message: Message) -> None:
         """Say it to all who listen now."""
-        self._publisher.put(encode(message))
+        self._publisher.put(encode(message, self._key))
 
     @property
     def has_listener(self) -> bool:
@@ -257,25 +258,26 @@ class Inbox:
         if kind is None:
             return Refused(source, MessageError(f"nothing is expected under the key '{key}'"))
         try:
-            return Received(source, decode(sample.payload.to_bytes(), kind))
+            return Received(source, decode(sample.payload.to_bytes(), kind, key))
         except MessageError as error:
             return Refused(source, error)
 
     def _decode_query(self, query: zenoh.Query) -> Event:
         payload = query.payload.to_bytes() if query.payload is not None else b""
         try:
-            return Question(decode(payload, cast(type[Request], Request)), query)
+            return Question(decode(payload, cast(type[Request], Request), str(query.key_expr)), query)
         except MessageError as error:
             _answer(query, Refusal(reason=str(error)))
             return Refused("an observer", error)
 
 
 def _answer(query: zenoh.Query, message: Status | Refusal) -> None:
+    data = encode(message, str(query.key_expr))
     with query:
         if isinstance(message, Refusal):
-            query.reply_err(encode(message))
+            query.reply_err(data)
         else:
-            query.reply(query.key_expr, encode(message))
+            query.reply(query.key_expr, data)
 
 
 def ask(session: zenoh.Session, key: str, request: Request, timeout: float = 2.0) -> Status | Refusal:
@@ -285,12 +287,12 @@ def ask(session: zenoh.Session, key: str, request: Request, timeout: float = 2.0
         LinkError: There is no answer within ``timeout`` [s].
         MessageError: The answer makes no sense.
     """
-    for reply in session.get(key, payload=encode(request), timeout=timeout):
+    for reply in session.get(key, payload=encode(request, key), timeout=timeout):
         if reply.ok is not None:
-            return decode(reply.ok.payload.to_bytes(), Status)
+            return decode(reply.ok.payload.to_bytes(), Status, key)
         if reply.err is not None and reply.err.payload:
             try:
-                return decode(reply.err.payload.to_bytes(), Refusal)
+                return decode(reply.err.payload.to_bytes(), Refusal, key)
             except MessageError:
                 break  # Zenoh's own words for a timeout
     raise LinkError(f"no answer to the request under '{key}' within {timeout:g} s")

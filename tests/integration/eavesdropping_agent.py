@@ -46,7 +46,7 @@ class Spy:
 
     def ask_around(self) -> None:
         for key in ("leak/**", self._request):
-            for reply in self._session.get(key, target=zenoh.QueryTarget.ALL, payload=encode(StatusRequest())):
+            for reply in self._session.get(key, target=zenoh.QueryTarget.ALL, payload=encode(StatusRequest(), key)):
                 if reply.ok is not None:
                     self.answered.add(str(reply.ok.key_expr))
         for reply in self._session.liveliness().get("leak/**"):

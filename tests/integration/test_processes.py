@@ -22,6 +22,7 @@ from coheft.wire.messages import (
     InjectRequest,
     LinkState,
     Measurements,
+    Message,
     NeighbourMessage,
     PauseRequest,
     Problem,
@@ -84,10 +85,10 @@ def test_processes_give_the_same_numbers_as_the_pure_parts_bit_for_bit(tmp_path)
                 event = inbox.receive(LIMIT)
                 assert isinstance(event, Received), event
                 assert isinstance(event.message, Truth | Estimate), event
-                heard[event.source][event.message.block] = encode(event.message)
+                heard[event.source][event.message.block] = encode(event.message, event.source)
     expected = {"server": truths, **estimates}
     for source, messages in expected.items():
-        encoded = {message.block: encode(message) for message in messages}
+        encoded = {message.block: encode(message, source) for message in messages}
         # Nothing can be said of what was published before this test's link stood.
         assert heard[source] == {block: encoded[block] for block in heard[source]}, source
         assert len(heard[source]) > len(encoded) // 2
@@ -133,42 +134,39 @@ def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
         now = team.ask(PauseRequest(paused=True)).block
         wait_until(lambda: not team.ask(StatusRequest()).waiting_for, "the last answers")
         motion = np.zeros((plan.server.scenario.sensors.block, 12))
-        to_server = {
+        to_server: dict[str, Message | bytes] = {
             "not a Reference": b"rubbish",
-            f"version {PROTOCOL_VERSION + 1}": encode(Ready(version=PROTOCOL_VERSION + 1, robot=first)),
-            "robot is 'nobody'": encode(
-                Reference(robot="nobody", block=now, answers=now, motion=motion, wrench=np.zeros(6))
-            ),
-            "was answered already": encode(
-                Reference(robot=first, block=now, answers=now, motion=motion * np.nan, wrench=np.zeros(6))
+            f"version {PROTOCOL_VERSION + 1}": Ready(version=PROTOCOL_VERSION + 1, robot=first),
+            "robot is 'nobody'": Reference(robot="nobody", block=now, answers=now, motion=motion, wrench=np.zeros(6)),
+            "was answered already": Reference(
+                robot=first, block=now, answers=now, motion=motion * np.nan, wrench=np.zeros(6)
             ),
         }
         lost, short_pose = (LinkState("r3", 9, (), 0, pose) for pose in ((np.nan,) * 12, (1.0, 2.0, 3.0)))
         not_finite, too_short = np.full((10, 9), np.nan), np.zeros((9, 9))
-        to_agent = {
+        to_agent: dict[str, Message | bytes] = {
             "not a NeighbourMessage": b"rubbish",
-            "sender is 'nobody'": encode(NeighbourMessage(sender="nobody", block=now, gossip=[], channels={})),
-            "block is 1000000": encode(NeighbourMessage(sender=second, block=1000000, gossip=[], channels={})),
-            "block is 0 but": encode(NeighbourMessage(sender=second, block=0, gossip=[], channels={})),
-            "pose of 'r3' is (nan,": encode(NeighbourMessage(sender=second, block=now, gossip=[lost], channels={})),
-            "pose of 'r3' is (1.0, 2.0, 3.0)": encode(
-                NeighbourMessage(sender=second, block=now, gossip=[short_pose], channels={})
+            "sender is 'nobody'": NeighbourMessage(sender="nobody", block=now, gossip=[], channels={}),
+            "block is 1000000": NeighbourMessage(sender=second, block=1000000, gossip=[], channels={}),
+            "block is 0 but": NeighbourMessage(sender=second, block=0, gossip=[], channels={}),
+            "pose of 'r3' is (nan,": NeighbourMessage(sender=second, block=now, gossip=[lost], channels={}),
+            "pose of 'r3' is (1.0, 2.0, 3.0)": NeighbourMessage(
+                sender=second, block=now, gossip=[short_pose], channels={}
             ),
-            "90 numbers that are not finite": encode(
-                NeighbourMessage(sender=second, block=now, gossip=[], channels={"kinematics": not_finite})
+            "90 numbers that are not finite": NeighbourMessage(
+                sender=second, block=now, gossip=[], channels={"kinematics": not_finite}
             ),
-            "shape is (9, 9)": encode(
-                NeighbourMessage(sender=second, block=now, gossip=[], channels={"kinematics": too_short})
+            "shape is (9, 9)": NeighbourMessage(
+                sender=second, block=now, gossip=[], channels={"kinematics": too_short}
             ),
         }
         with open_session(connect=[plan.server.robots[first], plan.agents[first].listen]) as session:
             references = Sender(session, keys.robot(first, "reference"), may_drop=False)
             blocks = Sender(session, keys.agent(second, "block"), may_drop=False)
             wait_until(lambda: references.has_listener and blocks.has_listener, "the stranger's links")
-            for payload in to_server.values():
-                session.put(keys.robot(first, "reference"), payload)
-            for payload in to_agent.values():
-                session.put(keys.agent(second, "block"), payload)
+            for key, sent in ((keys.robot(first, "reference"), to_server), (keys.agent(second, "block"), to_agent)):
+                for message in sent.values():
+                    session.put(key, message if isinstance(message, bytes) else encode(message, key))
             for log, texts in (("server", to_server), (first, to_agent)):
                 wait_until(
                     lambda log=log, texts=texts: len(team.log(log).splitlines()) >= len(texts), f"refusals of {log}"

@@ -40,7 +40,7 @@ def in_processes(estimator: str, folder: Path) -> dict[str, object]:
 
 def received(message: M) -> M:
     """As it would come over the wire: what the report computes of it depends on how arrays lie in memory."""
-    return decode(encode(message), type(message))
+    return decode(encode(message, "key"), type(message), "key")
 
 
 def in_one_process(scenario: Scenario) -> dict[str, object]:
