@@ -23,9 +23,11 @@ from coheft.errors import LinkError, MessageError
 from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
 from coheft.wire.codec import check_array, check_field
 from coheft.wire.config import AgentProcessConfig
+from coheft.wire.inbox import Event, Inbox, LinkChange, Received, Refused
 from coheft.wire.messages import Hello, Measurements, Message, NeighbourMessage, Problem, Ready, Stop
+from coheft.wire.planes import guard_agent_for_observers, guard_neighbours, guard_robot
 from coheft.wire.supervised import supervised_main
-from coheft.wire.transport import Event, Inbox, Keys, LinkChange, Received, Refused, Sender, open_session
+from coheft.wire.transport import Keys, Sender, open_session
 
 HELLO_PERIOD = 0.05
 """Time after which a robot that waits for the first block says hello again [s]."""
@@ -218,10 +220,15 @@ def run_agent(config: AgentProcessConfig) -> None:
         LinkError: Somebody listens at one of its endpoints already, or the link with the server is lost.
     """
     dialled = [neighbour.endpoint for neighbour in config.neighbours if neighbour.endpoint is not None]
+    name, keys, own = config.agent.name, Keys(config.run), config.security
     with ExitStack() as stack:
-        robot_plane = stack.enter_context(open_session(connect=[config.server]))
-        neighbour_plane = stack.enter_context(open_session(listen=[config.listen], connect=dialled))
-        observer_plane = stack.enter_context(open_session(listen=[config.observe]))
+        robot_plane = stack.enter_context(open_session(connect=[config.server], guard=guard_robot(own, keys, name)))
+        neighbour_plane = stack.enter_context(
+            open_session([config.listen], dialled, guard_neighbours(own, keys, name, config.agent.neighbours))
+        )
+        observer_plane = stack.enter_context(
+            open_session(listen=[config.observe], guard=guard_agent_for_observers(own, keys, name))
+        )
         AgentProcess(config, robot_plane, neighbour_plane, observer_plane).run()
 
 

@@ -6,8 +6,9 @@ import zenoh
 
 from coheft.errors import MessageError
 from coheft.wire.codec import check_array, check_field
+from coheft.wire.inbox import Inbox
 from coheft.wire.messages import Measurements, Message, Ready, Reference, Stop
-from coheft.wire.transport import Inbox, Keys, Sender
+from coheft.wire.transport import Keys, Sender
 
 _MOTION_SIZE = 12
 

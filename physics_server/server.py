@@ -18,6 +18,7 @@ import zenoh
 
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.config import ServerConfig
+from coheft.wire.inbox import Event, Inbox, LinkChange, Question, Received, Refused
 from coheft.wire.messages import (
     InjectRequest,
     PauseRequest,
@@ -29,8 +30,9 @@ from coheft.wire.messages import (
     StatusRequest,
     StopRequest,
 )
+from coheft.wire.planes import guard_server_for_observers, guard_server_for_robot
 from coheft.wire.supervised import supervised_main
-from coheft.wire.transport import Event, Inbox, Keys, LinkChange, Question, Received, Refused, Sender, open_session
+from coheft.wire.transport import ROLES, Keys, Role, Sender, open_session
 from physics_server.clock import Stopwatch, make_clock
 from physics_server.robot_link import RobotLink
 from physics_server.simulation import Simulation
@@ -61,7 +63,7 @@ class Server:
         self._silent_since = math.inf
         self._late_blocks = 0
         self._inbox = Inbox()
-        self._inbox.serve(observers, keys.request)
+        self._inbox.serve(observers, {keys.request(role): role for role in ROLES})
         self._truth = Sender(observers, keys.observe_server("truth"), may_drop=True)
         self._problem = Sender(observers, keys.observe_server("problem"), may_drop=True)
         self._robots = {
@@ -185,8 +187,8 @@ class Server:
                 self._tell_problem(f"refused from {source}: {error}")
             case LinkChange(name, links):
                 self._note_links(name, links)
-            case Question(request):
-                event.answer(self._answer(request))
+            case Question(role, request):
+                event.answer(self._answer(role, request))
 
     def _note_links(self, name: str, count: int) -> None:
         self._robots[name].note_links(count)
@@ -197,13 +199,21 @@ class Server:
             raise LinkError(text)
         self._tell_problem(text)
 
-    def _answer(self, request: Request) -> Status | Refusal:
-        """Do what was asked, if it can be done."""
+    def _answer(self, role: Role, request: Request) -> Status | Refusal:
+        """Do what was asked, if it can be done and whoever asks may have it done; the log tells what was done."""
         try:
-            self._carry_out(request)
+            if not isinstance(request, StatusRequest):
+                self._check_role(role)
+                self._carry_out(request)
+                print(f"done for the {role} before block {self._simulation.block}: {request}", file=sys.stderr)
         except CoheftError as error:
+            self._tell_problem(f"refused to the {role}: {request}: {error}")
             return Refusal(reason=str(error))
         return self._status()
+
+    def _check_role(self, role: Role) -> None:
+        if role != "operator":
+            raise CoheftError(f"only the operator may change a run, not the {role}")
 
     def _carry_out(self, request: Request) -> None:
         """Do what was asked.
@@ -212,7 +222,7 @@ class Server:
             LoadError: The payload cannot take it.
             CoheftError: It is too early, or too late.
         """
-        if self._state == "finished" and not isinstance(request, StatusRequest):
+        if self._state == "finished":
             raise CoheftError("the run is over")
         match request:
             case InjectRequest():
@@ -262,10 +272,16 @@ def run_server(config: ServerConfig) -> None:
         SimulationError: The simulation cannot go on.
     """
     with ExitStack() as stack:
+        keys = Keys(config.run)
         # Observers can dial in first, so as to miss nothing.
-        observers = stack.enter_context(open_session(listen=[config.observe]))
+        observers = stack.enter_context(
+            open_session(listen=[config.observe], guard=guard_server_for_observers(config.security, keys))
+        )
         robots = {
-            name: stack.enter_context(open_session(listen=[endpoint])) for name, endpoint in config.robots.items()
+            name: stack.enter_context(
+                open_session(listen=[endpoint], guard=guard_server_for_robot(config.security, keys, name))
+            )
+            for name, endpoint in config.robots.items()
         }
         server = Server(config, robots, observers)
         server.run()

@@ -12,8 +12,11 @@ import zenoh
 from coheft.app.record import Record
 from coheft.app.run_folder import RunFile, find_run
 from coheft.errors import CoheftError, LinkError
+from coheft.wire.inbox import Inbox, Received, Refused
 from coheft.wire.messages import Estimate, Problem, Refusal, Request, Status, StatusRequest, Truth
-from coheft.wire.transport import Inbox, Keys, Received, Refused, ask, open_session
+from coheft.wire.planes import guard_observer
+from coheft.wire.security import Guard, credentials_in
+from coheft.wire.transport import Keys, Role, ask, open_session
 
 _RETRY_EVERY = 0.02
 _ANSWER_LIMIT = 5.0
@@ -23,9 +26,10 @@ _COLLECT_LIMIT = 0.1  # or whoever calls would see nothing else while messages c
 class Observer:
     """Hears the server and every agent of a run, see ``observe``."""
 
-    def __init__(self, run_file: RunFile, session: zenoh.Session) -> None:
+    def __init__(self, run_file: RunFile, session: zenoh.Session, role: Role) -> None:
         self._session = session
         self._keys = Keys(run_file.run)
+        self._request = self._keys.request(role)
         self._inbox = Inbox()
         at_server = self._keys.observe_server
         self._inbox.listen(session, "server", {at_server("truth"): Truth, at_server("problem"): Problem})
@@ -60,7 +64,7 @@ class Observer:
     def status(self) -> Status | None:
         """How the run is; None if the server does not answer (yet, or any more)."""
         try:
-            answer = ask(self._session, self._keys.request, StatusRequest(), timeout=0.5)
+            answer = ask(self._session, self._request, StatusRequest(), timeout=0.5)
         except LinkError:
             return None
         return answer if isinstance(answer, Status) else None
@@ -77,7 +81,7 @@ class Observer:
             if time.monotonic() > deadline:
                 raise LinkError(f"the run's server does not answer within {_ANSWER_LIMIT:g} s")
             time.sleep(_RETRY_EVERY)
-        answer = ask(self._session, self._keys.request, request, timeout=_ANSWER_LIMIT)
+        answer = ask(self._session, self._request, request, timeout=_ANSWER_LIMIT)
         if isinstance(answer, Refusal):
             raise CoheftError(f"refused: {answer.reason}")
         return answer
@@ -85,17 +89,27 @@ class Observer:
 
 @contextmanager
 def observe(run_file: RunFile) -> Iterator[Observer]:
-    """Dial the server and every agent of a run; the links end with the context."""
-    with open_session(connect=[run_file.server, *run_file.agents.values()]) as session:
-        yield Observer(run_file, session)
+    """Dial the server and every agent of a run, as an observer; the links end with the context.
+
+    Raises:
+        CoheftError: The run is secure, and there are no keys of an observer.
+    """
+    endpoints = [run_file.server, *run_file.agents.values()]
+    with open_session(connect=endpoints, guard=_guard(run_file, "observer")) as session:
+        yield Observer(run_file, session, "observer")
 
 
 def ask_run(request: Request, folder: Path | None) -> Status:
-    """Ask the server of the run in a folder, or else of the newest run.
+    """Ask the server of the run in a folder, or else of the newest run, as the operator.
 
     Raises:
-        CoheftError: There is no such run, or it refuses.
+        CoheftError: There is no such run, or it refuses, or it is secure and there are no keys of the operator.
     """
     run_file = find_run(folder)
-    with open_session(connect=[run_file.server]) as session:
-        return Observer(run_file, session).ask(request)
+    with open_session(connect=[run_file.server], guard=_guard(run_file, "operator")) as session:
+        return Observer(run_file, session, "operator").ask(request)
+
+
+def _guard(run_file: RunFile, role: Role) -> Guard | None:
+    credentials = credentials_in(Path(run_file.keys), role) if run_file.keys is not None else None
+    return guard_observer(credentials, Keys(run_file.run), role, run_file.agents)

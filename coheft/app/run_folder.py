@@ -30,12 +30,14 @@ class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         server: Endpoint at which the server can be observed and asked.
         agents: Endpoint at which each agent can be observed, by name.
         pids: Process ids by name, as far as a supervisor has started them.
+        keys: Folder with the credentials of observers and operators, seen from the run's; None: the open profile.
     """
 
     run: str
     server: str
     agents: dict[str, str]
     pids: dict[str, int] = {}
+    keys: str | None = None
 
 
 def runs_folder() -> Path:
@@ -116,11 +118,13 @@ def _written_at(path: Path) -> float:
 
 
 def _read(folder: Path) -> RunFile | None:
-    """The run file in a folder, None if there is none, or only a part."""
+    """The run file in a folder, its paths seen from here; None if there is none, or only a part."""
     try:
-        return msgspec.json.decode((folder / RUN_FILE).read_bytes(), type=RunFile)
+        run_file = msgspec.json.decode((folder / RUN_FILE).read_bytes(), type=RunFile)
     except (OSError, msgspec.DecodeError):
         return None
+    keys = str(folder / run_file.keys) if run_file.keys is not None else None
+    return msgspec.structs.replace(run_file, keys=keys)
 
 
 def _answers(endpoint: str) -> bool:

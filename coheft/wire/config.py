@@ -8,6 +8,7 @@ import msgspec
 
 from coheft.estimation.measurement import SensorNoise
 from coheft.wire.scenario import Converged, EfficientSettings, Motion, Scenario, SeedSettings
+from coheft.wire.security import Credentials
 
 
 class Neighbour(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -59,6 +60,7 @@ class AgentProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         listen: Where its neighbours dial it.
         observe: Where observers dial it.
         neighbours: Where to dial its neighbours.
+        security: Its credentials; None: the open profile.
     """
 
     agent: AgentConfig
@@ -67,6 +69,7 @@ class AgentProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     listen: str
     observe: str
     neighbours: tuple[Neighbour, ...]
+    security: Credentials | None = None
 
 
 class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -79,6 +82,7 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         observe: Where observers dial in.
         neighbours: The graph, for observers only.
         clock: ``lockstep`` waits for every agent, ``realtime`` for nobody.
+        security: Its credentials; None: the open profile.
     """
 
     scenario: Scenario
@@ -87,6 +91,7 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     observe: str
     neighbours: dict[str, tuple[str, ...]]
     clock: Literal["lockstep", "realtime"] = "lockstep"
+    security: Credentials | None = None
 
 
 def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> AgentConfig:

@@ -30,7 +30,7 @@ class Spy:
 
     def __init__(self, session: zenoh.Session, plane: str, name: str, run: str) -> None:
         self._session = session
-        self._request = Keys(run).request
+        self._request = Keys(run).request("operator")
         self.heard: set[str] = set()
         self.answered: set[str] = set()
         self.alive: set[str] = set()

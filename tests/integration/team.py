@@ -77,7 +77,7 @@ class Team:
 
     def ask(self, request: Request) -> Status:
         """The server's answer to a request that it can carry out."""
-        answer = ask(self.observer, self.keys.request, request)
+        answer = ask(self.observer, self.keys.request("operator"), request)
         assert isinstance(answer, Status), answer
         return answer
 

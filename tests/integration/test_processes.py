@@ -15,6 +15,7 @@ from agents.agent import Agent
 from coheft.app.plan import make_plan
 from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
 from coheft.wire.codec import encode
+from coheft.wire.inbox import Inbox, Received
 from coheft.wire.messages import (
     PROTOCOL_VERSION,
     Estimate,
@@ -37,7 +38,7 @@ from coheft.wire.messages import (
     Truth,
 )
 from coheft.wire.scenario import Scenario
-from coheft.wire.transport import Inbox, Keys, Received, Sender, ask, open_session
+from coheft.wire.transport import Keys, Sender, ask, open_session
 from physics_server.simulation import Simulation
 
 from .team import LIMIT, ROOT, Team, running_team, small_scenario, wait_until
@@ -99,7 +100,7 @@ def test_requests_are_carried_out_or_refused_with_a_reason(clock, tmp_path):
     with running_team(small_scenario(2, "line"), tmp_path, clock) as team:
 
         def refusal(request: Request) -> str:
-            answer = ask(team.observer, team.keys.request, request)
+            answer = ask(team.observer, team.keys.request("operator"), request)
             assert isinstance(answer, Refusal)
             return answer.reason
 

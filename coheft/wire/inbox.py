@@ -1,0 +1,209 @@
+"""All that a process hears, decoded and checked, in the order in which it came, and no more than it has room for."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from threading import Lock
+from typing import Any, cast
+
+import zenoh
+
+from coheft.errors import MessageError
+from coheft.wire.codec import decode, encode
+from coheft.wire.messages import Message, Refusal, Request, Status
+from coheft.wire.security import Guard
+from coheft.wire.transport import Role
+
+BACKLOG = 256
+"""Messages of one source that may wait to be read. More than a listener that keeps up ever has; with this bound, and
+that on a message's size, no source can fill its memory."""
+
+
+@dataclass(frozen=True)
+class Received:
+    """A message, from the source whose key it came under."""
+
+    source: str
+    message: Message
+
+
+@dataclass(frozen=True)
+class Refused:
+    """What came from a source is not what its key promises, or more than there is room for, or it may not come here."""
+
+    source: str
+    error: MessageError
+
+
+@dataclass(frozen=True)
+class LinkChange:
+    """A process has come to, or gone from, the session called ``source``, which now has so many ``links``."""
+
+    source: str
+    links: int
+
+
+@dataclass(frozen=True)
+class Question:
+    """A request that waits for its answer, and the role in which it was asked."""
+
+    role: Role
+    request: Request
+    _query: zenoh.Query
+
+    def answer(self, message: Status | Refusal) -> None:
+        """Answer it, once."""
+        _answer(self._query, message)
+
+
+Event = Received | Refused | LinkChange | Question
+
+
+class _Backlog:
+    """What one source has said and nobody has read yet; when there is no room, the oldest goes.
+
+    ``put`` is called by Zenoh's own threads. A turn in the queue of all sources belongs to each item, so that none of
+    them can make the others wait for more than its own backlog.
+    """
+
+    def __init__(self, source: str, turns: SimpleQueue[_Backlog]) -> None:
+        self.source = source
+        self._turns = turns
+        self._items: deque[Any] = deque(maxlen=BACKLOG)
+        self._lock = Lock()
+        self._lost = 0
+
+    def put(self, item: Any) -> None:
+        with self._lock:
+            if len(self._items) < BACKLOG:
+                self._turns.put(self)
+            else:
+                self._lost += 1
+            self._items.append(item)
+
+    def take(self) -> Any:
+        """The oldest item; before it, word of those that were lost."""
+        with self._lock:
+            if not self._lost:
+                return self._items.popleft()
+            text = f"{self._lost} messages are lost: it says more than can be read"
+            self._lost = 0
+            self._turns.put(self)
+            return Refused(self.source, MessageError(text))
+
+
+class Inbox:
+    """All that a process hears, on all of its sessions: one thread, the caller's, handles it.
+
+    Zenoh's own threads do no more than to put things into a queue, which costs a few microseconds per message; decoding
+    is done by the caller of ``receive``.
+    """
+
+    def __init__(self) -> None:
+        self._turns: SimpleQueue[_Backlog] = SimpleQueue()
+        self._kinds: dict[str, tuple[str, type[Message]]] = {}
+        self._roles: dict[str, Role] = {}
+        self._kept: list[object] = []  # a subscriber that nobody holds goes silent
+
+    def listen(self, session: zenoh.Session, source: str, kinds: dict[str, type[Message]]) -> None:
+        """Hear one source.
+
+        Args:
+            session: Where.
+            source: Name under which events are reported.
+            kinds: What is expected under which key; keys differ in their last part only. One subscription serves them
+                all: when a message under one key has come through, those under the others will.
+
+        Raises:
+            ValueError: The keys differ in more than their last part.
+        """
+        places = {key.rpartition("/")[0] for key in kinds}
+        if len(places) != 1:
+            raise ValueError(f"keys are below {sorted(places)} but expected one place")
+        self._kinds |= {key: (source, kind) for key, kind in kinds.items()}
+        self._kept.append(
+            session.declare_subscriber(f"{places.pop()}/*", self._handler(source), allowed_origin=zenoh.Locality.REMOTE)
+        )
+
+    def watch_links(self, session: zenoh.Session, source: str, guard: Guard | None = None) -> None:
+        """Hear of processes that come and go at a session; with its guard, only of those that may come."""
+        linked: set[str] = set()  # the session's own list may lag behind its events
+        backlog = _Backlog(source, self._turns)
+
+        def put(event: zenoh.LinkEvent) -> None:
+            if guard is not None and event.link.auth_identifier not in guard.names:
+                return
+            peer = str(event.link.zid)
+            if event.kind == zenoh.SampleKind.PUT:
+                linked.add(peer)
+            else:
+                linked.discard(peer)
+            backlog.put(LinkChange(source, len(linked)))
+
+        self._kept.append(session.info.declare_link_events_listener(put, history=True))
+
+    def watch_strangers(self, session: zenoh.Session, guard: Guard | None) -> None:
+        """Hear of participants who come to a session though nothing of it is for them: they hold a certificate."""
+        backlog = _Backlog("strangers", self._turns)
+
+        def put(event: zenoh.LinkEvent) -> None:
+            name = event.link.auth_identifier
+            if guard is not None and name not in guard.names and event.kind == zenoh.SampleKind.PUT:
+                text = f"it dialled where only {', '.join(sorted(guard.names))} may"
+                backlog.put(Refused(str(name), MessageError(text)))
+
+        self._kept.append(session.info.declare_link_events_listener(put, history=True))
+
+    def serve(self, session: zenoh.Session, roles: dict[str, Role]) -> None:
+        """Hear questions; ``roles`` tells by the key in which role they are asked."""
+        self._roles |= roles
+        for key, role in roles.items():
+            self._kept.append(session.declare_queryable(key, self._handler(role), complete=True))
+
+    def _handler(self, source: str) -> Any:
+        return zenoh.handlers.Callback(_Backlog(source, self._turns).put, indirect=False)
+
+    def receive(self, timeout: float | None = None) -> Event | None:
+        """The next event, or None if there is none within ``timeout`` [s] (None: wait for ever)."""
+        try:
+            backlog = self._turns.get(timeout=timeout) if timeout != 0.0 else self._turns.get_nowait()
+        except Empty:
+            return None
+        item = backlog.take()
+        if isinstance(item, zenoh.Sample):
+            return self._decode_sample(item)
+        if isinstance(item, zenoh.Query):
+            return self._decode_query(item, backlog.source)
+        return cast(LinkChange | Refused, item)
+
+    def _decode_sample(self, sample: zenoh.Sample) -> Event:
+        key = str(sample.key_expr)
+        source, kind = self._kinds.get(key, (key, None))
+        if kind is None:
+            return Refused(source, MessageError(f"nothing is expected under the key '{key}'"))
+        try:
+            return Received(source, decode(sample.payload.to_bytes(), kind, key))
+        except MessageError as error:
+            return Refused(source, error)
+
+    def _decode_query(self, query: zenoh.Query, source: str) -> Event:
+        payload = query.payload.to_bytes() if query.payload is not None else b""
+        key = str(query.key_expr)
+        try:
+            if key not in self._roles:
+                raise MessageError(f"nothing is answered under the key '{key}'")
+            return Question(self._roles[key], decode(payload, cast(type[Request], Request), key), query)
+        except MessageError as error:
+            _answer(query, Refusal(reason=str(error)))
+            return Refused(f"the {source}", error)
+
+
+def _answer(query: zenoh.Query, message: Status | Refusal) -> None:
+    data = encode(message, str(query.key_expr))
+    with query:
+        if isinstance(message, Refusal):
+            query.reply_err(data)
+        else:
+            query.reply(query.key_expr, data)
