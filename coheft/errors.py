@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+_QUOTED = 400
+"""Longest text of an error about what came from elsewhere, in characters."""
+
 
 class CoheftError(Exception):
     """Base class of every error that coheft raises on purpose.
@@ -16,7 +19,14 @@ class ScenarioError(CoheftError):
 
 
 class MessageError(CoheftError):
-    """A message from another process is malformed, of another version, or not what its key promises."""
+    """A message from another process is malformed, of another version, or not what its key promises.
+
+    Its text may quote the message, so it is made fit for a log: one line, no control characters, cut short.
+    """
+
+    def __init__(self, text: str) -> None:
+        text = text if len(text) <= _QUOTED else f"{text[:_QUOTED]}..."
+        super().__init__("".join(char if char.isprintable() else repr(char)[1:-1] for char in text))
 
 
 class LoadError(CoheftError):

@@ -14,11 +14,15 @@ from coheft.estimation.spatial import Pose, rotation_exp
 
 PHYSICS_RATE = 1000
 """Physics steps per second."""
+MAX_ROBOTS = 256
+"""Far more than one machine can serve; a bound, so that no number in a file can fill the memory."""
+MAX_DURATION = 1e7
+"""Longest run [s]: four months."""
 
 Vector = tuple[float, float, float]
 NotNegative = Annotated[float, Meta(ge=0)]
-Seed = Annotated[int, Meta(ge=0)]
-Name = Annotated[str, Meta(pattern="^[a-z][a-z0-9_-]{0,31}$")]
+Seed = Annotated[int, Meta(ge=0, lt=2**32)]
+Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_-]{0,31}\Z")]
 Lengths = tuple[Positive, Positive, Positive]
 
 
@@ -75,7 +79,7 @@ class Perimeter(Section, frozen=True):
         seed: Of the random orientations and heights.
     """
 
-    count: Annotated[int, Meta(ge=2)]
+    count: Annotated[int, Meta(ge=2, le=MAX_ROBOTS)]
     extent: tuple[Positive, Positive]
     height: NotNegative = 0.05
     seed: Seed = 0
@@ -91,7 +95,7 @@ class Robots(Section, frozen=True):
         damping: Translation [N·s/m], rotation [N·m·s/rad].
     """
 
-    grasps: tuple[Grasp, ...] = ()
+    grasps: Annotated[tuple[Grasp, ...], Meta(max_length=MAX_ROBOTS)] = ()
     perimeter: Perimeter | None = None
     stiffness: tuple[Positive, Positive] = (800.0, 30.0)
     damping: tuple[NotNegative, NotNegative] = (70.0, 3.0)
@@ -256,7 +260,7 @@ class Scenario(Section, frozen=True):
     sensors: Sensors = Sensors()
     motion: Motion = Motion()
     load_changes: tuple[LoadChange, ...] = ()
-    duration: Positive = 30.0
+    duration: Annotated[float, Meta(gt=0, le=MAX_DURATION)] = 30.0
     seed: Seed = 1
     estimator: Literal["efficient", "seed"] = "efficient"
     seed_method: SeedSettings = SeedSettings()
