@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from coheft.app.plan import free_ports
+from coheft.app.hosts import free_ports
 from coheft.errors import CoheftError, LinkError
 from coheft.wire.codec import encode
 from coheft.wire.inbox import Event, Inbox, LinkChange, Question, Received, Refused

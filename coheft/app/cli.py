@@ -12,7 +12,7 @@ from typing import Annotated
 import cyclopts
 from cyclopts import Parameter
 
-from coheft.app import cli_control, cli_study
+from coheft.app import cli_control, cli_keys, cli_study
 from coheft.app.cli_base import (
     EXIT_CONVERGED,
     EXIT_ERROR,
@@ -64,6 +64,9 @@ def run(
     history: Flag = False,
     quiet: Flag = False,
     logs: Path | None = None,
+    secure: Flag = False,
+    keys: Path | None = None,
+    hosts: Path | None = None,
     write_configs: Path | None = None,
 ) -> int:
     """Start the physics server and one process per robot, and watch them find out what they hold.
@@ -96,14 +99,21 @@ def run(
         Show nothing but errors.
     logs:
         Folder for the processes' logs, instead of a new one among your runs.
+    secure:
+        Let nobody join who has no certificate, and nobody speak for another.
+    keys:
+        Folder with everybody's certificates, as 'coheft keys' makes it, instead of new ones for this run alone.
+    hosts:
+        File that tells where each part runs, see docs/deployment.md; with --write-configs.
     write_configs:
         Do not run: write the processes' configurations into this folder, to start them by hand.
     """
     from rich.console import Console
 
+    from coheft.app.hosts import load_hosts
     from coheft.app.launch import launch
     from coheft.app.overrides import override
-    from coheft.app.plan import make_plan
+    from coheft.app.plan import make_plan, new_run_name
     from coheft.app.report import write_report
     from coheft.app.run_folder import make_run_folder
     from coheft.app.terminal import make_display, print_report
@@ -117,13 +127,22 @@ def run(
         estimator=estimator,
         sensor_rate=sensor_rate,
     )
-    plan = make_plan(chosen, "realtime" if realtime else "lockstep")
+    if hosts is not None and write_configs is None:
+        raise ScenarioError("--hosts needs --write-configs: each part is to be started on its own host")
+    places = load_hosts(hosts, chosen) if hosts is not None else None
+    name = new_run_name()
+    folder = write_configs if write_configs is not None else make_run_folder(name, logs)
+    if secure and keys is None:
+        from coheft.app.keys import make_keys
+
+        keys = folder / "keys"
+        make_keys(keys, chosen, places)
+    plan = make_plan(chosen, "realtime" if realtime else "lockstep", run=name, hosts=places, keys=keys)
     if write_configs is not None:
         for path in plan.write(write_configs):
             print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")
         return EXIT_CONVERGED
     console = Console(stderr=json == "-")
-    folder = make_run_folder(plan.run, logs)
     report = launch(plan, folder, make_display(console, quiet=quiet), with_history=history)
     if json is not None:
         write_report(report, json)
@@ -179,4 +198,13 @@ def _start_by_hand(module: str, config: Path) -> int:
     return run_in_foreground(module, config)
 
 
-__all__ = ["EXIT_CONVERGED", "EXIT_ERROR", "EXIT_USAGE", "app", "cli_control", "cli_study", "run_command_line"]
+__all__ = [
+    "EXIT_CONVERGED",
+    "EXIT_ERROR",
+    "EXIT_USAGE",
+    "app",
+    "cli_control",
+    "cli_keys",
+    "cli_study",
+    "run_command_line",
+]

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import ipaddress
 import os
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Self
 
+from coheft.app.hosts import LOOPBACK, Hosts
 from coheft.errors import CoheftError, MissingPackageError
+from coheft.wire.planes import SERVER
+from coheft.wire.scenario import Scenario
+from coheft.wire.transport import ROLES
 
 try:
     from cryptography import x509
@@ -23,7 +26,6 @@ try:
 except ImportError as error:
     raise MissingPackageError("cryptography", "secure") from error
 
-LOOPBACK = "127.0.0.1"
 CLOCK_TOLERANCE = timedelta(minutes=5)
 """By how much the clocks of two hosts may differ when certificates are new."""
 
@@ -73,18 +75,18 @@ class Authority:
 
 
 def make_keys(
-    folder: Path,
-    names: Iterable[str],
-    hosts: Mapping[str, str] | None = None,
-    lifetime: timedelta = timedelta(days=365),
-) -> None:
+    folder: Path, scenario: Scenario, hosts: Hosts | None = None, lifetime: timedelta = timedelta(days=365)
+) -> tuple[str, ...]:
     """Make an authority and one certificate per participant.
 
     Args:
         folder: Where their files go; it is made.
-        names: Of the participants.
-        hosts: Where they listen, by name; on the loopback interface if not named.
+        scenario: Whose participants.
+        hosts: Where they listen; None: all on the loopback interface.
         lifetime: Of all certificates.
+
+    Returns:
+        The participants' names.
 
     Raises:
         CoheftError: There is an authority in the folder already, or it cannot be written to.
@@ -95,8 +97,10 @@ def make_keys(
         raise CoheftError(f"cannot make the folder {folder}: {error.strerror}") from error
     authority = Authority.new(lifetime)
     _write_pair(folder, "authority", authority.key, authority.certificate)
+    names = (SERVER, *scenario.robot_names, *ROLES)
     for name in names:
-        authority.issue(folder, name, (hosts or {}).get(name, LOOPBACK))
+        authority.issue(folder, name, hosts.of(name) if hosts is not None else LOOPBACK)
+    return names
 
 
 def _builder(

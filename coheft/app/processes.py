@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import msgspec
 
@@ -177,7 +177,7 @@ def run_in_foreground(module: str, config: Path) -> int:
         CoheftError: The configuration cannot be read.
     """
     try:
-        line = msgspec.json.encode(msgspec.json.decode(config.read_bytes()))
+        line = msgspec.json.encode(_with_paths_from(config.parent, msgspec.json.decode(config.read_bytes())))
     except OSError as error:
         raise CoheftError(f"{config}: cannot be read: {error.strerror}") from error
     except msgspec.DecodeError as error:
@@ -196,3 +196,10 @@ def run_in_foreground(module: str, config: Path) -> int:
             process.wait(_GO_BY_THEMSELVES)
         except subprocess.TimeoutExpired:
             process.kill()
+
+
+def _with_paths_from(folder: Path, config: Any) -> Any:
+    """A configuration whose files' paths are seen from the folder it lies in, as seen from here."""
+    if isinstance(config, dict) and isinstance(security := config.get("security"), dict):
+        config["security"] = {name: str((folder / str(path)).resolve()) for name, path in security.items()}
+    return config

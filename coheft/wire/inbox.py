@@ -1,4 +1,4 @@
-"""All that a process hears, decoded and checked, in the order in which it came, and no more than it has room for."""
+"""All that a process hears, decoded and checked; no source can crowd out the others, or fill the memory."""
 
 from __future__ import annotations
 
@@ -16,9 +16,12 @@ from coheft.wire.messages import Message, Refusal, Request, Status
 from coheft.wire.security import Guard
 from coheft.wire.transport import Role
 
-BACKLOG = 256
-"""Messages of one source that may wait to be read. More than a listener that keeps up ever has; with this bound, and
-that on a message's size, no source can fill its memory."""
+ROOM = 8 * 2**20
+"""For what one source has said and nobody has read yet [B]: minutes of a listener's absence, and no more of its memory
+than that, however much is said."""
+_OVERHEAD = 512
+_BUFFER = 2**16
+"""What a query takes at least: one of Zenoh's receive buffers [B]."""
 
 
 @dataclass(frozen=True)
@@ -61,48 +64,71 @@ class Question:
 Event = Received | Refused | LinkChange | Question
 
 
+@dataclass(frozen=True)
+class _Said:
+    """A message as it came."""
+
+    key: str
+    data: bytes
+
+
 class _Backlog:
     """What one source has said and nobody has read yet; when there is no room, the oldest goes.
 
-    ``put`` is called by Zenoh's own threads. A turn in the queue of all sources belongs to each item, so that none of
-    them can make the others wait for more than its own backlog.
+    ``put`` is called by Zenoh's own threads. A backlog that is not empty has one turn in the queue of all of them, so
+    that no source waits for more than one message of each other source.
     """
 
     def __init__(self, source: str, turns: SimpleQueue[_Backlog]) -> None:
         self.source = source
         self._turns = turns
-        self._items: deque[Any] = deque(maxlen=BACKLOG)
+        self._items: deque[tuple[object, int]] = deque()
+        self._size = 0
         self._lock = Lock()
         self._lost = 0
 
-    def put(self, item: Any) -> None:
+    def put(self, item: object) -> None:
+        """Add a sample, a query, or an event as it is."""
+        if isinstance(item, zenoh.Sample):
+            # A copy, because the sample would keep a whole receive buffer alive.
+            item = _Said(str(item.key_expr), item.payload.to_bytes())
+            size = _OVERHEAD + len(item.data)
+        else:
+            size = _BUFFER
         with self._lock:
-            if len(self._items) < BACKLOG:
+            if not self._items:
                 self._turns.put(self)
-            else:
+            self._items.append((item, size))
+            self._size += size
+            while self._size > ROOM:
+                self._size -= self._items.popleft()[1]
                 self._lost += 1
-            self._items.append(item)
 
-    def take(self) -> Any:
+    def take(self) -> object:
         """The oldest item; before it, word of those that were lost."""
         with self._lock:
-            if not self._lost:
-                return self._items.popleft()
-            text = f"{self._lost} messages are lost: it says more than can be read"
-            self._lost = 0
-            self._turns.put(self)
-            return Refused(self.source, MessageError(text))
+            if self._lost:
+                error = MessageError(f"{self._lost} messages are lost: it says more than can be read")
+                self._lost = 0
+                self._turns.put(self)
+                return Refused(self.source, error)
+            item, size = self._items.popleft()
+            self._size -= size
+            if self._items:
+                self._turns.put(self)
+            return item
 
 
 class Inbox:
     """All that a process hears, on all of its sessions: one thread, the caller's, handles it.
 
     Zenoh's own threads do no more than to put things into a queue, which costs a few microseconds per message; decoding
-    is done by the caller of ``receive``.
+    is done by the caller of ``receive``. What one source says stays in order.
     """
 
     def __init__(self) -> None:
         self._turns: SimpleQueue[_Backlog] = SimpleQueue()
+        self._backlogs: dict[str, _Backlog] = {}
         self._kinds: dict[str, tuple[str, type[Message]]] = {}
         self._roles: dict[str, Role] = {}
         self._kept: list[object] = []  # a subscriber that nobody holds goes silent
@@ -130,7 +156,7 @@ class Inbox:
     def watch_links(self, session: zenoh.Session, source: str, guard: Guard | None = None) -> None:
         """Hear of processes that come and go at a session; with its guard, only of those that may come."""
         linked: set[str] = set()  # the session's own list may lag behind its events
-        backlog = _Backlog(source, self._turns)
+        backlog = self._backlog(source)
 
         def put(event: zenoh.LinkEvent) -> None:
             if guard is not None and event.link.auth_identifier not in guard.names:
@@ -146,7 +172,7 @@ class Inbox:
 
     def watch_strangers(self, session: zenoh.Session, guard: Guard | None) -> None:
         """Hear of participants who come to a session though nothing of it is for them: they hold a certificate."""
-        backlog = _Backlog("strangers", self._turns)
+        backlog = self._backlog("strangers")
 
         def put(event: zenoh.LinkEvent) -> None:
             name = event.link.auth_identifier
@@ -163,7 +189,10 @@ class Inbox:
             self._kept.append(session.declare_queryable(key, self._handler(role), complete=True))
 
     def _handler(self, source: str) -> Any:
-        return zenoh.handlers.Callback(_Backlog(source, self._turns).put, indirect=False)
+        return zenoh.handlers.Callback(self._backlog(source).put, indirect=False)
+
+    def _backlog(self, source: str) -> _Backlog:
+        return self._backlogs.setdefault(source, _Backlog(source, self._turns))
 
     def receive(self, timeout: float | None = None) -> Event | None:
         """The next event, or None if there is none within ``timeout`` [s] (None: wait for ever)."""
@@ -172,19 +201,18 @@ class Inbox:
         except Empty:
             return None
         item = backlog.take()
-        if isinstance(item, zenoh.Sample):
-            return self._decode_sample(item)
+        if isinstance(item, _Said):
+            return self._decode(item)
         if isinstance(item, zenoh.Query):
             return self._decode_query(item, backlog.source)
         return cast(LinkChange | Refused, item)
 
-    def _decode_sample(self, sample: zenoh.Sample) -> Event:
-        key = str(sample.key_expr)
-        source, kind = self._kinds.get(key, (key, None))
+    def _decode(self, said: _Said) -> Event:
+        source, kind = self._kinds.get(said.key, (said.key, None))
         if kind is None:
-            return Refused(source, MessageError(f"nothing is expected under the key '{key}'"))
+            return Refused(source, MessageError(f"nothing is expected under the key '{said.key}'"))
         try:
-            return Received(source, decode(sample.payload.to_bytes(), kind, key))
+            return Received(source, decode(said.data, kind, said.key))
         except MessageError as error:
             return Refused(source, error)
 

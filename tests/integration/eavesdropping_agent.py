@@ -18,6 +18,7 @@ from agents.agent import Agent, Outbox
 from coheft.wire.codec import encode
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.messages import StatusRequest
+from coheft.wire.security import Guard
 from coheft.wire.supervised import supervised_main
 from coheft.wire.transport import Keys, open_session
 
@@ -64,8 +65,10 @@ def run(config: AgentProcessConfig) -> None:
     spies: dict[str, Spy] = {}
 
     @contextmanager
-    def open_with_spy(listen: Iterable[str] = (), connect: Iterable[str] = ()) -> Iterator[zenoh.Session]:
-        with open_session(listen, connect) as session:
+    def open_with_spy(
+        listen: Iterable[str] = (), connect: Iterable[str] = (), guard: Guard | None = None
+    ) -> Iterator[zenoh.Session]:
+        with open_session(listen, connect, guard) as session:
             plane = next(planes)
             spies[plane] = Spy(session, plane, config.agent.name, config.run)
             yield session

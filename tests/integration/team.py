@@ -103,6 +103,10 @@ class Team:
         """What a process has printed so far."""
         return (self.folder / f"{name}.log").read_text()
 
+    def refusals(self, name: str) -> list[str]:
+        """What a process has refused so far."""
+        return [line for line in self.log(name).splitlines() if "refused" in line]
+
     def exit_status(self, name: str) -> int:
         """Of a process that is about to end."""
         return self.processes[name].wait(LIMIT)

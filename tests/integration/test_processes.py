@@ -169,10 +169,8 @@ def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
                 for message in sent.values():
                     session.put(key, message if isinstance(message, bytes) else encode(message, key))
             for log, texts in (("server", to_server), (first, to_agent)):
-                wait_until(
-                    lambda log=log, texts=texts: len(team.log(log).splitlines()) >= len(texts), f"refusals of {log}"
-                )
-                lines = team.log(log).splitlines()
+                wait_until(lambda log=log, texts=texts: len(team.refusals(log)) >= len(texts), f"refusals of {log}")
+                lines = team.refusals(log)
                 assert len(lines) == len(texts)
                 for text in texts:
                     assert any("refused from" in line and text in line for line in lines), (text, lines)
