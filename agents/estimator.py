@@ -26,7 +26,12 @@ Channels = Mapping[str, Array]
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What an estimator believes; fields as in ``coheft.wire.messages.Estimate``."""
+    """What an estimator believes; fields as in ``coheft.wire.messages.Estimate``, and:
+
+    Attributes:
+        learned_block: The newest block that is in it, -1 if there is none.
+        doubts: Why it may not be true any more, in words.
+    """
 
     phase: Literal["poses", "inertia"]
     converged: bool
@@ -36,6 +41,8 @@ class Belief:
     total_wrench: Array = field(default_factory=lambda: np.zeros(6))
     not_observable: tuple[str, ...] = ()
     load_changes: tuple[LoadChangeNotice, ...] = ()
+    learned_block: int = -1
+    doubts: tuple[str, ...] = ()
 
 
 class Estimator(Protocol):

@@ -21,7 +21,7 @@ from msgspec import structs
 from agents.agent import Agent
 from coheft.errors import LinkError, MessageError
 from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
-from coheft.wire.codec import check_array, check_field
+from coheft.wire.codec import check_field
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.inbox import Event, Inbox, LinkChange, Received, Refused
 from coheft.wire.messages import Hello, Measurements, Message, NeighbourMessage, Problem, Ready, Stop
@@ -32,7 +32,6 @@ from coheft.wire.transport import Keys, Sender, open_session
 HELLO_PERIOD = 0.05
 """Time after which a robot that waits for the first block says hello again [s]."""
 _SERVER = "the server"
-_POSE_SIZE = 12
 
 
 class _Stopped(Exception):  # noqa: N818
@@ -59,7 +58,6 @@ class AgentProcess:
         self._measurements: deque[Measurements] = deque()
         self._next_measurements = 0
         self._messages: dict[int, dict[str, NeighbourMessage]] = {}
-        self._shapes: dict[str, tuple[int, ...]] = {}
         self._heard: set[str] = set()
         self._heard_by: set[str] = set()
         self._problems = 0
@@ -122,9 +120,10 @@ class AgentProcess:
             self._handle(self._inbox.receive())
         measured = self._usable(self._measurements.popleft())
         heard = self._messages.pop(block - 1, {})
-        outbox = self._agent.step(measured, {name: self._in_use(message) for name, message in heard.items()})
+        outbox = self._agent.step(block, measured, list(heard.values()))
         self._block += 1
-        self._shapes.update((name, array.shape) for name, array in outbox.message.channels.items())
+        for problem in outbox.problems:
+            self._tell_problem(problem)
         self._message.send(outbox.message)
         if outbox.estimate is not None:
             self._estimate.send(structs.replace(outbox.estimate, problems=self._problems))
@@ -136,16 +135,6 @@ class AgentProcess:
             return MeasurementBlock(measurements.block, measurements.samples)
         self._tell_problem(f"measurements of block {measurements.block} are not all finite: the block is not used")
         return None
-
-    def _in_use(self, message: NeighbourMessage) -> NeighbourMessage:
-        """The message without what came before its channel's shape was known, and does not have it.
-
-        Nothing is lost: all agents begin with a channel at the same block, and read it one block later.
-        """
-        channels = {name: array for name, array in message.channels.items() if array.shape == self._shapes.get(name)}
-        for name in message.channels.keys() & self._shapes.keys() - channels.keys():
-            self._tell_problem(f"channels[{name!r}] of {message.sender}, block {message.block}, is of the wrong shape")
-        return structs.replace(message, channels=channels)
 
     def _handle(self, event: Event | None) -> None:
         """Take in whatever came.
@@ -199,12 +188,6 @@ class AgentProcess:
         expected = [b for b in (self._block - 1, self._block) if b >= 0 and source not in self._messages.get(b, {})]
         if message.block not in expected:
             raise MessageError(f"block is {message.block} but expected one of {expected}")
-        for name, array in message.channels.items():
-            # A channel has one shape in the whole team; until we use it ourselves, only its numbers can be checked.
-            check_array(array, self._shapes.get(name, array.shape), f"channels[{name!r}]")
-        for record in message.gossip:
-            if len(record.pose) not in (0, _POSE_SIZE) or not np.isfinite(record.pose).all():
-                raise MessageError(f"pose of {record.robot!r} is {record.pose} but expected 0 or 12 finite numbers")
 
     def _tell_problem(self, text: str) -> None:
         """Tell observers and the log what is wrong, and go on."""

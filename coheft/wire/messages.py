@@ -74,11 +74,14 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
         robot: Whom it is about.
         sequence: Grows with every change; within an incarnation the highest wins.
         neighbours: Names of its neighbours.
-        ready_block: From this block on it can take part in the network's sums; -1 while it cannot.
-        pose: Its grasp frame in the reference robot's, rotation row by row then position [m], 12 numbers; empty while
-            unknown, or where the estimator does not need it.
+        ready_block: From this block on it can take part in the sums of ``team``; -1 while it cannot.
+        pose: Its grasp frame in the body frame, rotation row by row then position [m], 12 numbers; empty while unknown,
+            or where the estimator does not need it.
         incarnation: Grows when the robot's agent starts again with an empty memory; the highest wins.
         holding: Whether it has hold of the load. One whose agent is dead still holds what it held.
+        since: Block from which this is so.
+        team: Number of the team that it is ready for, see ``consensus.gossip``.
+        frame: Number of the body frame in which it knows its pose, 0 if none.
     """
 
     robot: str
@@ -88,6 +91,9 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
     pose: tuple[float, ...] = ()
     incarnation: int = 0
     holding: bool = True
+    since: int = 0
+    team: int = 0
+    frame: int = 0
 
 
 class NeighbourMessage(Message, frozen=True):
@@ -233,8 +239,8 @@ class Truth(Message, frozen=True):
         loads: Loads that lie on the payload.
         position: Of the payload's frame in the world at the block's last sample, (3,) [m].
         quaternion: Its orientation, scalar first, (4,).
-        total_wrench: Sum of all robots' **measured** wrenches of the last sample, carried with the true poses to the
-            payload's frame, (6,).
+        total_wrench: Sum of the **measured** wrenches of the last sample, of all robots that hold it, carried with the
+            true poses to the payload's frame, (6,).
         wrenches: Measured wrenches of the last sample, by robot in the order of the scene, (N, 6), each in its own
             frame.
     """

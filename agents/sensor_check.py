@@ -1,0 +1,54 @@
+"""Blocks of samples that no working sensor gives: the robot finds them by itself, and does not use them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.spatial import Array
+
+_SENSORS = ("gyro", "velocity", "accelerometer", "force", "torque")
+_OUTLIER = 12.0
+"""A sample that differs by more standard deviations from both its neighbours, on the same side, is an outlier. What
+really changes at a sudden differs from one of them only."""
+
+
+class SensorCheck:
+    """Looks at one robot's samples.
+
+    Args:
+        noise: Of its sensors.
+    """
+
+    def __init__(self, noise: SensorNoise) -> None:
+        self._deviations = noise.per_column()
+        self._last = np.empty((0, len(self._deviations)))
+
+    def fault(self, samples: Array) -> str | None:
+        """What is wrong with a block of samples (B, 15), None if nothing is."""
+        previous, self._last = self._last, samples[-1:]
+        for k, sensor in enumerate(_SENSORS):
+            columns = slice(3 * k, 3 * k + 3)
+            what = _fault(np.vstack([previous, samples])[:, columns], self._deviations[columns])
+            if what is not None:
+                return f"{sensor} {what}"
+        return None
+
+
+def _fault(samples: Array, deviations: Array) -> str | None:
+    """What is wrong with samples of one sensor (n, 3), the last one of the block before first."""
+    if not np.isfinite(samples).all():
+        return "is not a finite number"
+    steps = np.diff(samples, axis=0)
+    if not steps.any() and samples.any():
+        return "is frozen"
+    # Noise does not repeat: what stays at its largest value for half of the samples has come to its limit.
+    for limits in (samples.min(axis=0), samples.max(axis=0)):
+        at_limit = 2 * np.count_nonzero(samples == limits, axis=0) > len(samples)
+        if np.any(at_limit & (limits != 0.0)):
+            return "is saturated"
+    scaled = steps / deviations
+    peaks = np.minimum(np.abs(scaled[:-1]), np.abs(scaled[1:])) * (scaled[:-1] * scaled[1:] < 0.0)
+    if peaks.size and peaks.max() > _OUTLIER:
+        return "has outliers"
+    return None
