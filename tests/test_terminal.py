@@ -12,7 +12,7 @@ from rich.console import Console
 from coheft.app.record import Record
 from coheft.app.terminal import LineDisplay, LiveDisplay, QuietDisplay, make_display
 from coheft.wire.messages import Problem
-from tests.synthetic_run import SCENE, changing_run, estimate
+from tests.synthetic_run import changing_run, estimate, recorded
 
 ESCAPE = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 
@@ -21,12 +21,7 @@ ESCAPE = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 def record() -> Record:
     """Four seconds; the load changes at two, and r3 has not found out yet."""
     truths, estimates = changing_run({"r1": 110, "r2": 120, "r3": 500}, {})
-    record = Record(SCENE, duration=4.0)
-    for truth in truths:
-        record.add_truth(truth)
-    for series in estimates.values():
-        for each in series:
-            record.add_estimate(each)
+    record = recorded(truths, estimates)
     record.add_estimate(estimate("r1", 200, None, converged=False, phase="poses"))
     return record
 
@@ -74,11 +69,6 @@ def test_without_a_terminal_there_are_plain_lines(record: Record) -> None:
 )
 def test_the_display_fits(is_terminal: bool, quiet: bool, kind: Callable[..., object]) -> None:
     assert type(make_display(terminal(is_terminal=is_terminal), quiet=quiet)) is kind
-
-
-def test_a_record_keeps_estimates_by_their_time_alone(record: Record) -> None:
-    times = [round(each.time, 9) for each in record.estimates["r2"]]
-    assert times == [round(0.1 * k, 9) for k in range(1, 41)]
 
 
 def test_no_color_is_honoured(record: Record, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from coheft.app.report import Report, RunInfo, build_report
 from coheft.app.run_folder import RunFile, announced
 from coheft.app.terminal import Display
 from coheft.errors import LinkError
-from coheft.wire.messages import Status, StatusRequest
+from coheft.wire.messages import Scene, Status, StatusRequest
 
 _POLL = 0.02
 _START_LIMIT = 60.0
@@ -39,9 +39,10 @@ def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = F
         for name, agent in plan.agents.items():
             processes.start(name, "agents.process", agent)
         with announced(folder, msgspec.structs.replace(plan.run_file(), pids=processes.pids)):
-            record = _wait_for_start(observer, processes, display)
+            scene = _wait_for_start(observer, processes, display)
+            record = Record(scene, scenario.duration, with_history=with_history)
             status = _follow(record, observer, processes, display)
-    if not record.truths or record.silent:
+    if record.truth is None or record.silent:
         raise LinkError(f"the run ended before every robot had said something; see the logs in {folder}")
     info = RunInfo(
         scenario=scenario.name,
@@ -51,10 +52,10 @@ def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = F
         real_time_factor=status.real_time_factor,
         late_blocks=status.late_blocks,
     )
-    return build_report(info, record.scene, record.truths, record.estimates, with_history=with_history)
+    return build_report(info, record)
 
 
-def _wait_for_start(observer: Observer, processes: Processes, display: Display) -> Record:
+def _wait_for_start(observer: Observer, processes: Processes, display: Display) -> Scene:
     """Wait until all links stand and the clock runs."""
     began = time.monotonic()
     waiting_for = ["server"]
@@ -63,7 +64,7 @@ def _wait_for_start(observer: Observer, processes: Processes, display: Display) 
         status = observer.status()
         if status is not None:
             if status.state != "waiting":
-                return Record(status.scene, status.duration)
+                return status.scene
             waiting_for = status.waiting_for
         if time.monotonic() > began + _NO_COMMENT:
             display.note(f"waiting for {', '.join(waiting_for)}")

@@ -15,10 +15,10 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from coheft.app.judge import Judge, RobotReport
+from coheft.app.judge import RobotReport
 from coheft.app.record import Record
 from coheft.app.report import LoadChangeReport, Report
-from coheft.wire.messages import Estimate, Problem
+from coheft.wire.messages import Estimate, Problem, Truth
 
 _LINE_EVERY = 5.0
 """Simulated time between two lines of a display that is no terminal [s]."""
@@ -120,8 +120,8 @@ class LiveDisplay:
 
     def update(self, record: Record) -> None:
         """Draw what is known now, unless it was drawn just before."""
-        if record.truths and time.monotonic() - self._drawn > _DRAW_EVERY:
-            self._live.update(Group(_progress(record), _live_table(record)), refresh=True)
+        if record.truth is not None and time.monotonic() - self._drawn > _DRAW_EVERY:
+            self._live.update(Group(_progress(record, record.truth), _live_table(record)), refresh=True)
             self._drawn = time.monotonic()
 
     def problem(self, problem: Problem) -> None:
@@ -140,11 +140,10 @@ class LiveDisplay:
 
 def _beliefs(record: Record) -> dict[str, tuple[Estimate, RobotReport]]:
     """The newest estimate of each robot and how it compares."""
-    judge = Judge(record.scene, record.truths)
     return {
-        name: (record.estimates[name][-1], judge.robot(record.estimates[name][-1:]))
+        name: (record.latest[name], record.judge.robot([record.latest[name]]))
         for name in record.scene.robots
-        if record.estimates.get(name)
+        if name in record.latest
     }
 
 
@@ -166,10 +165,9 @@ def _summary_line(record: Record) -> str:
     return line
 
 
-def _progress(record: Record) -> Table:
+def _progress(record: Record, truth: Truth) -> Table:
     row = Table.grid(padding=(0, 1))
     bar = ProgressBar(total=record.duration, completed=record.time, width=36)
-    truth = record.truths[-1]
     loads = len(truth.loads)
     load = f", {loads} load{'s' * (loads != 1)} on it" if loads else ""
     row.add_row(bar, f"{record.time:.1f} of {record.duration:g} s", f"true mass {truth.payload.mass:.2f} kg{load}")
