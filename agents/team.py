@@ -54,7 +54,7 @@ other, times what the poses are off, must be small beside the noise of forces [r
 _PATIENCE = 0.25
 """After so long without a complete sum, the load may have changed unnoticed; and when sums are complete again, a change
 in the meantime takes so long to be noticed [s]."""
-_MOVING = 2.0
+_MOVING = 4.0
 """While a fit moves a pose by more of its standard deviations, it is too far from the optimum for these to be true."""
 _SCORE_SIZE, _POSE_SIZE = 6, 12
 EARLY = 10.0
