@@ -47,9 +47,6 @@ from consensus.schedule import choose_schedule
 
 _SHORTEST_ROUND = 0.2
 """Shortest time between two fits of the poses [s]."""
-_KNOWN = 4e-3
-"""While poses are less certain, what looks like another load is not taken for one: what the robots push against each
-other, times what the poses are off, must be small beside the noise of forces [rad, and m, per N of that noise]."""
 _SCORE_SIZE, _POSE_SIZE = 6, 12
 EARLY = 10.0
 """How far back from their start the sums reach [s]."""
@@ -106,6 +103,7 @@ class Team:
         self._carrying_pose = self._poses[self._own]
         self._fusion = self._fuse()
         self._moments = RegistrationMoments.none()
+        self._scored_moments = self._moments
         self._fitted: TeamPoses | None = None
         self._memory = LoadMemory(config, len(self._names), self._own)
         self._memory.set_poses(self._poses, self._fusion)
@@ -121,7 +119,6 @@ class Team:
         self._crosses = Flood(len(self._names), LoadMemory.told_size)
         self._new: TeamPoses | None = None
         self._noticed_block = -1
-        self._poses_are_known = False
         self.total_block = -1
         self.total_wrench = np.zeros(6)
         self.load_changes: list[LoadChangeNotice] = []
@@ -221,7 +218,7 @@ class Team:
         samples, sums = self._entered[block].samples, self._sums[block]
         motion = self._fusion.motion(sums, w_derivative)
         self._moments += RegistrationMoments.of(samples[:, KINEMATICS], motion)
-        changed_at = self._memory.push(block, motion, sums[:, 0], samples[:, WRENCH], self._poses_are_known)
+        changed_at = self._memory.push(block, motion, sums[:, 0], samples[:, WRENCH])
         if changed_at is not None:
             self._notice(changed_at, index)
 
@@ -254,6 +251,7 @@ class Team:
         if index == fit_round.tell:
             own = self._poses[self._own]
             score, _, _ = score_and_information(self._moments, own, self._config.noise)
+            self._scored_moments = self._moments  # what the step is worked out from, and known by
             self._scores.tell(self._own, fit_round.number, np.concatenate([score, own.numbers()]))
         elif index == fit_round.fit and self._own == 0:
             rows = self._scores.rows(fit_round.number)
@@ -265,18 +263,14 @@ class Team:
             self._map_to(self._new.poses)
             self._new = None
             self._crosses.tell(self._own, fit_round.number, self._memory.told())
-        elif index == fit_round.correct:
-            self._memory.correct(self._crosses.rows(fit_round.number))
-            # Only now are the poses in use those that have this covariance.
-            if self._fitted is not None:
-                largest = np.sqrt(np.diag(self._fitted.covariance).max())
-                self._poses_are_known = bool(largest < _KNOWN * self._config.noise.force)
+        elif index == fit_round.correct and self._fitted is not None:
+            self._memory.correct(self._crosses.rows(fit_round.number), self._fitted)
 
     def _fit(self, rows: Array) -> Array:
         """All poses (12 N,) after the joint step, from everybody's score and pose (N, 18)."""
         # What each says of its own pose counts, should somebody have missed an earlier fit.
         poses = tuple(Pose.of_numbers(numbers) for numbers in rows[:, _SCORE_SIZE:])
-        fitted = register_team(poses, rows[:, :_SCORE_SIZE], self._moments, self._config.noise)
+        fitted = register_team(poses, rows[:, :_SCORE_SIZE], self._scored_moments, self._config.noise)
         return np.concatenate([pose.numbers() for pose in fitted.poses])
 
     def _switch(self, rows: Array | None) -> TeamPoses | None:
@@ -285,8 +279,7 @@ class Team:
             return None
         poses = tuple(Pose.of_numbers(numbers) for numbers in rows.reshape(-1, _POSE_SIZE))
         no_step = np.zeros((len(poses), _SCORE_SIZE))
-        self._fitted = register_team(poses, no_step, self._moments, self._config.noise)
-        self._memory.set_tolerance(self._fitted)
+        self._fitted = register_team(poses, no_step, self._scored_moments, self._config.noise)
         self._carrying_pose = self._fitted.poses[self._own]
         return self._fitted
 
