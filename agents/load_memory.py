@@ -184,6 +184,7 @@ class LoadMemory:
         if rows is not None and is_same_load and np.all(rows[:, 0] == told.changed_at) and np.all(rows[:, 1] > 0.0):
             # Each one's mean: not everybody need have missed the same samples.
             self._mean_crosses = rows[:, 3:].reshape(-1, *_CROSS_SHAPE) / rows[:, 1, None, None]
+            self._correct_wrenches(told)
         else:
             self._window.forget_borders_before(told.last_block + 1)
         if rows is not None:
