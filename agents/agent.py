@@ -74,8 +74,7 @@ class Agent:
         """
         heard, gossip, problems = self._inbox.take(index, inbox)
         self._gossip.hear(gossip)
-        fault = None if block is None else self._sensors.fault(block.samples)
-        if fault is not None:
+        if block is not None and not self._sensors.work(block.samples):
             block = None
         channels = self._estimator.step(index, block, {name: message.channels for name, message in heard.items()})
         self._status.problems += len(problems)
@@ -94,26 +93,27 @@ class Agent:
                 motion=self._motion.reference(index + self.config.lag),
                 wrench=np.zeros(6),
             ),
-            estimate=self._estimate(index, fault),
+            estimate=self._estimate(index),
             problems=tuple(problems),
         )
 
-    def _estimate(self, index: int, fault: str | None) -> Estimate | None:
+    def _estimate(self, index: int) -> Estimate | None:
         """A report, if one is due."""
-        doubts = list(self._doubts(index, fault))
+        doubts = list(self._doubts(index))
         if not self._status.is_due(index, doubts):
             return None
         belief = self._estimator.belief()
         graph = self._gossip.graph
-        return self._status.report(index, belief, [*doubts, *belief.doubts], 0 if graph is None else len(graph))
+        return self._status.report(index, belief, doubts, 0 if graph is None else len(graph))
 
-    def _doubts(self, index: int, fault: str | None) -> Iterator[str]:
-        if fault is not None:
-            yield f"own sensors: {fault}"
+    def _doubts(self, index: int) -> Iterator[str]:
+        if self._sensors.fault is not None:
+            yield f"own sensors: {self._sensors.fault}"
         for name in self.config.neighbours:
             last = self._inbox.last_heard(name)
             if index - last >= _SILENT:
                 yield f"{name} is silent since {(last + 1) * self.config.block / self.config.rate:.2f} s"
+        yield from self._estimator.doubts()
         if not self._gossip.own.holding:
             yield "the robot does not hold the load"
         elif self._gossip.graph is None:

@@ -100,8 +100,8 @@ class EfficientEstimator:
 
     def belief(self) -> Belief:
         """See ``Estimator.belief``."""
-        poses = {} if self._team is None else self._team.neighbours_poses()
-        if self._team is None or not poses:
+        found = None if self._team is None else self._team.found()
+        if self._team is None or found is None:
             poses = self._body_frame.neighbours_poses()
             return Belief(
                 "poses",
@@ -110,21 +110,24 @@ class EfficientEstimator:
                 _seen(poses),
                 not_observable=_unseen(poses),
                 load_changes=tuple(self._load_changes),
-                doubts=("the team's sums have not begun",),
             )
-        payload, unseen = self._team.payload()
         return Belief(
             phase="inertia",
-            converged=payload is not None and not unseen and is_converged(payload, self._config.converged),
-            payload=payload,
-            poses=_seen(poses),
+            converged=found.payload is not None
+            and not found.unseen
+            and is_converged(found.payload, self._config.converged),
+            payload=found.payload,
+            poses=_seen(found.poses),
             total_block=self._team.total_block,
             total_wrench=self._team.total_wrench,
-            not_observable=_unseen(poses) + unseen,
+            not_observable=_unseen(found.poses) + found.unseen,
             load_changes=(*self._load_changes, *self._team.load_changes),
-            learned_block=self._team.learned_block,
-            doubts=self._team.doubts(),
+            learned_block=found.learned_block,
         )
+
+    def doubts(self) -> tuple[str, ...]:
+        """See ``Estimator.doubts``."""
+        return ("the team's sums have not begun",) if self._team is None else self._team.doubts()
 
     def _blocks(self, duration: float) -> int:
         return max(1, round(duration * self._config.rate / self._config.block))

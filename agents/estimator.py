@@ -30,7 +30,6 @@ class Belief:
 
     Attributes:
         learned_block: The newest block that is in it, -1 if there is none.
-        doubts: Why it may not be true any more, in words.
     """
 
     phase: Literal["poses", "inertia"]
@@ -42,7 +41,6 @@ class Belief:
     not_observable: tuple[str, ...] = ()
     load_changes: tuple[LoadChangeNotice, ...] = ()
     learned_block: int = -1
-    doubts: tuple[str, ...] = ()
 
 
 class Estimator(Protocol):
@@ -63,6 +61,10 @@ class Estimator(Protocol):
 
     def belief(self) -> Belief:
         """What is believed after the last step."""
+        ...
+
+    def doubts(self) -> tuple[str, ...]:
+        """Why that may not be true any more, in words; asked for after every step."""
         ...
 
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.acceleration import MotionFusion
-from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.forgetting_window import ForgettingWindow
 from coheft.estimation.inertia import (
     FEATURES,
@@ -43,12 +42,11 @@ from coheft.wire.messages import PayloadEstimate
 _CROSS_SHAPE = (MOTION_FEATURES.stop, 6)
 _CROSS_SIZE = _CROSS_SHAPE[0] * _CROSS_SHAPE[1]
 _WRENCH_FEATURES = slice(MOTION_FEATURES.stop, FEATURES)
-_COMPARED = 2.0
-_FAR = 5.0
-"""When the poses' step would shift the test of a stretch of the former length [s] by more than the latter [chi-square],
-samples from before it are not compared with each other any more."""
-_TOLERANCE = 3.0
-"""By so many standard deviations, as far as they come from the poses, two stretches may differ without a change."""
+_DISTURBANCE = GRAM_SIZE
+"""Where a block's moments hold the disturbance that poses make, in units of the noise: see ``LoadWindow.review``."""
+_CROSS = slice(_DISTURBANCE + 1, _DISTURBANCE + 1 + _CROSS_SIZE)
+_COHERENCE = 2.0
+"""Time for which what the robots push against each other keeps its direction, more or less [s]."""
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
 _LEAST = 0.5
@@ -87,12 +85,12 @@ class LoadMemory:
         memory = config.efficient.memory
         self._kept = 1.0
         if memory == "window":
-            self._window = LoadWindow(riders=_CROSS_SIZE)
+            self._window = LoadWindow(riders=1 + _CROSS_SIZE)
         else:
             blocks = memory * config.rate / config.block
             self._kept = float(np.exp(-1.0 / blocks))
             floor = np.full(INERTIA_SIZE + OFFSET_SIZE * self._offsets, 1e3)
-            self._window = ForgettingWindow(blocks, floor, riders=_CROSS_SIZE)
+            self._window = ForgettingWindow(blocks, floor, riders=1 + _CROSS_SIZE)
         self._last_block = self._changed_at = -1
         self._poses: Sequence[Pose] = ()
         self._sensitivity: PoseSensitivity | None = None
@@ -101,9 +99,8 @@ class LoadMemory:
         self._told_left = 1.0
         self._since_told = np.zeros(GRAM_SIZE)
         self._forces = _MeanSquare()
-        self._mean_square_forces: Array | None = None
         self._mean_crosses = np.zeros((robots, *_CROSS_SHAPE))
-        self._tolerance: Array | None = None
+        self._disturbance: float | None = None
 
     @property
     def changed_at(self) -> int:
@@ -121,9 +118,7 @@ class LoadMemory:
             fusion.wrench_covariance, fusion.acceleration_covariance, parameters, with_offset=self._offsets
         )
 
-    def push(
-        self, block: int, motion: Array, wrench: Array, own_wrench: Array, look_for_change: bool = True
-    ) -> int | None:
+    def push(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> int | None:
         """Take in a block of body motion (B, 12), total wrench (B, 6) and own wrench in ``F_i`` (B, 6).
 
         Args:
@@ -131,24 +126,23 @@ class LoadMemory:
             motion: Of the body frame.
             wrench: Total, in the body frame.
             own_wrench: This robot's share.
-            look_for_change: Whether the poses are known well enough to tell another load from other poses.
 
         Returns:
             The first block of a new load, if a change was found.
         """
         assert self._model is not None
-        moments = _moments(motion, wrench, own_wrench)
+        moments = _moments(motion, wrench, own_wrench, self._disturbance or 0.0)
         self._window.push(block, moments)
         self._forces.add(own_wrench[:, :3])
         self._last_block = block
         self._told_left *= self._kept
         self._since_told = self._kept * self._since_told + moments[:GRAM_SIZE]
-        if not look_for_change:
+        if self._disturbance is None:
             self._window.forget_borders_before(block)  # later, too, these samples cannot be told apart by their load
             return None
-        if self._told is not None and self._shift(self._told) > _FAR:
-            return None  # samples before and after the last change of poses cannot be compared before ``correct``
-        change = self._window.review(self._model, self._tolerance)
+        # Until ``correct`` the poses' last step adds up in all samples from before it.
+        coherence = np.inf if self._told is not None else _COHERENCE * self._config.rate
+        change = self._window.review(self._model, coherence)
         if change is None:
             return None
         self._changed_at = change.first_block
@@ -157,7 +151,7 @@ class LoadMemory:
     def push_early(self, motion: Array, wrench: Array, own_wrench: Array) -> None:
         """Take in a block from before all others, as ``push``; it is not looked at for changes."""
         if self.changed_at < 0:
-            self._window.push_early(_moments(motion, wrench, own_wrench))
+            self._window.push_early(_moments(motion, wrench, own_wrench, 0.0))
 
     def adopt(self, changed_at: int) -> bool:
         """A neighbour says that the load changed at this block. Returns whether that is news."""
@@ -176,11 +170,12 @@ class LoadMemory:
         summary = [self._told.changed_at, self._told.count, self._forces.mean]
         return np.concatenate([summary, self._told.cross.ravel()])
 
-    def correct(self, rows: Array | None) -> None:
+    def correct(self, rows: Array | None, team: TeamPoses) -> None:
         """Let the total wrenches be as the newest poses would have carried them.
 
         Args:
             rows: Everybody's ``told``, shape (N, 81); None if not everybody's has been heard.
+            team: The newest poses.
         """
         told, self._told = self._told, None
         if told is None:
@@ -190,22 +185,24 @@ class LoadMemory:
             # Each one's mean: not everybody need have missed the same samples.
             self._mean_crosses = rows[:, 3:].reshape(-1, *_CROSS_SHAPE) / rows[:, 1, None, None]
             self._correct_wrenches(told)
-        self._mean_square_forces = None if rows is None else rows[:, 2]
-        if self._shift(told) > _FAR:
+        else:
             self._window.forget_borders_before(told.last_block + 1)
+        if rows is not None:
+            self._disturbance = self._disturbance_by(team.covariance, rows[:, 2])
 
-    def _shift(self, told: _Told) -> float:
-        """What the poses' step does to the test of a short stretch, if it is corrected for its mean effect only.
+    def _disturbance_by(self, covariance: Array, mean_square_forces: Array) -> float:
+        """Mean square of what poses that are off add to the total wrench, in units of the noise's.
 
-        A robot whose pose moved by ``d`` [m], at its lever arm, shifts the total wrench by ``d`` times what it pushes.
+        A robot whose pose is off by ``d`` [m], at its lever arm, spoils the total wrench by ``d`` times what it pushes.
+
+        Args:
+            covariance: Of all poses, shape (6 N, 6 N).
+            mean_square_forces: Of every robot, shape (N,) [N²].
         """
-        if self._mean_square_forces is None:
-            return np.inf
         length, noise = self._length(), self._config.noise
-        steps = [perturbation_between(old, new) for old, new in zip(told.old_poses, told.new_poses, strict=True)]
-        moved = [length * np.linalg.norm(step[:3]) + np.linalg.norm(step[3:]) for step in steps]
-        variance = len(steps) * ((noise.force * length) ** 2 + noise.torque**2)
-        return float(_COMPARED * self._config.rate * np.square(moved) @ self._mean_square_forces / variance)
+        variances = np.diag(covariance).reshape(-1, 6) @ np.repeat([length**2, 1.0], 3)
+        per_sample = len(variances) * ((noise.force * length) ** 2 + noise.torque**2)
+        return float(variances @ mean_square_forces / per_sample)
 
     def _correct_wrenches(self, told: _Told) -> None:
         correction = np.zeros((FEATURES, FEATURES))
@@ -234,12 +231,12 @@ class LoadMemory:
 
         def update(sums: Array) -> Array:
             gram = full_map @ unpacked_gram(sums[:, :GRAM_SIZE]) @ full_map.T
-            cross = motion_map @ sums[:, GRAM_SIZE:].reshape(-1, *_CROSS_SHAPE)
-            return np.hstack([repacked_gram(gram), cross.reshape(len(sums), -1)])
+            cross = motion_map @ sums[:, _CROSS].reshape(-1, *_CROSS_SHAPE)
+            return np.hstack([repacked_gram(gram), sums[:, _DISTURBANCE, None], cross.reshape(len(sums), -1)])
 
         self._window.revise(update)
         total = self._window.total
-        cross = total[GRAM_SIZE:].reshape(_CROSS_SHAPE)
+        cross = total[_CROSS].reshape(_CROSS_SHAPE)
         motion_gram = unpacked_gram(total[:GRAM_SIZE])[MOTION_FEATURES, MOTION_FEATURES]
         self._told_left = 1.0
         self._since_told = np.zeros(GRAM_SIZE)
@@ -261,14 +258,6 @@ class LoadMemory:
             return None, tuple(f"{part.what}: {part.remedy}" for part in unseen)
         inertia = estimate.inertia.carried(self._poses[own].inverse())
         return PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, covariance), ()
-
-    def set_tolerance(self, team: TeamPoses) -> None:
-        """How far two stretches of one load may seem to differ, for the poses' errors."""
-        if self._model is None or not self._is_enough():
-            return
-        by_poses = self._by_poses(self._estimate(self._model))
-        tolerance = _TOLERANCE * np.sqrt(np.diag(by_poses @ team.covariance @ by_poses.T))
-        self._tolerance = np.concatenate([tolerance, np.zeros(self._model.unknowns - INERTIA_SIZE)])
 
     def _by_poses(self, estimate: InertiaEstimate) -> Array:
         """Derivative of ``theta`` by all poses, shape (10, 6 N)."""
@@ -300,11 +289,11 @@ class LoadMemory:
         return self._count() >= _LEAST * self._config.rate
 
 
-def _moments(motion: Array, wrench: Array, own_wrench: Array) -> Array:
-    """Packed Gram matrix of a block, and its share of ``C_i``."""
+def _moments(motion: Array, wrench: Array, own_wrench: Array, disturbance: float) -> Array:
+    """Packed Gram matrix of a block, its disturbance, and its share of ``C_i``."""
     rows = features(motion, wrench)
     cross = rows[:, MOTION_FEATURES].T @ own_wrench
-    return np.concatenate([packed_gram(rows), cross.ravel()])
+    return np.concatenate([packed_gram(rows), [len(rows) * disturbance], cross.ravel()])
 
 
 class _MeanSquare:

@@ -18,20 +18,31 @@ class SensorCheck:
 
     Args:
         noise: Of its sensors.
+
+    Attributes:
+        fault: What has been wrong with the last two blocks, None if one of them was right.
     """
 
     def __init__(self, noise: SensorNoise) -> None:
         self._deviations = noise.per_column()
         self._last = np.empty((0, len(self._deviations)))
+        self._before = True
+        self.fault: str | None = None
 
-    def fault(self, samples: Array) -> str | None:
-        """What is wrong with a block of samples (B, 15), None if nothing is."""
-        previous, self._last = self._last, samples[-1:]
+    def work(self, samples: Array) -> bool:
+        """Whether a block of samples (B, 15) can be used."""
+        found = self._find(np.vstack([self._last, samples]))
+        self.fault = None if self._before else found
+        self._before = found is None
+        self._last = samples[-1:]
+        return found is None
+
+    def _find(self, samples: Array) -> str | None:
         for k, sensor in enumerate(_SENSORS):
             columns = slice(3 * k, 3 * k + 3)
-            what = _fault(np.vstack([previous, samples])[:, columns], self._deviations[columns])
+            what = _fault(samples[:, columns], self._deviations[columns])
             if what is not None:
-                return f"{sensor} {what}"
+                return f"the {sensor} {what}"
         return None
 
 

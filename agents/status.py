@@ -28,11 +28,12 @@ class StatusKeeper:
         self._valid: Belief | None = None
         self._status: Literal["starting", "valid", "stale"] = "starting"
         self._reasons: list[str] = []
+        self._doubted = False
         self.problems = 0
 
     def is_due(self, index: int, doubts: Sequence[str]) -> bool:
         """Whether to report after this block: at times that are the same for all agents, and when doubts come or go."""
-        return (index + 1) % self._every == 0 or bool(doubts) != bool(self._reasons)
+        return (index + 1) % self._every == 0 or bool(doubts) != self._doubted
 
     def report(self, index: int, belief: Belief, doubts: Sequence[str], members: int) -> Estimate:
         """A report.
@@ -43,7 +44,10 @@ class StatusKeeper:
             doubts: All that speaks against its being true now.
             members: Size of the team, 0 while unknown.
         """
+        self._doubted = bool(doubts)
         self._reasons = list(doubts)
+        if not doubts and belief.payload is None:
+            self._reasons = list(belief.not_observable) or ["too few samples of this load"]
         if not doubts and belief.payload is not None:
             self._status, self._valid = "valid", belief
         elif self._valid is not None:

@@ -18,6 +18,7 @@ step waits for what it needs, however long that takes; whoever misses the switch
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,9 +49,6 @@ _SHORTEST_ROUND = 0.2
 """Shortest time between two fits of the poses [s]."""
 _CHUNK = 0.1
 """Robots tell each other every so often which blocks they have [s]."""
-_KNOWN = 4e-3
-"""While poses are less certain, what looks like another load is not taken for one: what the robots push against each
-other, times what the poses are off, must be small beside the noise of forces [rad, and m, per N of that noise]."""
 _PATIENCE = 0.25
 """After so long without a complete sum, the load may have changed unnoticed; and when sums are complete again, a change
 in the meantime takes so long to be noticed [s]."""
@@ -59,6 +57,23 @@ _MOVING = 4.0
 _SCORE_SIZE, _POSE_SIZE = 6, 12
 EARLY = 10.0
 """How far back from their start the sums reach [s]."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a robot knows of its team and the load.
+
+    Attributes:
+        poses: ``pose_j_in_i`` of the neighbours.
+        payload: Mass properties in ``F_i``, None while there are none.
+        unseen: What of them is not observable.
+        learned_block: The newest block that is in it.
+    """
+
+    poses: Mapping[str, PoseEstimate]
+    payload: PayloadEstimate | None
+    unseen: tuple[str, ...]
+    learned_block: int
 
 
 class Team:
@@ -111,6 +126,7 @@ class Team:
         self._fusion = self._fuse()
         self._totals: dict[int, tuple[Entered, Array]] = {}
         self._told_moments = RegistrationMoments.none()
+        self._found_before: Found | None = None
         self._fitted: TeamPoses | None = None
         self._memory = LoadMemory(config, len(self._names), self._own)
         self._memory.set_poses(self._poses, self._fusion)
@@ -133,7 +149,6 @@ class Team:
         self._patience = self._blocks(_PATIENCE)
         self._resumed_block = self._settled_block = -1
         self._noticed_block = -1
-        self._poses_are_known = False
         self.learned_block = -1
         self.total_block = -1
         self.total_wrench = np.zeros(6)
@@ -165,17 +180,20 @@ class Team:
         """Of all members, in the body frame."""
         return dict(zip(self._names, self._poses, strict=True))
 
-    def neighbours_poses(self) -> dict[str, PoseEstimate]:
-        """``pose_j_in_i`` of the neighbours, once poses have been fitted."""
-        if self._fitted is None:
-            return {}
-        return {name: self._fitted.relative(self._own, self._names.index(name)) for name in sorted(self._neighbours)}
+    def found(self) -> Found | None:
+        """What is known of poses and load; None as long as no poses have been fitted.
 
-    def payload(self) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
-        """Mass properties in ``F_i``, None while there are none, and what is not observable."""
-        if self._fitted is None or self._corrected == 0:
-            return None, ()
-        return self._memory.payload(self._own, self._fitted)
+        While a fit is under way, motions are seen with new poses and wrenches with old ones: then, what was known before.
+        """
+        if self._corrected == self._version and self._fitted is not None:
+            payload, unseen = self._memory.payload(self._own, self._fitted)
+            return Found(self._neighbours_poses(self._fitted), payload, unseen, self.learned_block)
+        if self._found_before is not None and self._memory.changed_at > self._found_before.learned_block:
+            return replace(self._found_before, payload=None)
+        return self._found_before
+
+    def _neighbours_poses(self, fitted: TeamPoses) -> dict[str, PoseEstimate]:
+        return {name: fitted.relative(self._own, self._names.index(name)) for name in sorted(self._neighbours)}
 
     def doubts(self) -> tuple[str, ...]:
         """Why what is known of the load may not be true any more."""
@@ -234,7 +252,7 @@ class Team:
             self._resumed_block, self._settled_block = block, block + self._patience
         self.learned_block = block
         motion = self._fusion.motion(sums, w_derivative)
-        changed_at = self._memory.push(block, motion, sums[:, 0], entered.samples[:, WRENCH], self._poses_are_known)
+        changed_at = self._memory.push(block, motion, sums[:, 0], entered.samples[:, WRENCH])
         if changed_at is not None:
             self._notice(changed_at, index)
         return RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
@@ -274,12 +292,9 @@ class Team:
         self._switch(index)
         rows = self._crosses.rows(self._version)
         if self._corrected < self._version and rows is not None:
-            self._memory.correct(rows)
+            assert self._fitted is not None  # as there is a version
+            self._memory.correct(rows, self._fitted)
             self._corrected = self._version
-            # Only now are the poses in use those that have this covariance.
-            assert self._fitted is not None
-            largest = np.sqrt(np.diag(self._fitted.covariance).max())
-            self._poses_are_known = bool(largest < _KNOWN * self._config.noise.force)
 
     def _tell_score(self) -> None:
         """A chunk of steps has been agreed upon: if it is time, tell the own score at the present poses.
@@ -318,6 +333,7 @@ class Team:
 
     def _map_to(self, version: int) -> None:
         """All samples so far count from now on as if they had been carried with the poses of a version."""
+        self._found_before = self.found()
         poses = self._told_poses.pop(version)
         feature_map = refit_map(self._poses, poses, self._config.noise)
         self._common.map(feature_map)
@@ -326,9 +342,9 @@ class Team:
         self._poses, self._version = poses, version
         self._fusion = self._fuse()
         self._memory.set_poses(poses, self._fusion)
-        no_step = np.zeros((len(poses), _SCORE_SIZE))
-        self._fitted = register_team(poses, no_step, self._common.total, self._config.noise)
-        self._memory.set_tolerance(self._fitted)
+        # Poses are known by the samples that they were fitted to; more have come since.
+        fitted_to = self._told_moments.mapped(feature_map)
+        self._fitted = register_team(poses, np.zeros((len(poses), _SCORE_SIZE)), fitted_to, self._config.noise)
         self._crosses.tell(self._own, version, self._memory.told())
 
     def _fuse(self) -> MotionFusion:

@@ -76,12 +76,20 @@ class Memories:
 
     def correct(self, rows: Array | None) -> None:
         for memory in self.each:
-            memory.correct(rows)
+            memory.correct(rows, self.team_poses())
+
+    def fit(self, poses: Sequence[Pose]) -> None:
+        """All of a fit at once."""
+        self.map_to(poses)
+        self.correct(self.told())
+
+    def team_poses(self) -> TeamPoses:
+        """Known well."""
+        return TeamPoses(tuple(self.poses), 1e-12 * np.eye(6 * COUNT), Visibility())
 
     def estimate(self) -> Array:
         """``(m, m h, I_o)`` as one robot believes it."""
-        limits = Visibility()
-        payload, unseen = self.each[OWN].payload(OWN, TeamPoses(tuple(self.poses), 1e-12 * np.eye(6 * COUNT), limits))
+        payload, unseen = self.each[OWN].payload(OWN, self.team_poses())
         assert payload is not None
         assert unseen == ()
         return Inertia(payload.mass, payload.com, payload.tensor).barycentric()
@@ -142,8 +150,10 @@ def test_rows_of_another_load_are_not_used(config: AgentConfig, team: Team) -> N
 
 
 def test_a_change_between_telling_and_correcting_leaves_the_new_load_alone(config: AgentConfig, team: Team) -> None:
-    memories = Memories(config, team, moved(team, 2e-3))
-    memories.push(0, 40)
+    memories = Memories(config, team, moved(team, 4e-3))
+    memories.push(0, 10)
+    memories.fit(moved(team, 2e-3))
+    memories.push(10, 40)
     memories.map_to(team.poses)
     rows = memories.told()
     memories.push(40, 60, load=1.3)
@@ -160,17 +170,27 @@ def test_changes_are_found_again_after_a_fit_whether_or_not_everybody_was_heard(
     config: AgentConfig, team: Team
 ) -> None:
     for heard in (True, False):
-        memories = Memories(config, team, moved(team, 1e-5))
-        assert memories.push(0, 20) == 20 * [None]
+        memories = Memories(config, team, moved(team, 1e-3))
+        memories.push(0, 20)
+        memories.fit(moved(team, 1e-5))
         memories.map_to(team.poses)
         rows = memories.told()
-        # Before and after a fit nothing can be compared until wrenches are corrected as well.
         assert memories.push(20, 22) == 2 * [None]
         memories.correct(rows if heard else None)
         assert memories.push(22, 40) == 18 * [None]
         found = [block for block in memories.push(40, 60, load=1.3) if block is not None]
         assert found == [40]
         assert memories.each[0].changed_at == 40
+
+
+def test_no_change_is_found_before_poses_are_known(config: AgentConfig, team: Team) -> None:
+    memories = Memories(config, team, moved(team, 1e-3))
+    assert memories.push(0, 20) == 20 * [None]
+    assert memories.push(20, 40, load=1.3) == 20 * [None]
+    memories.fit(team.poses)
+    # What came before cannot be told apart any more, what comes from now on can.
+    assert memories.push(40, 50, load=1.3) == 10 * [None]
+    assert 50 in memories.push(50, 60, load=2.0)
 
 
 def test_everybody_ends_with_the_newest_change(config: AgentConfig, team: Team) -> None:

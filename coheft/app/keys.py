@@ -48,6 +48,22 @@ class Authority:
             builder.add_extension(_usage(signs_certificates=True), critical=True).sign(key, hashes.SHA256()), key
         )
 
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """The authority in a folder that ``make_keys`` made.
+
+        Raises:
+            CoheftError: It is not there.
+        """
+        try:
+            key = serialization.load_pem_private_key((folder / "authority.key").read_bytes(), password=None)
+            certificate = x509.load_pem_x509_certificate((folder / "authority.crt").read_bytes())
+        except (OSError, ValueError) as error:
+            raise CoheftError(f"there is no authority in {folder}: {error}") from error
+        if not isinstance(key, ec.EllipticCurvePrivateKey):
+            raise CoheftError(f"{folder / 'authority.key'} holds another kind of key than coheft makes")
+        return cls(certificate, key)
+
     def issue(self, folder: Path, name: str, host: str = LOOPBACK, lifetime: timedelta | None = None) -> None:
         """Write ``<name>.key`` and ``<name>.crt``.
 
@@ -91,10 +107,6 @@ def make_keys(
     Raises:
         CoheftError: There is an authority in the folder already, or it cannot be written to.
     """
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    except OSError as error:
-        raise CoheftError(f"cannot make the folder {folder}: {error.strerror}") from error
     authority = Authority.new(lifetime)
     _write_pair(folder, "authority", authority.key, authority.certificate)
     names = (SERVER, *scenario.robot_names, *ROLES)
@@ -154,6 +166,7 @@ def _write_pair(folder: Path, name: str, key: ec.EllipticCurvePrivateKey, certif
 def _write(path: Path, data: bytes, mode: int) -> None:
     """Write a new file that nobody can read before it has its mode."""
     try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
     except FileExistsError as error:
         raise CoheftError(f"{path} is there already: keys are never overwritten; name another folder") from error

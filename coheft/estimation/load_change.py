@@ -67,7 +67,7 @@ class Memory(Protocol):
     def revise(self, update: Callable[[Array], Array]) -> None:
         """Change what was summed: ``update`` takes sums (k, 190 + riders) to their new values."""
 
-    def review(self, model: InertiaModel, tolerance: Array | None = None) -> LoadChange | None:
+    def review(self, model: InertiaModel, coherence: float = 0.0) -> LoadChange | None:
         """Look at what is remembered, and forget what belongs to another load."""
 
     def forget_before(self, block: int) -> None:
@@ -87,7 +87,8 @@ class LoadWindow:
         resolution: Borders remain at most about ``1 / resolution`` of their age apart.
         stride: A review tests every ``stride``-th border, others the next time. After a detection all are tested.
         false_alarm: Probability of one at a single test.
-        riders: Numbers per block that are summed along with the Gram matrix, for the caller's use.
+        riders: Numbers per block that are summed along with the Gram matrix, for the caller's use. The first, if there
+            are any, is used here as well: the expected disturbance, see ``review``.
     """
 
     def __init__(self, resolution: int = 8, stride: int = 3, false_alarm: float = FALSE_ALARM, riders: int = 0) -> None:
@@ -148,20 +149,21 @@ class LoadWindow:
         if self._borders:
             self._sums[0] += gram
 
-    def review(self, model: InertiaModel, tolerance: Array | None = None) -> LoadChange | None:
+    def review(self, model: InertiaModel, coherence: float = 0.0) -> LoadChange | None:
         """Test whether the load changed at one of the borders; if so, forget all that is older than the likeliest.
 
         Args:
             model: The weights.
-            tolerance: Standard deviation (u,) of the unknowns by which two stretches may differ though the load is the
-                same, because the model is not exact: the poses are not.
+            coherence: Number of samples over which a disturbance keeps its direction. A disturbance is what spoils
+                the wrenches beside noise, like poses that are off; a block's first rider is the sum of its expected
+                squares, in units of the noise's.
         """
         phase = 1 + self._reviews % self._stride
         self._reviews += 1
-        statistics, threshold = self._statistics(model, tolerance, slice(phase, self._borders, self._stride))
+        statistics, threshold = self._statistics(model, coherence, slice(phase, self._borders, self._stride))
         if not np.any(statistics > threshold):
             return None
-        statistics, _ = self._statistics(model, tolerance, slice(1, self._borders))
+        statistics, _ = self._statistics(model, coherence, slice(1, self._borders))
         found = int(np.argmax(statistics))
         change = LoadChange(int(self._firsts[1 + found]), self._last_block, float(statistics[found]))
         self._changes.append((self._count, change.statistic / threshold))
@@ -170,7 +172,7 @@ class LoadWindow:
 
     def statistics(self, model: InertiaModel) -> Array:
         """Twice the logarithm of the likelihood ratio at all ``borders`` but the first."""
-        return self._statistics(model, None, slice(1, self._borders))[0]
+        return self._statistics(model, 0.0, slice(1, self._borders))[0]
 
     def forget_before(self, block: int) -> None:
         """Forget all blocks with smaller numbers, and those that cannot be told apart from them any more."""
@@ -217,20 +219,25 @@ class LoadWindow:
                 array[drop : self._borders - 1] = array[drop + 1 : self._borders].copy()
             self._borders -= 1
 
-    def _statistics(self, model: InertiaModel, tolerance: Array | None, borders: slice) -> tuple[Array, float]:
+    def _statistics(self, model: InertiaModel, coherence: float, borders: slice) -> tuple[Array, float]:
         """Statistic of each border, chi-square if nothing changed, and the threshold.
 
         If the load is one, the score of the newer part, ``u = vector - matrix @ estimate`` with the estimate from all,
         has mean zero and a known covariance ``C``, and the statistic is ``u^T C^-1 u``. Without noise in the regressor
         this equals ``RSS(all) - RSS(older) - RSS(newer)``; with it, unlike that, it stays true when the load is at
         rest for a while, and noise is all there is to see.
+
+        A disturbance adds to the score of the newer part. One that stays as it is for ``n`` samples adds at most ``n``
+        times its square to a statistic (a projection is no longer than what is projected); one that turns after
+        ``coherence`` samples adds up like noise from then on. So it counts as ``min(n, coherence) * mean square`` times
+        the noise.
         """
         sums = self._sums[borders, :GRAM_SIZE]
         if len(sums) == 0:
             return np.empty(0), np.inf
         everything, newer = model.information(self._sums[0, :GRAM_SIZE]), model.information(sums)
         # In these coordinates the score covariance of everything is the identity, and its matrix diagonal.
-        basis, dual, shares = signal_directions(everything.matrix, _safe_score_covariance(everything), _TESTED)
+        basis, _, shares = signal_directions(everything.matrix, _safe_score_covariance(everything), _TESTED)
         if len(basis) == 0:
             return np.zeros(len(sums)), np.inf
         matrix = basis @ newer.matrix @ basis.T
@@ -239,9 +246,9 @@ class LoadWindow:
         own = basis @ _safe_score_covariance(newer) @ basis.T
         cross = gain @ own
         spread = own - cross - cross.swapaxes(-1, -2) + gain @ gain.swapaxes(-1, -2)
-        if tolerance is not None:
-            by_difference = (matrix - gain @ matrix) @ (dual * tolerance)
-            spread += by_difference @ by_difference.swapaxes(-1, -2)
+        if coherence > 0.0:
+            count, disturbance = self._sums[borders, 0], self._sums[borders, GRAM_SIZE]
+            spread += (np.minimum(1.0, coherence / count) * disturbance)[:, None, None] * own
         spread += 1e-9 * np.eye(len(basis))
         statistics = np.einsum("ki,ki->k", score, np.linalg.solve(spread, score[..., None])[..., 0])
         return statistics, _threshold(len(basis), self._false_alarm)
