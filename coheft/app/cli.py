@@ -12,7 +12,7 @@ from typing import Annotated
 import cyclopts
 from cyclopts import Parameter
 
-from coheft.app import cli_control, cli_keys, cli_study
+from coheft.app import cli_control, cli_faults, cli_keys, cli_study
 from coheft.app.cli_base import (
     EXIT_CONVERGED,
     EXIT_ERROR,
@@ -71,7 +71,7 @@ def run(
 ) -> int:
     """Start the physics server and one process per robot, and watch them find out what they hold.
 
-    Exit status 0 only if every robot converged; 3 if the run ended without.
+    Exit status 0 only if every robot converged and no estimate is stale; 3 if the run ended without.
 
     Parameters
     ----------
@@ -110,13 +110,14 @@ def run(
     """
     from rich.console import Console
 
+    from coheft.app.final_table import print_report
     from coheft.app.hosts import load_hosts
     from coheft.app.launch import launch
     from coheft.app.overrides import override
     from coheft.app.plan import make_plan, new_run_name
     from coheft.app.report import write_report
     from coheft.app.run_folder import make_run_folder
-    from coheft.app.terminal import make_display, print_report
+    from coheft.app.terminal import make_display
     from coheft.wire.scenario_file import load_scenario
 
     chosen = override(
@@ -204,6 +205,7 @@ __all__ = [
     "EXIT_USAGE",
     "app",
     "cli_control",
+    "cli_faults",
     "cli_keys",
     "cli_study",
     "run_command_line",

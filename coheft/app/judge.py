@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import bisect
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal
 
 import msgspec
@@ -83,6 +83,11 @@ class RobotReport(msgspec.Struct, frozen=True):
     status: Literal["starting", "valid", "stale"] = "starting"
     reasons: list[str] = []
 
+    @property
+    def is_converged(self) -> bool:
+        """Good enough, and known to hold still."""
+        return self.converged and self.status != "stale"
+
 
 class Judge:
     """Knows the truth, and how it looks from every robot's grasp frame.
@@ -157,6 +162,15 @@ class Judge:
         truth = self.payload(estimate.robot, estimate.block)
         mass, com = _mass(truth, estimate.payload).error_pct, _com(truth, estimate.payload).error_mm
         return mass is not None and mass <= RECOVERED_MASS_PCT and com is not None and com <= RECOVERED_COM_MM
+
+
+def why_stale(robots: Mapping[str, Estimate | RobotReport]) -> dict[str, list[str]]:
+    """Reasons for which estimates are stale, with the robots that give them."""
+    names: dict[str, list[str]] = {}
+    for name, robot in robots.items():
+        for reason in robot.reasons if robot.status == "stale" else ():
+            names.setdefault(reason, []).append(name)
+    return names
 
 
 def _mass(truth: Inertia, estimate: PayloadEstimate | None) -> MassReport:

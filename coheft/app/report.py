@@ -89,7 +89,7 @@ class Report(msgspec.Struct, frozen=True):
     @property
     def converged(self) -> bool:
         """Every robot ended with an estimate that it calls good enough, and not stale."""
-        return all(robot.converged and robot.status != "stale" for robot in self.robots.values())
+        return all(robot.is_converged for robot in self.robots.values())
 
 
 @dataclass(frozen=True)
