@@ -57,8 +57,8 @@ class Watch:
 
     def __init__(self, schedule: FaultSchedule, scene: Scene) -> None:
         scenario = schedule.scenario
+        self._judge = Judge(scene, [])
         self._truths: list[Truth] = []
-        self._judge = Judge(scene, self._truths)
         self._block_duration = scenario.block_duration
         self._grace = math.ceil(GRACE / scenario.block_duration)
         self._changes = [math.ceil(change.at / scenario.block_duration - 1e-9) for change in scenario.load_changes]
@@ -122,7 +122,9 @@ class Watch:
         """As seen by the robot; it is the same from one change to the next."""
         epoch = sum(change <= block for change in self._changes)
         if (robot, epoch) not in self._payloads:
-            self._payloads[robot, epoch] = self._judge.payload(robot, block)
+            truth = self._truths[block].payload
+            inertia = Inertia(truth.mass, truth.com, truth.tensor)
+            self._payloads[robot, epoch] = inertia.carried(self._judge.pose_payload_in[robot])
         return self._payloads[robot, epoch]
 
     def _report(self, promise: str, time: float, robot: str, what: str, details: str, size: float = 0.0) -> None:

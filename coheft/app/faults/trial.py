@@ -28,7 +28,8 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
             not.
         stale: Share of published estimates that were stale.
         refused: Number of messages that the codec refused.
-        named: Of the agents that lied, how many were named as a reason or problem by another one.
+        lied: Number of agents that lied,
+        named: and of those of them whom another one named as a reason or a problem.
         lost: Why the robots lost the payload; then the run ended early, and is judged up to there.
         took: Wall-clock time [s].
     """
@@ -42,6 +43,7 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     recovered: float | None
     stale: float
     refused: int
+    lied: int
     named: int
     lost: str = ""
     took: float = 0.0
@@ -80,6 +82,7 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
         recovered=recovery.taken,
         stale=recovery.stale / max(1, recovery.published),
         refused=run.network.refused,
+        lied=names.liars,
         named=names.count,
         lost=lost,
         took=time.perf_counter() - began,
@@ -120,6 +123,11 @@ class _Named:
                     self._named.add(lie.robot)
 
     @property
+    def liars(self) -> int:
+        """How many there are."""
+        return len({lie.robot for lie in self._lies})
+
+    @property
     def count(self) -> int:
-        """How many."""
+        """How many were named."""
         return len(self._named)
