@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import time
 from collections import deque
 from contextlib import ExitStack
@@ -24,8 +23,9 @@ from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
 from coheft.wire.codec import check_field
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.inbox import Event, Inbox, LinkChange, Received, Refused
-from coheft.wire.messages import Hello, Measurements, Message, NeighbourMessage, Problem, Ready, Stop
+from coheft.wire.messages import Hello, Measurements, Message, NeighbourMessage, Ready, Stop
 from coheft.wire.planes import guard_agent_for_observers, guard_neighbours, guard_robot
+from coheft.wire.problem_log import ProblemLog
 from coheft.wire.supervised import supervised_main
 from coheft.wire.transport import Keys, Sender, open_session
 
@@ -60,7 +60,6 @@ class AgentProcess:
         self._messages: dict[int, dict[str, NeighbourMessage]] = {}
         self._heard: set[str] = set()
         self._heard_by: set[str] = set()
-        self._problems = 0
 
         name, keys = config.agent.name, Keys(config.run)
         self._ready = Sender(robot_plane, keys.robot(name, "ready"), may_drop=False)
@@ -68,9 +67,12 @@ class AgentProcess:
         self._hello = Sender(neighbour_plane, keys.agent(name, "hello"), may_drop=False)
         self._message = Sender(neighbour_plane, keys.agent(name, "block"), may_drop=False)
         self._estimate = Sender(observer_plane, keys.observe_agent(name, "estimate"), may_drop=True)
-        self._problem = Sender(observer_plane, keys.observe_agent(name, "problem"), may_drop=True)
+        self._problems = ProblemLog(name, Sender(observer_plane, keys.observe_agent(name, "problem"), may_drop=True))
         self._inbox = Inbox()
         self._inbox.watch_links(robot_plane, _SERVER)
+        self._inbox.watch_strangers(
+            neighbour_plane, guard_neighbours(config.security, keys, name, config.agent.neighbours)
+        )
         self._inbox.listen(
             robot_plane,
             _SERVER,
@@ -123,17 +125,17 @@ class AgentProcess:
         outbox = self._agent.step(block, measured, list(heard.values()))
         self._block += 1
         for problem in outbox.problems:
-            self._tell_problem(problem)
+            self._problems.tell(problem)
         self._message.send(outbox.message)
         if outbox.estimate is not None:
-            self._estimate.send(structs.replace(outbox.estimate, problems=self._problems))
+            self._estimate.send(structs.replace(outbox.estimate, problems=self._problems.count))
         self._reference.send(outbox.reference)
 
     def _usable(self, measurements: Measurements) -> MeasurementBlock | None:
         """The block for the core; None if a sensor failed."""
         if np.isfinite(measurements.samples).all():
             return MeasurementBlock(measurements.block, measurements.samples)
-        self._tell_problem(f"measurements of block {measurements.block} are not all finite: the block is not used")
+        self._problems.tell(f"measurements of block {measurements.block} are not all finite: the block is not used")
         return None
 
     def _handle(self, event: Event | None) -> None:
@@ -148,9 +150,9 @@ class AgentProcess:
                 try:
                     self._take(source, message)
                 except MessageError as error:
-                    self._tell_problem(f"refused from {source}: {error}")
+                    self._problems.tell(f"refused from {source}: {error}")
             case Refused(source, error):
-                self._tell_problem(f"refused from {source}: {error}")
+                self._problems.tell(f"refused from {source}: {error}")
             case LinkChange(source, links=0):
                 raise LinkError(f"{self._config.name} lost its link with {source} at block {self._block}")
 
@@ -188,12 +190,6 @@ class AgentProcess:
         expected = [b for b in (self._block - 1, self._block) if b >= 0 and source not in self._messages.get(b, {})]
         if message.block not in expected:
             raise MessageError(f"block is {message.block} but expected one of {expected}")
-
-    def _tell_problem(self, text: str) -> None:
-        """Tell observers and the log what is wrong, and go on."""
-        self._problems += 1
-        print(text, file=sys.stderr, flush=True)
-        self._problem.send(Problem(source=self._config.name, text=text))
 
 
 def run_agent(config: AgentProcessConfig) -> None:

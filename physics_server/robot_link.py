@@ -37,7 +37,6 @@ class RobotLink:
         self._references: dict[int, Reference] = {}
         self._measurements = Sender(session, keys.robot(name, "measurements"), may_drop=False)
         self._stop = Sender(session, keys.robot(name, "stop"), may_drop=False)
-        inbox.watch_links(session, name)
         inbox.listen(session, name, {keys.robot(name, "ready"): Ready, keys.robot(name, "reference"): Reference})
 
     @property

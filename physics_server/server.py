@@ -22,7 +22,6 @@ from coheft.wire.inbox import Event, Inbox, LinkChange, Question, Received, Refu
 from coheft.wire.messages import (
     InjectRequest,
     PauseRequest,
-    Problem,
     Refusal,
     RemoveRequest,
     Request,
@@ -30,7 +29,8 @@ from coheft.wire.messages import (
     StatusRequest,
     StopRequest,
 )
-from coheft.wire.planes import guard_server_for_observers, guard_server_for_robot
+from coheft.wire.planes import SERVER, guard_server_for_observers, guard_server_for_robot
+from coheft.wire.problem_log import ProblemLog
 from coheft.wire.supervised import supervised_main
 from coheft.wire.transport import ROLES, Keys, Role, Sender, open_session
 from physics_server.clock import Stopwatch, make_clock
@@ -65,11 +65,16 @@ class Server:
         self._inbox = Inbox()
         self._inbox.serve(observers, {keys.request(role): role for role in ROLES})
         self._truth = Sender(observers, keys.observe_server("truth"), may_drop=True)
-        self._problem = Sender(observers, keys.observe_server("problem"), may_drop=True)
+        self._problems = ProblemLog(SERVER, Sender(observers, keys.observe_server("problem"), may_drop=True))
         self._robots = {
             name: RobotLink(name, session, self._inbox, keys, scenario.lookahead, scenario.sensors.block)
             for name, session in robots.items()
         }
+        for name, session in robots.items():
+            guard = guard_server_for_robot(config.security, keys, name)
+            self._inbox.watch_links(session, name, guard)
+            self._inbox.watch_strangers(session, guard)
+        self._inbox.watch_strangers(observers, guard_server_for_observers(config.security, keys))
 
     def run(self) -> None:
         """Wait for all robots, simulate until the end of the run or a request to stop, then tell the robots.
@@ -85,7 +90,7 @@ class Server:
             self._wait_for_last_answers()
         except CoheftError as error:
             reason = str(error)
-            self._problem.send(Problem(source="server", text=reason))
+            self._problems.tell_observers(reason)
             raise
         finally:
             self._stopwatch.stop()
@@ -123,7 +128,7 @@ class Server:
         while self._in_debt():
             left = deadline - time.monotonic()
             if left <= 0.0:
-                self._tell_problem(f"no last answer from {', '.join(self._in_debt())}")
+                self._problems.tell(f"no last answer from {', '.join(self._in_debt())}")
                 return
             self._handle(self._inbox.receive(left))
 
@@ -138,14 +143,14 @@ class Server:
             elif block >= self._scenario.lookahead:
                 self._late_blocks += 1
                 if not robot.was_late:
-                    self._tell_problem(f"{name} was late with its reference of block {block}")
+                    self._problems.tell(f"{name} was late with its reference of block {block}")
             robot.was_late = reference is None
         result = self._simulation.advance(references)
         for name, robot in self._robots.items():
             robot.send_measurements(result.measurements[name])
         self._truth.send(result.truth)
         for problem in result.problems:
-            self._tell_problem(problem)
+            self._problems.tell(problem)
         self._silent_since = time.monotonic()
 
     def _go_on(self) -> None:
@@ -169,7 +174,7 @@ class Server:
         self._silent_since = math.inf
         slowest = min(robot.answered for robot in self._robots.values())
         silent = [name for name, robot in self._robots.items() if robot.answered == slowest]
-        self._tell_problem(f"{', '.join(silent)} did not answer block {slowest + 1} within {ANSWER_LIMIT:g} s")
+        self._problems.tell(f"{', '.join(silent)} did not answer block {slowest + 1} within {ANSWER_LIMIT:g} s")
 
     def _handle(self, event: Event | None) -> None:
         """Take in whatever came.
@@ -182,9 +187,9 @@ class Server:
                 try:
                     self._robots[name].take(message)
                 except MessageError as error:
-                    self._tell_problem(f"refused from {name}: {error}")
+                    self._problems.tell(f"refused from {name}: {error}")
             case Refused(source, error):
-                self._tell_problem(f"refused from {source}: {error}")
+                self._problems.tell(f"refused from {source}: {error}")
             case LinkChange(name, links):
                 self._note_links(name, links)
             case Question(role, request):
@@ -197,7 +202,7 @@ class Server:
         text = f"lost the link with {name}, which had answered block {self._robots[name].answered}"
         if self._is_lockstep:
             raise LinkError(text)
-        self._tell_problem(text)
+        self._problems.tell(text)
 
     def _answer(self, role: Role, request: Request) -> Status | Refusal:
         """Do what was asked, if it can be done and whoever asks may have it done; the log tells what was done."""
@@ -207,7 +212,7 @@ class Server:
                 self._carry_out(request)
                 print(f"done for the {role} before block {self._simulation.block}: {request}", file=sys.stderr)
         except CoheftError as error:
-            self._tell_problem(f"refused to the {role}: {request}: {error}")
+            self._problems.tell(f"refused to the {role}: {request}: {error}")
             return Refusal(reason=str(error))
         return self._status()
 
@@ -256,11 +261,6 @@ class Server:
             waiting_for=self._not_ready() if self._state == "waiting" else self._in_debt(),
             scene=self._simulation.scene,
         )
-
-    def _tell_problem(self, text: str) -> None:
-        """Tell observers and the log what is wrong, and go on."""
-        print(text, file=sys.stderr, flush=True)
-        self._problem.send(Problem(source="server", text=text))
 
 
 def run_server(config: ServerConfig) -> None:

@@ -171,12 +171,14 @@ class Inbox:
         self._kept.append(session.info.declare_link_events_listener(put, history=True))
 
     def watch_strangers(self, session: zenoh.Session, guard: Guard | None) -> None:
-        """Hear of participants who come to a session though nothing of it is for them: they hold a certificate."""
+        """Hear of participants who dial a session though nothing of it is for them."""
         backlog = self._backlog("strangers")
+        if guard is None:
+            return
 
         def put(event: zenoh.LinkEvent) -> None:
             name = event.link.auth_identifier
-            if guard is not None and name not in guard.names and event.kind == zenoh.SampleKind.PUT:
+            if name not in guard.names and event.kind == zenoh.SampleKind.PUT:
                 text = f"it dialled where only {', '.join(sorted(guard.names))} may"
                 backlog.put(Refused(str(name), MessageError(text)))
 

@@ -76,8 +76,8 @@ def run(config: AgentProcessConfig) -> None:
     class AskingAgent(Agent):
         """All others are alive while it asks: none can go on without its message."""
 
-        def step(self, block, inbox) -> Outbox:  # type: ignore[no-untyped-def]
-            outbox = super().step(block, inbox)
+        def step(self, *arguments) -> Outbox:  # type: ignore[no-untyped-def]
+            outbox = super().step(*arguments)
             if outbox.message.block % ASK_EVERY == ASK_EVERY - 1:
                 for spy in spies.values():
                     spy.ask_around()

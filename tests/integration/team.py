@@ -18,8 +18,10 @@ import zenoh
 from coheft.app.plan import Plan, make_plan
 from coheft.errors import LinkError
 from coheft.wire.messages import Request, Status, StatusRequest
+from coheft.wire.planes import guard_observer
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import parse_scenario
+from coheft.wire.security import credentials_in
 from coheft.wire.transport import Keys, ask, open_session
 
 ROOT = Path(__file__).parents[2]
@@ -118,11 +120,15 @@ def running_team(
     folder: Path,
     clock: Literal["lockstep", "realtime"] = "lockstep",
     agent_command: tuple[str, ...] = AGENT,
+    keys_folder: Path | None = None,
 ) -> Iterator[Team]:
-    """Start a team; whatever happens, no process is left at the end."""
-    plan = make_plan(scenario, clock)
-    with open_session(connect=[plan.server.observe]) as observer:
-        team = Team(plan, Keys(plan.run), folder, observer, {})
+    """Start a team, in the secure profile if there is a folder of keys; at the end no process is left, come what may."""
+    plan = make_plan(scenario, clock, keys=keys_folder)
+    keys = Keys(plan.run)
+    credentials = credentials_in(keys_folder, "operator") if keys_folder is not None else None
+    guard = guard_observer(credentials, keys, "operator", [])
+    with open_session(connect=[plan.server.observe], guard=guard) as observer:
+        team = Team(plan, keys, folder, observer, {})
         try:
             team.start("server", SERVER, plan.server)
             for name, config in plan.agents.items():
