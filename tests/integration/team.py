@@ -122,7 +122,7 @@ def running_team(
     agent_command: tuple[str, ...] = AGENT,
     keys_folder: Path | None = None,
 ) -> Iterator[Team]:
-    """Start a team, in the secure profile if there is a folder of keys; at the end no process is left, come what may."""
+    """Start a team, secure if there is a folder of keys; whatever happens, no process is left at the end."""
     plan = make_plan(scenario, clock, keys=keys_folder)
     keys = Keys(plan.run)
     credentials = credentials_in(keys_folder, "operator") if keys_folder is not None else None
