@@ -49,6 +49,14 @@ class LinkChange:
 
 
 @dataclass(frozen=True)
+class Presence:
+    """A source has come within one hop, or has gone: one of its links stands, or none."""
+
+    source: str
+    is_here: bool
+
+
+@dataclass(frozen=True)
 class Question:
     """A request that waits for its answer, and the role in which it was asked."""
 
@@ -61,7 +69,7 @@ class Question:
         _answer(self._query, message)
 
 
-Event = Received | Refused | LinkChange | Question
+Event = Received | Refused | LinkChange | Presence | Question
 
 
 @dataclass(frozen=True)
@@ -170,6 +178,24 @@ class Inbox:
 
         self._kept.append(session.info.declare_link_events_listener(put, history=True))
 
+    def announce(self, session: zenoh.Session, key: str) -> None:
+        """Be there for all who watch the presence under a key, as long as a link with them stands."""
+        self._kept.append(session.liveliness().declare_token(key))
+
+    def watch_presence(self, session: zenoh.Session, source: str, key: str) -> None:
+        """Hear whether a source that announces itself under a key is there.
+
+        On a session with several links this tells whose link it is; one that is cut takes its token along at once, one
+        that is frozen when its lease ends.
+        """
+        backlog = _Backlog(source, self._turns)
+
+        def put(sample: zenoh.Sample) -> None:
+            backlog.put(Presence(source, sample.kind == zenoh.SampleKind.PUT))
+
+        handler = zenoh.handlers.Callback(put, indirect=False)
+        self._kept.append(session.liveliness().declare_subscriber(key, handler, history=True))
+
     def watch_strangers(self, session: zenoh.Session, guard: Guard | None) -> None:
         """Hear of participants who dial a session though nothing of it is for them."""
         backlog = self._backlog("strangers")
@@ -207,7 +233,7 @@ class Inbox:
             return self._decode(item)
         if isinstance(item, zenoh.Query):
             return self._decode_query(item, backlog.source)
-        return cast(LinkChange | Refused, item)
+        return cast(LinkChange | Presence | Refused, item)
 
     def _decode(self, said: _Said) -> Event:
         source, kind = self._kinds.get(said.key, (said.key, None))

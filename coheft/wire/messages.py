@@ -20,17 +20,38 @@ class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Ready(Message, frozen=True):
-    """Robot to server: all my links stand."""
+    """Robot to server: give me measurements.
+
+    Attributes:
+        robot: Who asks.
+        missing: Its neighbours that it cannot talk with yet. A run begins when nobody misses anybody; a robot that
+            comes back to one that goes on gets measurements at once.
+        attempt: Grows whenever it begins to ask anew, because it has started or lost its link: it has forgotten what it
+            was sent before.
+    """
 
     robot: str
+    missing: list[str] = []
+    attempt: int = 0
 
 
 class Measurements(Message, frozen=True):
-    """Server to robot: its own sensors' samples of one block, see ``MeasurementBlock``. ``samples``: (B, 15)."""
+    """Server to robot: its own sensors' samples of one block, see ``MeasurementBlock``.
+
+    Attributes:
+        robot: Whose sensors.
+        block: Grows; some may be missing.
+        samples: Shape (B, 15).
+        world: Number of the simulated world. Another one means that the server has started again: nothing that was
+            learned of the old world holds.
+        attempt: Of the robot's ``Ready``, by which it knows measurements that were meant for it before it asked anew.
+    """
 
     robot: str
     block: int
     samples: np.ndarray[Any, Any]
+    world: int = 0
+    attempt: int = 0
 
 
 class Reference(Message, frozen=True):
@@ -61,10 +82,17 @@ class Stop(Message, frozen=True):
 
 
 class Hello(Message, frozen=True):
-    """Before the first block: I am here, and these neighbours I have heard."""
+    """While there are no measurements, and in answer to a hello: I am here, and these neighbours I have heard.
+
+    Attributes:
+        sender: Who speaks.
+        heard: Whom it has heard.
+        incarnation: As in ``NeighbourMessage``.
+    """
 
     sender: str
     heard: list[str]
+    incarnation: int = 0
 
 
 class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=True):

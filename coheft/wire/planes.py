@@ -27,8 +27,14 @@ def guard_robot(credentials: Credentials | None, keys: Keys, robot: str) -> Guar
 
 def guard_neighbours(credentials: Credentials | None, keys: Keys, own: str, others: Iterable[str]) -> Guard | None:
     """Neighbour plane: every neighbour speaks for itself only, and hears nobody but us."""
-    hears = (keys.agent(own, "*"),)
-    return _guard(credentials, [Party(other, says=(keys.agent(other, "*"),), hears=hears) for other in others])
+    hears, watches = (keys.agent(own, "*"),), (keys.agent(own, "alive"),)
+    return _guard(
+        credentials,
+        [
+            Party(other, (keys.agent(other, "alive"),), watches, says=(keys.agent(other, "*"),), hears=hears)
+            for other in others
+        ],
+    )
 
 
 def guard_server_for_observers(credentials: Credentials | None, keys: Keys) -> Guard | None:

@@ -50,6 +50,8 @@ class Party:
 
     Attributes:
         name: Common name in its certificate.
+        shows: Keys under which it may show that it is there.
+        watches: Keys under which it may see that we are there.
         says: Keys under which it may tell us something.
         hears: Keys under which we may tell it something.
         asks: Keys under which it may ask us.
@@ -57,6 +59,8 @@ class Party:
     """
 
     name: str
+    shows: tuple[str, ...] = ()
+    watches: tuple[str, ...] = ()
     says: tuple[str, ...] = ()
     hears: tuple[str, ...] = ()
     asks: tuple[str, ...] = ()
@@ -109,6 +113,10 @@ class Guard:
 def _rules(party: Party) -> Iterator[dict[str, object]]:
     """What is allowed to a party: ``ingress`` is what comes from it, ``egress`` what goes to it."""
     allowed = [
+        ("ingress", "liveliness_token", party.shows),
+        ("egress", "declare_liveliness_subscriber", party.shows),
+        ("egress", "liveliness_token", party.watches),
+        ("ingress", "declare_liveliness_subscriber", party.watches),
         ("ingress", "put", party.says),
         ("egress", "declare_subscriber", _places(party.says)),
         ("egress", "put", party.hears),

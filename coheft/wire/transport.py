@@ -119,7 +119,7 @@ class Keys:
         return f"{self.run}/robot/{check_name(name)}/{topic}"
 
     def agent(self, name: str, topic: str) -> str:
-        """Neighbour plane: ``hello``, ``block``."""
+        """Neighbour plane: ``hello``, ``block``; under ``alive`` nothing is said, see ``Inbox.watch_presence``."""
         return f"{self.run}/agent/{check_name(name)}/{topic}"
 
     def observe_agent(self, name: str, topic: str) -> str:

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -62,8 +62,10 @@ class Team:
     processes: dict[str, subprocess.Popen[bytes]]
 
     def start(self, name: str, command: tuple[str, ...], config: msgspec.Struct) -> None:
-        """Start one more process; what it prints goes to ``<name>.log``."""
-        with (self.folder / f"{name}.log").open("wb") as log:
+        """Start one more process, or one again; what it prints is added to ``<name>.log``."""
+        if name in self.processes:
+            self.end(name)
+        with (self.folder / f"{name}.log").open("ab") as log:
             self.processes[name] = subprocess.Popen(
                 [sys.executable, *command],
                 stdin=subprocess.PIPE,
@@ -76,6 +78,26 @@ class Team:
         assert stdin is not None
         stdin.write(msgspec.json.encode(config) + b"\n")
         stdin.flush()
+
+    def restart(self, name: str) -> None:
+        """Start the server or an agent again, with the configuration that it had."""
+        if name == "server":
+            self.start(name, SERVER, self.plan.server)
+        else:
+            self.start(name, AGENT, self.plan.agents[name])
+
+    def kill(self, name: str) -> None:
+        """Kill a process, and wait until it is gone."""
+        self.processes[name].kill()
+        self.processes[name].wait()
+
+    def end(self, name: str) -> None:
+        """Kill a process and let go of what it leaves."""
+        self.kill(name)
+        stdin = self.processes[name].stdin
+        if stdin is not None:
+            with suppress(BrokenPipeError):
+                stdin.close()
 
     def ask(self, request: Request) -> Status:
         """The server's answer to a request that it can carry out."""
@@ -121,9 +143,13 @@ def running_team(
     clock: Literal["lockstep", "realtime"] = "lockstep",
     agent_command: tuple[str, ...] = AGENT,
     keys_folder: Path | None = None,
+    change: Callable[[Plan], Plan] = lambda plan: plan,
 ) -> Iterator[Team]:
-    """Start a team, secure if there is a folder of keys; whatever happens, no process is left at the end."""
-    plan = make_plan(scenario, clock, keys=keys_folder)
+    """Start a team, secure if there is a folder of keys; whatever happens, no process is left at the end.
+
+    The plan may be changed before.
+    """
+    plan = change(make_plan(scenario, clock, keys=keys_folder))
     keys = Keys(plan.run)
     credentials = credentials_in(keys_folder, "operator") if keys_folder is not None else None
     guard = guard_observer(credentials, keys, "operator", [])
@@ -135,8 +161,5 @@ def running_team(
                 team.start(name, agent_command, config)
             yield team
         finally:
-            for process in team.processes.values():
-                process.kill()
-                process.wait()
-                if process.stdin is not None:
-                    process.stdin.close()
+            for name in team.processes:
+                team.end(name)
