@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Mapping
 
 import numpy as np
@@ -12,9 +13,9 @@ from coheft.estimation.spatial import Array
 class Flood:
     """One agent's copy of a table with a row per robot; the row with the highest stamp wins.
 
-    A row reaches everybody in as many blocks as the graph's diameter. Agents always tell each other the sum of their
-    stamps, and the table itself only while a neighbour's sum is another one: nothing is sent in vain, and what is lost
-    is sent again.
+    A row reaches everybody in as many blocks as the graph's diameter. Agents always tell each other a checksum of their
+    stamps, and the table itself only while a neighbour's is another one: nothing is sent in vain, and what is lost is
+    sent again.
 
     Args:
         robots: Number of robots.
@@ -52,8 +53,8 @@ class Flood:
 
     @property
     def digest(self) -> float:
-        """Sum of the stamps: equal tables have equal ones."""
-        return float(self._table[:, 0].sum())
+        """Checksum of the stamps: a sum would be the same for two tables each with a row that the other lacks."""
+        return float(zlib.crc32(self._table[:, 0].tobytes()))
 
     def told(self) -> Array | None:
         """What to send to the neighbours, shape (N, 1 + width), stamps first; None if they all know it."""
