@@ -112,6 +112,11 @@ class _Backlog:
                 self._size -= self._items.popleft()[1]
                 self._lost += 1
 
+    @property
+    def size(self) -> int:
+        """What it takes [B]."""
+        return self._size
+
     def take(self) -> object:
         """The oldest item; before it, word of those that were lost."""
         with self._lock:
@@ -221,6 +226,10 @@ class Inbox:
 
     def _backlog(self, source: str) -> _Backlog:
         return self._backlogs.setdefault(source, _Backlog(source, self._turns))
+
+    def backlog(self, source: str) -> int:
+        """Memory taken by what a source has said and nobody has read yet [B]."""
+        return self._backlogs[source].size
 
     def receive(self, timeout: float | None = None) -> Event | None:
         """The next event, or None if there is none within ``timeout`` [s] (None: wait for ever)."""
