@@ -156,8 +156,8 @@ def test_a_change_between_telling_and_correcting_leaves_the_new_load_alone(confi
     memories.push(10, 40)
     memories.map_to(team.poses)
     rows = memories.told()
-    memories.push(40, 60, load=1.3)
-    assert all(memory.adopt(40) for memory in memories.each)
+    assert 40 in memories.push(40, 60, load=1.3)
+    assert {memory.changed_at for memory in memories.each} == {40}
     before = memories.estimate()
     memories.correct(rows)
     np.testing.assert_array_equal(memories.estimate(), before)
@@ -188,8 +188,8 @@ def test_no_change_is_found_before_poses_are_known(config: AgentConfig, team: Te
     assert memories.push(0, 20) == 20 * [None]
     assert memories.push(20, 40, load=1.3) == 20 * [None]
     memories.fit(team.poses)
-    # What came before cannot be told apart any more, what comes from now on can.
-    assert memories.push(40, 50, load=1.3) == 10 * [None]
+    # What came before cannot be told apart any more; that it is not what comes now can.
+    assert memories.push(40, 50, load=1.3) == [39, *9 * [None]]
     assert 50 in memories.push(50, 60, load=2.0)
 
 
