@@ -20,6 +20,7 @@ from coheft.app.cli_base import (
     EXIT_NOT_CONVERGED,
     EXIT_USAGE,
     Flag,
+    NotNegative,
     ReportTarget,
     app,
 )
@@ -60,6 +61,7 @@ def run(
     estimator: str | None = None,
     sensor_rate: int | None = None,
     realtime: Flag = False,
+    restarts: NotNegative = 3,
     json: ReportTarget = None,
     history: Flag = False,
     quiet: Flag = False,
@@ -91,6 +93,8 @@ def run(
         Samples per second: 100, 125, 200, 250, 500 or 1000.
     realtime:
         Keep pace with the clock on the wall, instead of going as fast as the slowest robot can.
+    restarts:
+        How often an agent that dies is started again; once more, and the run ends with an error.
     json:
         Write the report to this file; - for standard output.
     history:
@@ -144,7 +148,8 @@ def run(
             print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")
         return EXIT_CONVERGED
     console = Console(stderr=json == "-")
-    report = launch(plan, folder, make_display(console, quiet=quiet), with_history=history)
+    display = make_display(console, quiet=quiet)
+    report = launch(plan, folder, display, with_history=history, restarts=restarts)
     if json is not None:
         write_report(report, json)
     if not quiet:

@@ -42,5 +42,6 @@ def _is_target(_: object, value: str | None) -> None:
 
 
 Count = Annotated[int, Parameter(validator=Number(gte=1))]
+NotNegative = Annotated[int, Parameter(validator=Number(gte=0))]
 Positive = Annotated[float, Parameter(validator=Number(gt=0))]
 ReportTarget = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_is_target)]

@@ -81,12 +81,18 @@ def _remove_old_folders(kept: int) -> None:
 @contextlib.contextmanager
 def announced(folder: Path, run_file: RunFile) -> Iterator[None]:
     """Let other commands find the run while the context lasts."""
-    path = folder / RUN_FILE
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(run_file)))
+    announce(folder, run_file)
     try:
         yield
     finally:
-        path.unlink(missing_ok=True)
+        (folder / RUN_FILE).unlink(missing_ok=True)
+
+
+def announce(folder: Path, run_file: RunFile) -> None:
+    """Write the run file, at once or not at all."""
+    draft = folder / f"{RUN_FILE}.new"
+    draft.write_bytes(msgspec.json.format(msgspec.json.encode(run_file)))
+    draft.replace(folder / RUN_FILE)
 
 
 def find_run(folder: Path | None = None) -> RunFile:
