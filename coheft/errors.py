@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 _QUOTED = 400
-"""Longest text of an error about what came from elsewhere, in characters."""
+"""Longest text from elsewhere that is shown, in characters."""
+
+
+def one_line(text: str) -> str:
+    """Text from elsewhere, made fit for logs and terminals: one line, no control characters, cut short."""
+    text = text if len(text) <= _QUOTED else f"{text[:_QUOTED]}..."
+    return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
 
 
 class CoheftError(Exception):
@@ -21,12 +27,11 @@ class ScenarioError(CoheftError):
 class MessageError(CoheftError):
     """A message from another process is malformed, of another version, or not what its key promises.
 
-    Its text may quote the message, so it is made fit for a log: one line, no control characters, cut short.
+    Its text may quote the message, so it is made fit for a log, see ``one_line``.
     """
 
     def __init__(self, text: str) -> None:
-        text = text if len(text) <= _QUOTED else f"{text[:_QUOTED]}..."
-        super().__init__("".join(char if char.isprintable() else repr(char)[1:-1] for char in text))
+        super().__init__(one_line(text))
 
 
 class LoadError(CoheftError):

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import zenoh
 
+from coheft.app.heard import hear
 from coheft.app.record import Record
 from coheft.app.run_folder import RunFile, find_run
-from coheft.errors import CoheftError, LinkError
+from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.inbox import Inbox, Received, Refused
 from coheft.wire.messages import Estimate, Problem, Refusal, Request, Status, StatusRequest, Truth
 from coheft.wire.planes import guard_observer
@@ -48,14 +49,13 @@ class Observer:
         deadline = time.monotonic() + _COLLECT_LIMIT
         while event is not None:
             match event:
-                case Received(_, Truth() as truth):
-                    record.add_truth(truth)
-                case Received(_, Estimate() as estimate):
-                    record.add_estimate(estimate)
-                case Received(_, Problem() as problem):
-                    problems.append(problem)
-                case Refused(source, error):
-                    problems.append(Problem(source=source, text=str(error)))
+                case Received(source, message):
+                    try:
+                        problems += hear(record, source, message)
+                    except MessageError as error:
+                        problems.append(_refusal(source, error))
+                case Refused(source, reason):
+                    problems.append(_refusal(source, reason))
                 case _:
                     pass
             event = self._inbox.receive(0.0) if time.monotonic() < deadline else None
@@ -85,6 +85,10 @@ class Observer:
         if isinstance(answer, Refusal):
             raise CoheftError(f"refused: {answer.reason}")
         return answer
+
+
+def _refusal(source: str, reason: MessageError) -> Problem:
+    return Problem(source="observer", text=f"refused from {source}: {reason}")
 
 
 @contextmanager

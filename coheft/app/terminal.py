@@ -168,7 +168,8 @@ _STATE_STYLES = {"stale": "yellow", "converged": "green"}
 
 
 def _stale_lines(record: Record) -> list[str]:
-    return [f"stale {', '.join(names)}: {reason}" for reason, names in why_stale(record.latest).items()]
+    latest = {name: record.latest[name] for name in record.scene.robots if name in record.latest}
+    return [f"stale {', '.join(names)}: {reason}" for reason, names in why_stale(latest).items()]
 
 
 def _summary_line(record: Record) -> str:
