@@ -79,10 +79,11 @@ class Crossing:
     asked: set[str] = field(default_factory=set)
     answered: set[str] = field(default_factory=set)
     alive: set[str] = field(default_factory=set)
+    shown: set[str] = field(default_factory=set)
 
     @property
     def is_empty(self) -> bool:
-        return not (self.heard or self.deleted or self.asked or self.answered or self.alive)
+        return not (self.heard or self.deleted or self.asked or self.answered or self.alive or self.shown)
 
 
 class Busybody:
@@ -94,6 +95,8 @@ class Busybody:
         asks: Keys to ask under.
         listens: What to listen to.
         answers: Keys under which it answers, and is alive.
+        shows: More keys under which it is alive.
+        watches: Under which keys to watch who is alive.
     """
 
     def __init__(
@@ -103,9 +106,12 @@ class Busybody:
         asks: Sequence[str] = (),
         listens: Sequence[str] = ("**",),
         answers: Sequence[str] = (),
+        shows: Sequence[str] = (),
+        watches: Sequence[str] = ("**",),
     ) -> None:
         self.came = Crossing()
-        self._session, self._says, self._asks, self._answers = session, says, asks, answers
+        self._session, self._says, self._asks = session, says, asks
+        self._tokens = (*answers, *shows)
         remote = zenoh.Locality.REMOTE
         self._kept: list[object] = [
             session.declare_subscriber(key, self._hear, allowed_origin=remote) for key in listens
@@ -113,7 +119,13 @@ class Busybody:
         self._kept += [session.declare_publisher(key) for key in says]
         for key in answers:
             self._kept.append(session.declare_queryable(key, self._answer, allowed_origin=remote))
-            self._kept.append(session.liveliness().declare_token(key))
+
+        self._kept += [session.liveliness().declare_token(key) for key in self._tokens]
+        self._kept += [session.liveliness().declare_subscriber(key, self._see, history=True) for key in watches]
+
+    def _see(self, sample: zenoh.Sample) -> None:
+        if str(sample.key_expr) not in self._tokens:
+            self.came.shown.add(str(sample.key_expr))
 
     def _hear(self, sample: zenoh.Sample) -> None:
         where = self.came.heard if sample.kind == zenoh.SampleKind.PUT else self.came.deleted
@@ -137,7 +149,7 @@ class Busybody:
     def look_around(self) -> None:
         """Ask who else is alive."""
         for reply in self._session.liveliness().get("**", timeout=0.5):
-            if reply.ok is not None and str(reply.ok.key_expr) not in self._answers:
+            if reply.ok is not None and str(reply.ok.key_expr) not in self._tokens:
                 self.came.alive.add(str(reply.ok.key_expr))
 
 

@@ -38,6 +38,7 @@ EVERYTHING = (
     KEYS.observe_server("truth"),
     "something/else",
 )
+TOKENS = (KEYS.agent("r2", "alive"), KEYS.agent("r3", "alive"))
 REQUESTS = (KEYS.request("observer"), KEYS.request("operator"))
 PLACES: dict[str, tuple[Callable[[Credentials | None], Guard | None], tuple[str, ...]]] = {
     "neighbour plane of r1": (
@@ -86,8 +87,23 @@ def attack(
         raw_session([endpoint], tls=tls_settings(profile.credentials(attacker)), mode=mode, **settings) as intruder,
     ):
         # The victim is all ears, too: whatever it does not hear was kept from it, not merely left unread.
-        target = Busybody(session, own_keys, listens=("**", *_spoken_to(place)), answers=(*REQUESTS, "alive/victim"))
-        enemy = Busybody(intruder, EVERYTHING, (*REQUESTS, "**"), listens, answers=("alive/intruder",))
+        target = Busybody(
+            session,
+            own_keys,
+            listens=("**", *_spoken_to(place)),
+            answers=(*REQUESTS, "alive/victim"),
+            shows=[KEYS.agent("r1", "alive")],
+            watches=("**", *TOKENS),
+        )
+        enemy = Busybody(
+            intruder,
+            EVERYTHING,
+            (*REQUESTS, "**"),
+            listens,
+            answers=("alive/intruder",),
+            shows=TOKENS,
+            watches=listens if listens == ("**",) else ("**", KEYS.agent("r1", "alive")),
+        )
         let_act(target, enemy)
         return enemy.came, target.came
 
@@ -120,6 +136,14 @@ MAY_ASK: dict[tuple[str, str], set[str]] = {
     ("server's observers", "observer"): {KEYS.request("observer")},
     ("server's observers", "operator"): {KEYS.request("operator")},
 }
+MAY_SEE: dict[tuple[str, str], set[str]] = {
+    ("neighbour plane of r1", "r2"): {KEYS.agent("r1", "alive")},
+    ("neighbour plane of r1", "r3"): {KEYS.agent("r1", "alive")},
+}
+MAY_SHOW: dict[tuple[str, str], set[str]] = {
+    ("neighbour plane of r1", "r2"): {KEYS.agent("r2", "alive")},
+    ("neighbour plane of r1", "r3"): {KEYS.agent("r3", "alive")},
+}
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -132,7 +156,9 @@ def test_in_the_open_profile_everything_crosses(place):
     assert to_victim.heard >= set(EVERYTHING)
     assert to_victim.deleted >= set(EVERYTHING)
     assert to_victim.asked >= set(REQUESTS)
-    assert "alive/intruder" in to_victim.alive
+    assert "alive/intruder" in to_victim.alive & to_victim.shown
+    assert to_victim.shown >= set(TOKENS)
+    assert to_attacker.shown >= {"alive/victim", KEYS.agent("r1", "alive")}
 
 
 @pytest.mark.parametrize("attacker", NAMES)
@@ -145,7 +171,8 @@ def test_nobody_does_more_than_is_his_to_do(secure, place, attacker):
     assert to_victim.heard == MAY_SAY.get((place, attacker), set())
     assert to_attacker.answered == to_victim.asked == MAY_ASK.get((place, attacker), set())
     assert to_victim.deleted == set()
-    assert to_attacker.alive == to_victim.alive == set()
+    assert to_attacker.alive == to_attacker.shown == MAY_SEE.get((place, attacker), set())
+    assert to_victim.alive == to_victim.shown == MAY_SHOW.get((place, attacker), set())
 
 
 @pytest.mark.parametrize("place", PLACES)
