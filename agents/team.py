@@ -54,6 +54,8 @@ _PATIENCE = 0.25
 in the meantime takes so long to be noticed [s]."""
 _MOVING = 4.0
 """While a fit moves a pose by more of its standard deviations, it is too far from the optimum for these to be true."""
+_LEFT = 0.25
+"""Share of a fit's last step that may be left to go, because the fit is not linear."""
 _SCORE_SIZE, _POSE_SIZE = 6, 12
 EARLY = 10.0
 """How far back from their start the sums reach [s]."""
@@ -344,7 +346,9 @@ class Team:
         self._memory.set_poses(poses, self._fusion)
         # Poses are known by the samples that they were fitted to; more have come since.
         fitted_to = self._told_moments.mapped(feature_map)
-        self._fitted = register_team(poses, np.zeros((len(poses), _SCORE_SIZE)), fitted_to, self._config.noise)
+        fitted = register_team(poses, np.zeros((len(poses), _SCORE_SIZE)), fitted_to, self._config.noise)
+        left = _LEFT * np.concatenate(self._steps)
+        self._fitted = replace(fitted, covariance=fitted.covariance + np.outer(left, left))
         self._crosses.tell(self._own, version, self._memory.told())
 
     def _fuse(self) -> MotionFusion:
