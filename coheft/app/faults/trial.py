@@ -9,9 +9,12 @@ import msgspec
 from coheft.app.faults.invariants import Violation, Watch
 from coheft.app.faults.recovery import Recovery
 from coheft.app.faults.run import FaultyBlock, FaultyRun
-from coheft.app.faults.schedule import FaultSchedule, Lie
+from coheft.app.faults.schedule import FaultSchedule, Lie, is_harmless
 from coheft.errors import SimulationError
 from coheft.wire.codec import encode
+
+_EFFECT = 2.0
+"""So long after the last harmless message it is looked for differences that it made [s]."""
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
@@ -98,7 +101,8 @@ def _published(block: FaultyBlock) -> bytes:
 def _difference(schedule: FaultSchedule, published: list[bytes]) -> Violation | None:
     """The first block at which harmless messages have made a difference."""
     quiet = iter(FaultyRun(schedule, harmless=False))
-    for had in published:
+    last = max(fault.end for fault in schedule.faults if is_harmless(fault)) + _EFFECT
+    for had in published[: round(last / schedule.scenario.block_duration)]:
         block = next(quiet)
         if _published(block) != had:
             return Violation("P2", block.truth.time, "", "estimates differ from those without the harmless messages")
