@@ -79,6 +79,7 @@ class AgentProcess:
         self._inbox.watch_strangers(
             neighbour_plane, guard_neighbours(config.security, keys, name, config.agent.neighbours)
         )
+        self._inbox.watch_strangers(observer_plane, guard_agent_for_observers(config.security, keys, name))
         self._inbox.listen(
             robot_plane,
             _SERVER,

@@ -9,13 +9,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import msgspec
 import pytest
 import zenoh
 
-from coheft.app.hosts import free_ports
+from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, run_command_line
+from coheft.app.hosts import Hosts, free_ports, load_hosts
 from coheft.app.keys import make_keys
-from coheft.errors import CoheftError, LinkError
+from coheft.app.plan import make_plan
+from coheft.errors import CoheftError, LinkError, ScenarioError
 from coheft.wire import inbox as inbox_module
+from coheft.wire.config import AgentProcessConfig
 from coheft.wire.inbox import Inbox, Received, Refused
 from coheft.wire.messages import Hello, InjectRequest, Ready, Refusal, Status, StatusRequest, StopRequest
 from coheft.wire.planes import guard_observer
@@ -182,3 +186,53 @@ def test_keys_are_secret_and_never_overwritten(secure):
     with pytest.raises(CoheftError, match="never overwritten"):
         make_keys(secure.keys, small_scenario(COUNT))
     assert {path: path.read_bytes() for path in secure.keys.iterdir()} == before
+
+
+def test_a_plan_gives_every_host_consecutive_ports(secure):
+    hosts = Hosts({"server": "10.0.0.1", "r1": "10.0.0.2", "r2": "fd00::2", "r3": "robot3.local"}, port=30000)
+    plan = make_plan(small_scenario(COUNT), hosts=hosts, keys=secure.keys)
+    assert plan.server.observe == "tls/10.0.0.1:30000"
+    assert list(plan.server.robots.values()) == [f"tls/10.0.0.1:{port}" for port in range(30001, 30005)]
+    assert plan.agents["r2"].listen == "tls/[fd00::2]:30000"
+    assert plan.agents["r3"].observe == "tls/robot3.local:30001"
+    # r4 is not named: it is where the server is.
+    assert plan.agents["r4"].listen == "tls/10.0.0.1:30005"
+    assert plan.agents["r1"].server == plan.server.robots["r1"]
+
+
+def test_parts_are_not_spread_over_hosts_in_the_open_profile():
+    make_plan(small_scenario(COUNT), hosts=Hosts({"server": "127.0.0.1", "r1": "127.0.0.2"}))
+    with pytest.raises(CoheftError, match="add --secure"):
+        make_plan(small_scenario(COUNT), hosts=Hosts({"r1": "10.0.0.2"}))
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("hosts = 3", "object"),
+        ("[hosts]\nr9 = '10.0.0.1'", "key 'hosts.r9': no such part; there are: server, r1"),
+        ("port = 0\n[hosts]", "port"),
+        ("[host]", "host"),
+        ("[hosts", "not valid TOML"),
+    ],
+)
+def test_a_table_of_hosts_that_cannot_be_used_is_explained(text, what, tmp_path):
+    path = tmp_path / "hosts.toml"
+    path.write_text(text)
+    with pytest.raises(ScenarioError, match=what) as error:
+        load_hosts(path, small_scenario(COUNT))
+    assert str(path) in str(error.value)
+
+
+def test_the_command_line_makes_keys_and_runs_with_them(tmp_path):
+    assert run_command_line(["keys", str(tmp_path / "keys"), "ring3", "--days", "2"]) == EXIT_CONVERGED
+    assert run_command_line(["keys", str(tmp_path / "keys"), "ring3"]) == EXIT_ERROR
+    parts = tmp_path / "parts"
+    command = ["run", "ring3", "--keys", str(tmp_path / "keys"), "--write-configs", str(parts)]
+    assert run_command_line(command) == EXIT_CONVERGED
+    config = msgspec.json.decode((parts / "r2.json").read_bytes(), type=AgentProcessConfig)
+    assert config.security is not None
+    assert config.security.key == "../keys/r2.key"
+    command = ["run", "ring3", "--duration", "8", "--secure", "--logs", str(tmp_path / "run"), "--quiet"]
+    assert run_command_line(command) == EXIT_CONVERGED
+    assert (tmp_path / "run" / "keys" / "operator.key").exists()
