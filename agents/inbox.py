@@ -30,7 +30,7 @@ class NeighbourInbox:
 
     def __init__(self, neighbours: Iterable[str]) -> None:
         self._incarnations = dict.fromkeys(sorted(neighbours), -1)
-        self._waiting: dict[tuple[str, int], NeighbourMessage] = {}
+        self._waiting: dict[tuple[str, int, int], NeighbourMessage] = {}
         self._last: dict[str, int] = {}
 
     def take(
@@ -58,14 +58,14 @@ class NeighbourInbox:
             self._incarnations[message.sender] = message.incarnation
             gossip += message.gossip
             if message.block >= index - 1:
-                self._waiting.setdefault((message.sender, message.block), message)
+                self._waiting.setdefault((message.sender, message.incarnation, message.block), message)
         used = {}
-        for name in self._incarnations:
-            message_of_block = self._waiting.pop((name, index - 1), None)
-            if message_of_block is not None and message_of_block.incarnation == self._incarnations[name]:
+        for name, incarnation in self._incarnations.items():
+            message_of_block = self._waiting.get((name, incarnation, index - 1))
+            if message_of_block is not None:
                 used[name] = message_of_block
                 self._last[name] = index
-        self._waiting = {key: message for key, message in self._waiting.items() if key[1] >= index}
+        self._waiting = {key: message for key, message in self._waiting.items() if key[2] >= index}
         return used, gossip, problems
 
     def last_heard(self, name: str) -> int:
