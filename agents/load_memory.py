@@ -49,6 +49,12 @@ _COHERENCE = 2.0
 """Time for which what the robots push against each other keeps its direction, more or less [s]."""
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
+_LOOK_BACK = 0.1
+"""Time between two looks at whether all that is remembered fits one load [s]."""
+_SLACK = 0.3
+"""Share by which mean squared residuals may be larger than noise and poses explain, always,"""
+_SIGMAS = 8.0
+"""and standard deviations by which they may be larger by chance."""
 _LEAST = 0.5
 """Least time of samples from which anything is estimated [s]."""
 
@@ -101,6 +107,9 @@ class LoadMemory:
         self._forces = _MeanSquare()
         self._mean_crosses = np.zeros((robots, *_CROSS_SHAPE))
         self._disturbance: float | None = None
+        self._unknowns: Array | None = None
+        self._pushed = 0
+        self._look_back_every = max(1, round(_LOOK_BACK * config.rate / config.block))
 
     @property
     def changed_at(self) -> int:
@@ -144,9 +153,35 @@ class LoadMemory:
         coherence = np.inf if self._told is not None else _COHERENCE * self._config.rate
         change = self._window.review(self._model, coherence)
         if change is None:
+            self._pushed += 1
+            if self._pushed % self._look_back_every == 0:
+                self._look_back()
             return None
-        self._changed_at = change.first_block
+        self._changed_at, self._unknowns = change.first_block, None
         return change.first_block
+
+    def surprise(self, motion: Array, wrench: Array) -> float:
+        """Mean square of a block's residuals over what it should be, with what is known of the load; 0 if nothing is."""
+        if self._model is None or self._disturbance is None or self._unknowns is None:
+            return 0.0
+        explained = np.tensordot(features(motion, wrench), self._model.regressor_coefficients @ self._unknowns, 1)
+        residuals = wrench - explained
+        weighted = residuals @ np.linalg.inv(self._model.residual_covariance)
+        return float(np.sum(weighted * residuals) / residuals.size / (1.0 + self._disturbance))
+
+    def _look_back(self) -> None:
+        """Now and then: what is the load; and if what is remembered fits no single load, forget it."""
+        if self._model is None or self._disturbance is None or not self._is_enough():
+            self._unknowns = None
+            return
+        estimate = self._estimate(self._model)
+        offset = np.zeros(0) if estimate.offset is None else estimate.offset
+        self._unknowns = np.concatenate([estimate.parameters, offset])
+        disturbed = 1.0 + self._window.total[_DISTURBANCE] / self._count()
+        limit = (1.0 + _SLACK) * disturbed + _SIGMAS * np.sqrt(2.0 / (6.0 * self._count()))
+        if self._window.information(self._model).mean_square(self._unknowns) > limit:
+            self._window.forget_before(self._last_block)
+            self._unknowns = None
 
     def push_early(self, motion: Array, wrench: Array, own_wrench: Array) -> None:
         """Take in a block from before all others, as ``push``; it is not looked at for changes."""
@@ -157,7 +192,7 @@ class LoadMemory:
         """A neighbour says that the load changed at this block. Returns whether that is news."""
         if changed_at <= self._changed_at:
             return False
-        self._changed_at = changed_at
+        self._changed_at, self._unknowns = changed_at, None
         self._window.forget_before(changed_at)
         return True
 
@@ -188,7 +223,10 @@ class LoadMemory:
         else:
             self._window.forget_borders_before(told.last_block + 1)
         if rows is not None:
-            self._disturbance = self._disturbance_by(team.covariance, rows[:, 2])
+            disturbance = self._disturbance_by(team.covariance, rows[:, 2])
+            if self._disturbance is None:
+                self._window.revise(lambda sums: _disturbed(sums, disturbance))
+            self._disturbance = disturbance
 
     def _disturbance_by(self, covariance: Array, mean_square_forces: Array) -> float:
         """Mean square of what poses that are off add to the total wrench, in units of the noise's.
@@ -294,6 +332,12 @@ def _moments(motion: Array, wrench: Array, own_wrench: Array, disturbance: float
     rows = features(motion, wrench)
     cross = rows[:, MOTION_FEATURES].T @ own_wrench
     return np.concatenate([packed_gram(rows), [len(rows) * disturbance], cross.ravel()])
+
+
+def _disturbed(sums: Array, disturbance: float) -> Array:
+    """Sums of samples as if all of them had had this disturbance."""
+    sums[:, _DISTURBANCE] = disturbance * sums[:, 0]
+    return sums
 
 
 class _MeanSquare:

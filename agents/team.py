@@ -1,18 +1,12 @@
 """A robot's share of the team's work: exact sums, joint poses, and the load's inertia, all in the body frame.
 
-Poses are fitted again and again, each time in these steps:
+Poses are fitted again and again (``agents.pose_fits``). When the first block that was carried with new poses leaves the
+sums, the motions of all samples are *mapped* to the new poses, and each robot tells the moments of its own wrench; when
+all have been heard, the total wrenches are *corrected* for the new poses as well. So what was accumulated always is, to
+first order, what the newest poses would have given for all samples so far.
 
-1. *tell*: at blocks that all agents know, each tells its score;
-2. *fit*: when it has heard all, the reference robot computes the joint step, and tells all poses and the block from
-   which they count. Anybody could, but not everybody need have the same samples, where messages were lost, and must not
-   be of another opinion on the poses for that;
-3. *switch*: from that block on samples that enter the sums are carried with the new poses, and bear their version;
-4. *map*: when the first such block leaves the sums, the motions of all samples are mapped to the new poses, and each
-   tells the moments of its own wrench;
-5. *correct*: when all have been heard, the total wrenches are corrected for the new poses as well.
-
-So what was accumulated always is, to first order, what the newest poses would have given for all samples so far. Every
-step waits for what it needs, however long that takes; whoever misses the switch makes sums incomplete, not wrong.
+What a robot knows of itself goes into the sums unchecked, so all robots watch whether the sums can be true
+(``agents.watch``), learn nothing while they cannot, and say whose sensors contradict them.
 """
 
 from __future__ import annotations
@@ -22,9 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agents.common_moments import CommonMoments
 from agents.load_memory import LoadMemory
+from agents.pose_fits import PoseFits
 from agents.sums import Entered, TeamSums
+from agents.watch import MISFIT, Watch, block_misfit
 from coheft.estimation.acceleration import (
     DERIVATIVE_SPAN,
     MotionFusion,
@@ -36,7 +31,7 @@ from coheft.estimation.acceleration import (
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.measurement import KINEMATICS, WRENCH
 from coheft.estimation.observability import PoseEstimate
-from coheft.estimation.registration import RegistrationMoments, score_and_information
+from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses, refit_map, register_team
 from coheft.wire.config import AgentConfig
@@ -45,10 +40,6 @@ from consensus.flood import Flood, Floods
 from consensus.graph import Neighbours, diameter
 from consensus.schedule import choose_schedule
 
-_SHORTEST_ROUND = 0.2
-"""Shortest time between two fits of the poses [s]."""
-_CHUNK = 0.1
-"""Robots tell each other every so often which blocks they have [s]."""
 _PATIENCE = 0.25
 """After so long without a complete sum, the load may have changed unnoticed; and when sums are complete again, a change
 in the meantime takes so long to be noticed [s]."""
@@ -56,7 +47,17 @@ _MOVING = 4.0
 """While a fit moves a pose by more of its standard deviations, it is too far from the optimum for these to be true."""
 _LEFT = 0.25
 """Share of a fit's last step that may be left to go, because the fit is not linear."""
-_SCORE_SIZE, _POSE_SIZE = 6, 12
+_UNTRIED = 2.0
+"""Poses are so much less certain, in variance, as this is of the time of samples that they were fitted to [s]: what is
+left out of their covariance is of second order, and matters when they are new."""
+_JUMP = 30.0
+"""A block whose squared residuals are so many times what they should be is held until the next one has come: a load
+changes for longer than a block."""
+_NONSENSE = 15.0
+"""The same for the motion of the body, which does not change at a sudden: such a block is not used."""
+_MISFIT_TOLD = 0.1
+"""Robots tell each other so often how their sensors fit the team's motion [s]."""
+_POSE_FREEDOM = 6
 EARLY = 10.0
 """How far back from their start the sums reach [s]."""
 
@@ -76,6 +77,17 @@ class Found:
     payload: PayloadEstimate | None
     unseen: tuple[str, ...]
     learned_block: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """What a complete sum says: body motion (B, 12), total wrench and own wrench (B, 6), and moments of the own pose."""
+
+    number: int
+    motion: Array
+    wrench: Array
+    own_wrench: Array
+    moments: RegistrationMoments
 
 
 class Team:
@@ -127,26 +139,22 @@ class Team:
         self._half_span = half_span
         self._fusion = self._fuse()
         self._totals: dict[int, tuple[Entered, Array]] = {}
-        self._told_moments = RegistrationMoments.none()
         self._found_before: Found | None = None
         self._fitted: TeamPoses | None = None
         self._memory = LoadMemory(config, len(self._names), self._own)
         self._memory.set_poses(self._poses, self._fusion)
 
-        # Versions of the poses: those that the past was mapped to, corrected for, and what is carried now.
-        self._version = self._corrected = self._carried = 0
-        self._carrying_pose = self._poses[self._own]
-        self._told_poses: dict[int, tuple[Pose, ...]] = {}
-        self._longest_round = 3 * self._hearing + schedule.rounds + 3
-        self._tells, self._tell_step = 0, schedule.rounds + self._blocks(_SHORTEST_ROUND)
         members = len(self._names)
-        self._common = CommonMoments(members, self._own, start, self._blocks(_CHUNK), parts=2)
-        self._scores = Flood(members, 1 + _SCORE_SIZE)
-        self._fits = Flood(1, 1 + members * _POSE_SIZE)
+        self._fits = PoseFits(config, members, self._own, start, schedule.rounds, self._hearing)
+        # Versions of the poses that the past was mapped to, and corrected for.
+        self._version = self._corrected = 0
+        self._steps: list[Array] = []
         self._crosses = Flood(members, LoadMemory.told_size)
-        self._floods = Floods(
-            {"common": self._common.flood, "scores": self._scores, "fits": self._fits, "crosses": self._crosses}
-        )
+        self._misfits = Flood(members, 1)
+        self._floods = Floods({**self._fits.floods, "crosses": self._crosses, "misfits": self._misfits})
+        self._watch = Watch(config.noise, config.rate / config.block)
+        self._misfit_every = self._blocks(_MISFIT_TOLD)
+        self._held: _Block | None = None
         self._rounds = schedule.rounds
         self._patience = self._blocks(_PATIENCE)
         self._resumed_block = self._settled_block = -1
@@ -174,7 +182,9 @@ class Team:
         if index < self._early_end:
             early = self._catch_up(index, inbox)
             told |= self._early_sums.channels()
-        self._common.add(index, (newest, early))
+        self._fits.common.add(index, (newest, early))
+        if index % self._misfit_every == 0 and self._fitted is not None:
+            self._misfits.tell(self._own, index, np.array([self._own_misfit(self._fitted)]))
         told["load_change"] = np.array([float(self._memory.changed_at)])
         return told | self._floods.channels()
 
@@ -201,21 +211,36 @@ class Team:
         """Why what is known of the load may not be true any more."""
         if self.learned_block < 0:
             return ("the team's sums have just begun",)
+        liar = self._contradicting()
+        if liar is not None:
+            return (f"what {liar} measures contradicts how the load moves",)
         age = self._next - 1 - self._rounds - self.learned_block
         if age > self._patience:
             return (f"no complete sum of the team since {self._time(self.learned_block + 1):.2f} s",)
         if self._fitted is not None:
-            deviations = np.sqrt(np.diag(self._fitted.covariance)[_SCORE_SIZE:])
+            deviations = np.sqrt(np.diag(self._fitted.covariance)[_POSE_FREEDOM:])
             if np.any(np.abs(np.concatenate(self._steps[1:])) > _MOVING * deviations):
                 return ("the poses are still being found",)
         if self.learned_block < self._settled_block:
             return (f"complete sums of the team again since {self._time(self._resumed_block):.2f} s only",)
         return ()
 
+    def _own_misfit(self, fitted: TeamPoses) -> float:
+        own = slice(_POSE_FREEDOM * self._own, _POSE_FREEDOM * (self._own + 1))
+        return self._watch.misfit(self._poses[self._own], np.diag(np.diag(fitted.covariance[own, own])))
+
+    def _contradicting(self) -> str | None:
+        """The robot whose measurements contradict the team's motion most, if any do."""
+        table = self._misfits.table
+        worst = int(np.argmax(table[:, 1]))
+        return self._names[worst] if table[worst, 1] > MISFIT else None
+
     # --- sums ---
 
     def _entered(self, block: int, samples: Array | None) -> Entered | None:
-        return None if samples is None else Entered(block, samples, self._carrying_pose, self._carried)
+        if samples is None:
+            return None
+        return Entered(block, samples, self._fits.carrying_pose(self._poses), self._fits.carried)
 
     def _catch_up(self, index: int, inbox: Mapping[str, Mapping[str, Array]]) -> RegistrationMoments | None:
         """One block from before the start enters the sums, and another leaves them."""
@@ -237,9 +262,10 @@ class Team:
         self.total_block = block
         self.total_wrench = entered.pose.inverse().adjoint() @ sums[-1, 0]
         # Where the gyros have to fill in, their slope takes the neighbouring blocks.
-        return self._learn(block if self._fusion.derivative_gain is None else block - 1, index)
+        return self._look_at(block if self._fusion.derivative_gain is None else block - 1, index)
 
-    def _learn(self, block: int, index: int) -> RegistrationMoments | None:
+    def _look_at(self, block: int, index: int) -> RegistrationMoments | None:
+        """Learn from the sums of a block, if they can be true; returns what they say of the own pose."""
         if block <= self.learned_block or block not in self._totals:
             return None  # new poses have made the derivative needless, or needed
         entered, sums = self._totals[block]
@@ -250,14 +276,32 @@ class Team:
             w_derivative = self._slope(block)
             if w_derivative is None:
                 return None
-        if block > self.learned_block + self._patience and self.learned_block >= 0:
-            self._resumed_block, self._settled_block = block, block + self._patience
-        self.learned_block = block
         motion = self._fusion.motion(sums, w_derivative)
-        changed_at = self._memory.push(block, motion, sums[:, 0], entered.samples[:, WRENCH])
+        moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
+        found = _Block(block, motion, sums[:, 0], entered.samples[:, WRENCH], moments)
+        if self._fitted is None:
+            return self._learn(found, index)
+        self._watch.add(moments)
+        held, self._held = self._held, None
+        if self._contradicting() is not None:
+            return None
+        if block_misfit(moments, self._poses[self._own], self._config.noise) > _NONSENSE:
+            return None
+        if self._memory.surprise(motion, found.wrench) <= _JUMP:
+            return self._learn(found, index)
+        if held is None:
+            self._held = found
+            return None
+        return self._learn(held, index) + self._learn(found, index)
+
+    def _learn(self, found: _Block, index: int) -> RegistrationMoments:
+        if found.number > self.learned_block + self._patience and self.learned_block >= 0:
+            self._resumed_block, self._settled_block = found.number, found.number + self._patience
+        self.learned_block = found.number
+        changed_at = self._memory.push(found.number, found.motion, found.wrench, found.own_wrench)
         if changed_at is not None:
             self._notice(changed_at, index)
-        return RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
+        return found.moments
 
     def _slope(self, block: int) -> Array | None:
         """Derivative of the fused ``w`` during a block (B, 3), None if a block beside it is missing."""
@@ -269,9 +313,10 @@ class Team:
     # --- load changes ---
 
     def _hear_of_change(self, changed_at: Array | None, index: int) -> None:
-        if changed_at is not None and changed_at.shape == (1,) and changed_at[0] <= index:
-            if self._memory.adopt(int(changed_at[0])):
-                self._notice(int(changed_at[0]), index)
+        if changed_at is None or changed_at.shape != (1,) or changed_at[0] > index:
+            return
+        if self._memory.adopt(int(changed_at[0])):
+            self._notice(int(changed_at[0]), index)
 
     def _notice(self, changed_at: int, index: int) -> None:
         """The load has changed, as this robot or another one has found."""
@@ -286,70 +331,34 @@ class Team:
     # --- poses ---
 
     def _fit_poses(self, index: int) -> None:
-        """Whatever step of the fit is due."""
-        while self._common.agree(index - 1):
-            self._tell_score()
-        if self._own == 0:
-            self._fit(index)
-        self._switch(index)
+        self._fits.step(index, self._version, self._poses, self._corrected == self._version)
         rows = self._crosses.rows(self._version)
         if self._corrected < self._version and rows is not None:
             assert self._fitted is not None  # as there is a version
             self._memory.correct(rows, self._fitted)
             self._corrected = self._version
 
-    def _tell_score(self) -> None:
-        """A chunk of steps has been agreed upon: if it is time, tell the own score at the present poses.
-
-        When it is time depends on the number of agreed chunks only: everybody tells of the same samples.
-        """
-        steps = self._common.chunks * self._common.chunk_size
-        if steps < self._tell_step:
-            return
-        self._tells += 1
-        grown = round(self._config.efficient.refit_share * steps)
-        self._tell_step = steps + max(self._longest_round, self._blocks(_SHORTEST_ROUND), grown)
-        if self._corrected == self._version == self._carried:
-            score, _, _ = score_and_information(self._common.total, self._poses[self._own], self._config.noise)
-            self._scores.tell(self._own, self._tells, np.concatenate([[self._version], score]))
-            self._told_moments = self._common.total
-
-    def _fit(self, index: int) -> None:
-        """As the reference robot: all poses after the joint step, once everybody's score at the present ones is known."""
-        rows = self._scores.rows(self._tells)
-        if self._tells <= self._carried or self._fits.row(0)[0] >= self._tells or rows is None:
-            return
-        if np.any(rows[:, 0] != self._version):
-            return
-        fitted = register_team(self._poses, rows[:, 1:], self._told_moments, self._config.noise)
-        numbers = [pose.numbers() for pose in fitted.poses]
-        self._fits.tell(0, self._tells, np.concatenate([[index + self._hearing], *numbers]))
-
-    def _switch(self, index: int) -> None:
-        """From the block that the reference robot has told on, carry samples with the poses that it has told."""
-        version, row = self._fits.row(0)
-        if version > self._carried and index >= row[0]:
-            self._told_poses[version] = tuple(Pose.of_numbers(numbers) for numbers in row[1:].reshape(-1, _POSE_SIZE))
-            self._carried = version
-            self._carrying_pose = self._told_poses[version][self._own]
-
     def _map_to(self, version: int) -> None:
         """All samples so far count from now on as if they had been carried with the poses of a version."""
-        self._found_before = self.found()
-        poses = self._told_poses.pop(version)
+        self._found_before, self._held = self.found(), None
+        poses = self._fits.take_poses(version)
         feature_map = refit_map(self._poses, poses, self._config.noise)
-        self._common.map(feature_map)
+        self._fits.map(feature_map)
+        self._watch.map(feature_map)
         self._memory.map_features(feature_map, self._poses, poses)
         self._steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
         self._poses, self._version = poses, version
         self._fusion = self._fuse()
         self._memory.set_poses(poses, self._fusion)
-        # Poses are known by the samples that they were fitted to; more have come since.
-        fitted_to = self._told_moments.mapped(feature_map)
-        fitted = register_team(poses, np.zeros((len(poses), _SCORE_SIZE)), fitted_to, self._config.noise)
-        left = _LEFT * np.concatenate(self._steps)
-        self._fitted = replace(fitted, covariance=fitted.covariance + np.outer(left, left))
+        self._fitted = self._known(poses)
         self._crosses.tell(self._own, version, self._memory.told())
+
+    def _known(self, poses: tuple[Pose, ...]) -> TeamPoses:
+        """How well poses are known that have just been fitted: by the samples that they were fitted to."""
+        moments, left = self._fits.told_moments, _LEFT * np.concatenate(self._steps)
+        fitted = register_team(poses, np.zeros((len(poses), _POSE_FREEDOM)), moments, self._config.noise)
+        untried = 1.0 + _UNTRIED * self._config.rate / max(moments.count, 1.0)
+        return replace(fitted, covariance=untried * fitted.covariance + np.outer(left, left))
 
     def _fuse(self) -> MotionFusion:
         constants = robot_constants(self._config.noise)
