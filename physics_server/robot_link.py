@@ -79,6 +79,10 @@ class RobotLink:
                 self.answered = message.answers
                 self._references[message.block] = message
 
+    def join(self, block: int) -> None:
+        """Take part from a block on; the blocks before were simulated without it."""
+        self.answered = block - 1
+
     def _begin_attempt(self, attempt: int) -> None:
         """Forget what it owes when it asks anew: it will never answer what it was sent before."""
         if attempt != self._attempt:

@@ -231,6 +231,7 @@ class Server:
             robot.send_stop(_OVER)
         else:
             self._absences.end(robot.name)
+            robot.join(self._simulation.block)
             self._problems.tell(f"{robot.name} is back before block {self._simulation.block}")
 
     def _note_links(self, name: str, count: int) -> None:

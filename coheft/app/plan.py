@@ -21,9 +21,6 @@ from consensus.graph import build_graph
 
 Clock = Literal["lockstep", "realtime"]
 
-_REALTIME_PATIENCE = 2.0
-"""Blocks for which a neighbour's message is waited for; references are late after as many as ``Scenario.lookahead``."""
-
 
 @dataclass(frozen=True)
 class Plan:
@@ -103,7 +100,8 @@ def make_plan(
         return credentials_in(keys, name) if keys is not None else None
 
     run = run or new_run_name()
-    patience = {} if clock == "lockstep" else {"patience": _REALTIME_PATIENCE * scenario.block_duration}
+    # In real time, who waits longer than that is too late with its own reference.
+    patience = {} if clock == "lockstep" else {"patience": scenario.lookahead * scenario.block_duration}
     observe = take(SERVER)
     robots = {name: take(SERVER) for name in names}
     listen = {name: take(name) for name in names}

@@ -31,7 +31,7 @@ LIMIT = 60.0
 """Nothing takes so long unless it is broken [s]."""
 
 
-def small_scenario(count: int, kind: str = "ring", duration: float = 1e4) -> Scenario:
+def small_scenario(count: int, kind: str = "ring", duration: float = 1e4, block: int = 10) -> Scenario:
     """A few robots around a box; without a set duration it runs until it is told to stop."""
     text = f"""
         name = "small"
@@ -39,6 +39,7 @@ def small_scenario(count: int, kind: str = "ring", duration: float = 1e4) -> Sce
         payload = {{ boxes = [{{ mass = 8.0, size = [0.8, 0.6, 0.1] }}], load_slots = 2 }}
         robots = {{ perimeter = {{ count = {count}, extent = [0.8, 0.6] }} }}
         graph = {{ kind = "{kind}" }}
+        sensors = {{ block = {block} }}
     """
     return parse_scenario(text, "small_scenario")
 
