@@ -72,7 +72,7 @@ class Agent:
             block: The robot's measurements, None if there are none.
             inbox: All that has come from neighbours since the last step, whatever it is.
         """
-        heard, gossip, problems = self._inbox.take(index, inbox)
+        heard, gossip, problems = self._inbox.take(index, inbox, self._estimator.fits)
         self._gossip.hear(gossip)
         if block is not None and not self._sensors.work(block.samples):
             block = None

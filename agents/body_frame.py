@@ -79,7 +79,11 @@ class BodyFrame:
         """Neighbours may know this robot's pose from a former team."""
         name = self._gossip.name
         for other, channels in inbox.items():
-            record, frame, rows = self._gossip.records.get(other), channels.get("kept_frame"), channels.get("kept_poses")
+            record, frame, rows = (
+                self._gossip.records.get(other),
+                channels.get("kept_frame"),
+                channels.get("kept_poses"),
+            )
             if record is None or frame is None or rows is None or name not in record.neighbours:
                 continue
             if frame.shape == (1,) and rows.shape == (len(record.neighbours), _POSE_SIZE):

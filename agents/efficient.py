@@ -23,6 +23,9 @@ from coheft.wire.messages import LoadChangeNotice
 from consensus.gossip import Gossip
 
 _DIRECTIONS = 6
+_KINEMATICS_SIZE = 9
+_LOAD_CHANGES = 32
+"""So many load changes of former teams are remembered."""
 _PAIRS_EVERY = 0.1
 """Time between two looks at the neighbours' poses, before the sums begin [s]."""
 
@@ -95,8 +98,15 @@ class EfficientEstimator:
     def _dissolve(self, team: Team) -> None:
         """The team is another one now: keep what is known of the poses."""
         self._body_frame.keep(self._frame, team.poses())
-        self._load_changes += team.load_changes
+        self._load_changes = [*self._load_changes, *team.load_changes][-_LOAD_CHANGES:]
         self._team = None
+
+    def fits(self, channels: Channels) -> bool:
+        """See ``Estimator.fits``."""
+        if self._team is not None:
+            return self._team.fits(channels)
+        rows = channels.get("kinematics")
+        return rows is None or rows.shape == (self._config.block, _KINEMATICS_SIZE)
 
     def belief(self) -> Belief:
         """See ``Estimator.belief``."""

@@ -59,6 +59,10 @@ class Estimator(Protocol):
         """
         ...
 
+    def fits(self, channels: Channels) -> bool:
+        """Whether what a neighbour sent has the shapes that the next step can read."""
+        ...
+
     def belief(self) -> Belief:
         """What is believed after the last step."""
         ...

@@ -6,18 +6,23 @@ present one are used; those of the next few wait for their time. What cannot be 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from agents.estimator import Channels
 from coheft.estimation.spatial import Pose
 from coheft.wire.messages import LinkState, NeighbourMessage
+from coheft.wire.scenario import MAX_ROBOTS
 
 AHEAD = 8
 """A neighbour may be ahead by so many blocks: it got its measurements earlier."""
+_ALIKE = 4
+"""So many messages of the same sender and block are looked at."""
 _LARGEST = 1e12
 """No number that an estimator sends is as large as this."""
 _POSE_SIZE = 12
+_LONGEST_NAME = 32
 _ROTATION_TOLERANCE = 1e-6
 
 
@@ -30,17 +35,19 @@ class NeighbourInbox:
 
     def __init__(self, neighbours: Iterable[str]) -> None:
         self._incarnations = dict.fromkeys(sorted(neighbours), -1)
-        self._waiting: dict[tuple[str, int, int], NeighbourMessage] = {}
+        self._waiting: dict[tuple[str, int, int], list[NeighbourMessage]] = {}
         self._last: dict[str, int] = {}
 
     def take(
-        self, index: int, messages: Sequence[NeighbourMessage]
+        self, index: int, messages: Sequence[NeighbourMessage], fits: Callable[[Channels], bool] = lambda _: True
     ) -> tuple[dict[str, NeighbourMessage], list[LinkState], list[str]]:
         """What to use for a block.
 
         Args:
             index: Its number; grows from call to call.
             messages: All that came since the last call.
+            fits: Whether a message's channels have the shapes that are read; of several with the same sender and block
+                the first one that does is used.
 
         Returns:
             The neighbours' messages of the block before, in the order of names; what they hand on about robots, from
@@ -58,14 +65,16 @@ class NeighbourInbox:
             self._incarnations[message.sender] = message.incarnation
             gossip += message.gossip
             if message.block >= index - 1:
-                self._waiting.setdefault((message.sender, message.incarnation, message.block), message)
+                waiting = self._waiting.setdefault((message.sender, message.incarnation, message.block), [])
+                if len(waiting) < _ALIKE:
+                    waiting.append(message)
         used = {}
         for name, incarnation in self._incarnations.items():
-            message_of_block = self._waiting.get((name, incarnation, index - 1))
-            if message_of_block is not None:
-                used[name] = message_of_block
+            found = self._waiting.get((name, incarnation, index - 1))
+            if found:
+                used[name] = next((message for message in found if fits(message.channels)), found[0])
                 self._last[name] = index
-        self._waiting = {key: message for key, message in self._waiting.items() if key[2] >= index}
+        self._waiting = {key: waiting for key, waiting in self._waiting.items() if key[2] >= index}
         return used, gossip, problems
 
     def last_heard(self, name: str) -> int:
@@ -93,6 +102,8 @@ class NeighbourInbox:
 def _is_possible(record: LinkState) -> bool:
     """Whether a robot's record makes sense on its own."""
     if record.robot in record.neighbours or min(record.incarnation, record.sequence, record.since) < 0:
+        return False
+    if len(record.neighbours) > MAX_ROBOTS or max(map(len, (record.robot, *record.neighbours))) > _LONGEST_NAME:
         return False
     if not record.pose:
         return True

@@ -51,7 +51,7 @@ _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
 _LOOK_BACK = 0.1
 """Time between two looks at whether all that is remembered fits one load [s]."""
-_SLACK = 0.3
+_SLACK = 1.0
 """Share by which mean squared residuals may be larger than noise and poses explain, always,"""
 _SIGMAS = 8.0
 """and standard deviations by which they may be larger by chance."""

@@ -81,7 +81,8 @@ class SeedEstimator:
                 self._update_pose(name, previous[:, :6], kinematics[:, :6])
         if own is not None:
             self._blocks[index] = own.samples
-        self._blocks.pop(index - self._settings.rounds - 3, None)
+        kept = index - self._settings.rounds - 3
+        self._blocks = {block: rows for block, rows in self._blocks.items() if block > kept}
         sent = {} if own is None else {"kinematics": own.samples[:, KINEMATICS]}
 
         if self._gossip.team != self._team:  # one of its members started again, let go, or took hold
@@ -101,6 +102,11 @@ class SeedEstimator:
         if self._inertial_phase.is_broken:
             self._announce_start(index)
         return sent | self._inertial_phase.channels()
+
+    def fits(self, channels: Channels) -> bool:
+        """See ``Estimator.fits``."""
+        rows = channels.get("kinematics")
+        return rows is None or rows.shape == (self._config.block, _KINEMATICS_SIZE)
 
     def belief(self) -> Belief:
         """See ``Estimator.belief``."""

@@ -89,6 +89,14 @@ class TeamSums:
         own = summands(entered.samples, self._noise) @ entered.pose.adjoint().T
         self._pipeline.enter(own.reshape(len(own), CHANNELS))
 
+    def fit(self, channels: Mapping[str, Array]) -> bool:
+        """Whether what a neighbour sent of these sums, if anything, has the right shapes."""
+        stages, versions = channels.get(self._channel), channels.get(f"{self._channel}_versions")
+        rounds = (self._pipeline.rounds,)
+        return (stages is None or stages.shape == self._pipeline.stages.shape) and (
+            versions is None or versions.shape == rounds
+        )
+
     def channels(self) -> dict[str, Array]:
         """What to tell the neighbours."""
         versions = np.where(self._pipeline.valid, self._versions(), -1.0)

@@ -57,6 +57,8 @@ _NONSENSE = 15.0
 """The same for the motion of the body, which does not change at a sudden: such a block is not used."""
 _MISFIT_TOLD = 0.1
 """Robots tell each other so often how their sensors fit the team's motion [s]."""
+_LOAD_CHANGES = 32
+"""So many of the newest load changes are remembered."""
 _POSE_FREEDOM = 6
 EARLY = 10.0
 """How far back from their start the sums reach [s]."""
@@ -81,7 +83,7 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class _Block:
-    """What a complete sum says: body motion (B, 12), total wrench and own wrench (B, 6), and moments of the own pose."""
+    """What a complete sum says: body motion (B, 12), total and own wrench (B, 6), moments of the own pose."""
 
     number: int
     motion: Array
@@ -104,7 +106,7 @@ class Team:
         learned_block: Newest block whose total was learned from, -1 while there is none.
         total_block: Block of the newest total, -1 while there is none.
         total_wrench: Total wrench (6,) about the origin of ``F_i`` at its last sample.
-        load_changes: Noticed so far.
+        load_changes: Noticed so far, the newest ones.
     """
 
     def __init__(
@@ -188,6 +190,10 @@ class Team:
         told["load_change"] = np.array([float(self._memory.changed_at)])
         return told | self._floods.channels()
 
+    def fits(self, channels: Mapping[str, Array]) -> bool:
+        """Whether what a neighbour sent has the shapes of this team."""
+        return self._floods.fit(channels) and self._sums.fit(channels) and self._early_sums.fit(channels)
+
     def poses(self) -> dict[str, Pose]:
         """Of all members, in the body frame."""
         return dict(zip(self._names, self._poses, strict=True))
@@ -195,7 +201,7 @@ class Team:
     def found(self) -> Found | None:
         """What is known of poses and load; None as long as no poses have been fitted.
 
-        While a fit is under way, motions are seen with new poses and wrenches with old ones: then, what was known before.
+        While a fit is under way, what was known before: motions are seen with new poses then, wrenches with old ones.
         """
         if self._corrected == self._version and self._fitted is not None:
             payload, unseen = self._memory.payload(self._own, self._fitted)
@@ -326,7 +332,7 @@ class Team:
             notice = LoadChangeNotice(self.load_changes.pop().noticed_at, notice.changed_at)
         else:
             self._noticed_block = index
-        self.load_changes.append(notice)
+        self.load_changes = [*self.load_changes, notice][-_LOAD_CHANGES:]
 
     # --- poses ---
 

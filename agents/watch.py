@@ -73,7 +73,7 @@ class Watch:
         return float(max(2.0 * cost / limit, self._mean_statistic(pose, covariance) / _MEAN_LIMIT))
 
     def _mean_statistic(self, pose: Pose, covariance: Array) -> float:
-        """Chi-square of the accelerometer's mean residual. Constant offsets of the others are nothing to worry about."""
+        """Chi-square of the accelerometer's mean residual; constant offsets of other sensors do no harm."""
         count, rows = self._recent.count, ACCELERATION_ROWS
         means = self._recent.gram[:, 0] / count
         residual = residual_operator(pose)[rows] @ means

@@ -77,6 +77,13 @@ class Floods:
         for digest, (name, flood) in zip(digests, self._tables.items(), strict=True):
             flood.hear(neighbour, float(digest), channels.get(name))
 
+    def fit(self, channels: Mapping[str, Array]) -> bool:
+        """Whether what a neighbour sent of these tables, if anything, has the right shapes."""
+        digests = channels.get("digests")
+        return (digests is None or digests.shape == (len(self._tables),)) and all(
+            name not in channels or channels[name].shape == flood.table.shape for name, flood in self._tables.items()
+        )
+
     def channels(self) -> dict[str, Array]:
         """What to send to the neighbours."""
         told = {"digests": np.array([flood.digest for flood in self._tables.values()])}

@@ -17,6 +17,7 @@ from msgspec.structs import replace
 
 from coheft.estimation.spatial import Pose
 from coheft.wire.messages import LinkState
+from coheft.wire.scenario import MAX_ROBOTS
 from consensus.graph import distances
 
 
@@ -43,6 +44,8 @@ class Gossip:
             known = self.records.get(record.robot)
             if record.robot == self.name or (known is not None and _age(record) <= _age(known)):
                 continue
+            if known is None and len(self.records) >= MAX_ROBOTS:
+                continue  # no team is as large: somebody makes them up
             self.records[record.robot] = record
             self._news.add(record.robot)
             if record.robot in self.own.neighbours and (known is None or record.incarnation > known.incarnation):
