@@ -10,7 +10,10 @@ from coheft.estimation.spatial import Array
 _SENSORS = ("gyro", "velocity", "accelerometer", "force", "torque")
 _OUTLIER = 12.0
 """A sample that differs by more standard deviations from both its neighbours, on the same side, is an outlier. What
-really changes at a sudden differs from one of them only."""
+really changes at a sudden differs from one of them only. The last one of a block has one neighbour: it is an outlier if
+it is so far from where the two before it point,"""
+_UNUSUAL = 3.0
+"""and so many times as far as any other of the block."""
 
 
 class SensorCheck:
@@ -51,15 +54,17 @@ def _fault(samples: Array, deviations: Array) -> str | None:
     if not np.isfinite(samples).all():
         return "is not a finite number"
     steps = np.diff(samples, axis=0)
-    if not steps.any() and samples.any():
+    # Noise does not repeat: what stays as it is, or at its largest value, for half of the samples does not measure.
+    if 2 * np.count_nonzero(~steps.any(axis=1)) >= len(samples) and samples.any():
         return "is frozen"
-    # Noise does not repeat: what stays at its largest value for half of the samples has come to its limit.
     for limits in (samples.min(axis=0), samples.max(axis=0)):
         at_limit = 2 * np.count_nonzero(samples == limits, axis=0) > len(samples)
         if np.any(at_limit & (limits != 0.0)):
             return "is saturated"
     scaled = steps / deviations
     peaks = np.minimum(np.abs(scaled[:-1]), np.abs(scaled[1:])) * (scaled[:-1] * scaled[1:] < 0.0)
-    if peaks.size and peaks.max() > _OUTLIER:
+    bends = np.abs(np.diff(scaled, axis=0))
+    is_last_far = bends[-1:] > np.maximum(_OUTLIER, _UNUSUAL * bends[:-1].max(axis=0, initial=0.0))
+    if np.any(peaks > _OUTLIER) or np.any(is_last_far):
         return "has outliers"
     return None
