@@ -21,7 +21,7 @@ columns = pytest.mark.parametrize("column", range(SAMPLE_SIZE), ids=lambda k: f"
 
 def samples(blocks: int, seed: int = 1, size: int = BLOCK) -> Array:
     """What working sensors read of a load that is moved, shape (blocks, size, 15)."""
-    exact = make_team(seed, count=2, rate=RATE, duration=blocks * size / RATE).exact[:, 0]
+    exact = make_team(seed, count=2, rate=RATE, duration=blocks * size / RATE).exact[:, 1]
     noise = np.random.default_rng(seed).normal(size=exact.shape) * NOISE.per_column()
     return (exact + noise)[: blocks * size].reshape(blocks, size, SAMPLE_SIZE)
 
