@@ -55,7 +55,7 @@ def _fault(samples: Array, deviations: Array) -> str | None:
         return "is not a finite number"
     steps = np.diff(samples, axis=0)
     # Noise does not repeat: what stays as it is, or at its largest value, for half of the samples does not measure.
-    if 2 * np.count_nonzero(~steps.any(axis=1)) >= len(samples) and samples.any():
+    if 2 * np.count_nonzero(~steps.any(axis=1)) >= len(steps) and samples.any():
         return "is frozen"
     for limits in (samples.min(axis=0), samples.max(axis=0)):
         at_limit = 2 * np.count_nonzero(samples == limits, axis=0) > len(samples)
