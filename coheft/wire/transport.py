@@ -47,7 +47,13 @@ _LINK_SETTINGS: dict[str, object] = {
     "tx": {
         "lease": 1000,  # [ms]: a frozen process is noticed after this
         # [us]: enough for a listener that is short of time, too little for a frozen one to hold up the run.
-        "queue": {"congestion_control": {"drop": {"wait_before_drop": 50_000}}},
+        "queue": {
+            "congestion_control": {
+                "drop": {"wait_before_drop": 50_000},
+                # [us]: a link that has been too slow for so long that megabytes wait for it is cut and dialled anew.
+                "block": {"wait_before_close": 200_000},
+            }
+        },
     },
     "rx": {"max_message_size": _MAX_MESSAGE},
 }

@@ -11,7 +11,7 @@ from typing import Self
 
 from coheft.app.run_folder import split_endpoint
 
-_CHUNK = 65536
+_CHUNK = 4096
 
 
 class Relay:
@@ -95,13 +95,14 @@ class Relay:
                 data = b""
             self._flows.wait()
             waiting.put((time.monotonic() + self.delay, data))
+            time.sleep(len(data) / self.rate)  # who sends faster has to wait in turn
 
     def _write(self, target: socket.socket, waiting: SimpleQueue[tuple[float, bytes]]) -> None:
         """Hand on what may leave, until the end."""
         with contextlib.suppress(OSError):
             while True:
                 due, data = waiting.get()
-                time.sleep(max(0.0, due - time.monotonic(), len(data) / self.rate))
+                time.sleep(max(0.0, due - time.monotonic()))
                 self._flows.wait()
                 if not data:
                     break

@@ -102,6 +102,23 @@ def test_a_frozen_link_silences_two_neighbours_for_each_other_only(tmp_path):
         assert watcher.worst < 5.0
 
 
+def test_a_link_that_is_too_slow_does_not_slow_down_the_agents(tmp_path):
+    with ExitStack() as stack:
+        change, relays = relayed([("r1", "r2")], stack)
+        team = stack.enter_context(running_team(small_scenario(3, block=BLOCK), tmp_path, "realtime", change=change))
+        watcher = stack.enter_context(watching(team))
+        watcher.wait_until_valid()
+        slowed = time.monotonic()
+        relays["r1", "r2"].rate = 5e3
+        wait_until_told(watcher, "r1", "stale: r2 is silent since", slowed)
+        wait_until_told(watcher, "r2", "stale: r1 is silent since", slowed)
+        block = block_of(team)
+        watcher.wait_until(lambda: all(e.block > block + 10 for e in watcher.latest.values()), "both ends to go on")
+        relays["r1", "r2"].rate = float("inf")
+        watcher.wait_until_valid(block_of(team))
+        assert watcher.worst < 5.0
+
+
 def test_a_team_that_is_cut_in_two_and_joined_again_is_valid_again(tmp_path):
     edges = [("r1", "r4"), ("r2", "r3")]
     with ExitStack() as stack:

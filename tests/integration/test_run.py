@@ -191,11 +191,13 @@ def test_a_run_that_is_too_short_has_not_converged_and_says_so(tmp_path: Path) -
     assert {path.name for path in tmp_path.iterdir()} == {"server.log", "r1.log", "r2.log", "r3.log"}
 
 
-def test_ctrl_c_stops_everything_at_once(start: Callable[..., Run]) -> None:
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_ctrl_c_stops_everything_at_once(sign: signal.Signals, start: Callable[..., Run]) -> None:
+    """And so does a polite request to end, or a terminal that is closed."""
     run = start("--duration", "10000")
     run.wait_until_under_way()
     pressed = time.monotonic()
-    os.killpg(run.supervisor.pid, signal.SIGINT)
+    os.kill(run.supervisor.pid, sign)
     assert run.wait() == 130
     assert time.monotonic() - pressed < STOPS_WITHIN
     assert run.left() == []
