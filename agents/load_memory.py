@@ -34,7 +34,7 @@ from coheft.estimation.pose_sensitivity import (
     PoseSensitivity,
     inertia_by_poses,
 )
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.spatial import Array, Pose, skew
 from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import PayloadEstimate
@@ -45,8 +45,10 @@ _WRENCH_FEATURES = slice(MOTION_FEATURES.stop, FEATURES)
 _DISTURBANCE = GRAM_SIZE
 """Where a block's moments hold the disturbance that poses make, in units of the noise: see ``LoadWindow.review``."""
 _CROSS = slice(_DISTURBANCE + 1, _DISTURBANCE + 1 + _CROSS_SIZE)
-_COHERENCE = 2.0
+_COHERENCE = 1.0
 """Time for which what the robots push against each other keeps its direction, more or less [s]."""
+_SPOILT = 1.0
+"""Where poses disturb the wrenches more than that, samples are not compared: the first fits of few samples are rough."""
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
 _LEAST = 0.5
@@ -100,7 +102,7 @@ class LoadMemory:
         self._since_told = np.zeros(GRAM_SIZE)
         self._forces = _MeanSquare()
         self._mean_crosses = np.zeros((robots, *_CROSS_SHAPE))
-        self._disturbance: float | None = None
+        self._disturbance = np.inf
 
     @property
     def changed_at(self) -> int:
@@ -131,13 +133,13 @@ class LoadMemory:
             The first block of a new load, if a change was found.
         """
         assert self._model is not None
-        moments = _moments(motion, wrench, own_wrench, self._disturbance or 0.0)
+        moments = _moments(motion, wrench, own_wrench, min(self._disturbance, _SPOILT))
         self._window.push(block, moments)
         self._forces.add(own_wrench[:, :3])
         self._last_block = block
         self._told_left *= self._kept
         self._since_told = self._kept * self._since_told + moments[:GRAM_SIZE]
-        if self._disturbance is None:
+        if self._disturbance > _SPOILT:
             self._window.forget_borders_before(block)  # later, too, these samples cannot be told apart by their load
             return None
         # Until ``correct`` the poses' last step adds up in all samples from before it.
@@ -180,29 +182,34 @@ class LoadMemory:
         told, self._told = self._told, None
         if told is None:
             return
-        is_same_load = told.changed_at == self._changed_at
-        if rows is not None and is_same_load and np.all(rows[:, 0] == told.changed_at) and np.all(rows[:, 1] > 0.0):
+        same_load = rows is not None and bool(np.all(np.append(rows[:, 0], self._changed_at) == told.changed_at))
+        if rows is not None and same_load and np.all(rows[:, 1] > 0.0):
             # Each one's mean: not everybody need have missed the same samples.
             self._mean_crosses = rows[:, 3:].reshape(-1, *_CROSS_SHAPE) / rows[:, 1, None, None]
             self._correct_wrenches(told)
         else:
             self._window.forget_borders_before(told.last_block + 1)
+        if self._disturbance > _SPOILT and not (rows is not None and same_load and np.all(rows[:, 1] == told.count)):
+            self._window.forget_before(told.last_block + 1)  # means will not do for poses that were so rough
         if rows is not None:
             self._disturbance = self._disturbance_by(team.covariance, rows[:, 2])
 
     def _disturbance_by(self, covariance: Array, mean_square_forces: Array) -> float:
-        """Mean square of what poses that are off add to the total wrench, in units of the noise's.
+        """Mean square of what poses that are off add to a component of the total wrench, in units of the noise's.
 
-        A robot whose pose is off by ``d`` [m], at its lever arm, spoils the total wrench by ``d`` times what it pushes.
+        A robot whose pose is off by ``d`` [m] along an axis, at its lever arm, spoils the total wrench by at most ``d``
+        times what it pushes.
 
         Args:
             covariance: Of all poses, shape (6 N, 6 N).
             mean_square_forces: Of every robot, shape (N,) [N²].
         """
         length, noise = self._length(), self._config.noise
-        variances = np.diag(covariance).reshape(-1, 6) @ np.repeat([length**2, 1.0], 3)
-        per_sample = len(variances) * ((noise.force * length) ** 2 + noise.torque**2)
-        return float(variances @ mean_square_forces / per_sample)
+        # If all are off alike, as one body, nothing is spoilt.
+        alone = np.eye(len(covariance)) - _as_one_body(self._poses)
+        per_axis = np.diag(alone @ covariance @ alone.T).reshape(-1, 2, 3).mean(axis=2)
+        per_sample = len(self._poses) * ((noise.force * length) ** 2 + noise.torque**2)
+        return float(per_axis @ [length**2, 1.0] @ mean_square_forces / per_sample)
 
     def _correct_wrenches(self, told: _Told) -> None:
         correction = np.zeros((FEATURES, FEATURES))
@@ -294,6 +301,20 @@ def _moments(motion: Array, wrench: Array, own_wrench: Array, disturbance: float
     rows = features(motion, wrench)
     cross = rows[:, MOTION_FEATURES].T @ own_wrench
     return np.concatenate([packed_gram(rows), [len(rows) * disturbance], cross.ravel()])
+
+
+def _as_one_body(poses: Sequence[Pose]) -> Array:
+    """Projects perturbations of all poses on what they have in common: one small motion of the body frame.
+
+    Returns:
+        Shape (6 N, 6 N).
+    """
+    places = np.array([pose.translation for pose in poses])
+    moved = np.tile(np.eye(6), (len(poses), 1, 1))
+    moved[:, 3:, :3] = -skew(places)
+    stacked = moved.reshape(-1, 6)
+    result: Array = stacked @ np.linalg.pinv(stacked)
+    return result
 
 
 class _MeanSquare:

@@ -252,7 +252,7 @@ class Team:
             own = self._poses[self._own]
             score, _, _ = score_and_information(self._moments, own, self._config.noise)
             self._scored_moments = self._moments  # what the step is worked out from, and known by
-            self._scores.tell(self._own, fit_round.number, np.concatenate([score, own.numbers()]))
+            self._scores.tell(self._own, fit_round.number, np.concatenate([score / max(self._moments.count, 1.0), own.numbers()]))
         elif index == fit_round.fit and self._own == 0:
             rows = self._scores.rows(fit_round.number)
             if rows is not None:
@@ -267,10 +267,12 @@ class Team:
             self._memory.correct(self._crosses.rows(fit_round.number), self._fitted)
 
     def _fit(self, rows: Array) -> Array:
-        """All poses (12 N,) after the joint step, from everybody's score and pose (N, 18)."""
+        """All poses (12 N,) after the joint step, from everybody's mean score and pose (N, 18)."""
         # What each says of its own pose counts, should somebody have missed an earlier fit.
         poses = tuple(Pose.of_numbers(numbers) for numbers in rows[:, _SCORE_SIZE:])
-        fitted = register_team(poses, rows[:, :_SCORE_SIZE], self._scored_moments, self._config.noise)
+        # Means, because not everybody need have missed the same samples.
+        scores = self._scored_moments.count * rows[:, :_SCORE_SIZE]
+        fitted = register_team(poses, scores, self._scored_moments, self._config.noise)
         return np.concatenate([pose.numbers() for pose in fitted.poses])
 
     def _switch(self, rows: Array | None) -> TeamPoses | None:
