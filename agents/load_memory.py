@@ -48,7 +48,7 @@ _CROSS = slice(_DISTURBANCE + 1, _DISTURBANCE + 1 + _CROSS_SIZE)
 _COHERENCE = 1.0
 """Time for which what the robots push against each other keeps its direction, more or less [s]."""
 _SPOILT = 1.0
-"""Where poses disturb the wrenches more than that, samples are not compared: the first fits of few samples are rough."""
+"""Where poses disturb wrenches more than this, samples are not compared: the first fits of few samples are rough."""
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
 _LEAST = 0.5
@@ -87,7 +87,7 @@ class LoadMemory:
         memory = config.efficient.memory
         self._kept = 1.0
         if memory == "window":
-            self._window = LoadWindow(riders=1 + _CROSS_SIZE)
+            self._window = LoadWindow(riders=1 + _CROSS_SIZE, coherence=_COHERENCE * config.rate)
         else:
             blocks = memory * config.rate / config.block
             self._kept = float(np.exp(-1.0 / blocks))
@@ -143,8 +143,7 @@ class LoadMemory:
             self._window.forget_borders_before(block)  # later, too, these samples cannot be told apart by their load
             return None
         # Until ``correct`` the poses' last step adds up in all samples from before it.
-        coherence = np.inf if self._told is not None else _COHERENCE * self._config.rate
-        change = self._window.review(self._model, coherence)
+        change = self._window.review(self._model, is_coherent=self._told is not None)
         if change is None:
             return None
         self._changed_at = change.first_block

@@ -252,7 +252,8 @@ class Team:
             own = self._poses[self._own]
             score, _, _ = score_and_information(self._moments, own, self._config.noise)
             self._scored_moments = self._moments  # what the step is worked out from, and known by
-            self._scores.tell(self._own, fit_round.number, np.concatenate([score / max(self._moments.count, 1.0), own.numbers()]))
+            mean_score = score / max(self._moments.count, 1.0)
+            self._scores.tell(self._own, fit_round.number, np.concatenate([mean_score, own.numbers()]))
         elif index == fit_round.fit and self._own == 0:
             rows = self._scores.rows(fit_round.number)
             if rows is not None:

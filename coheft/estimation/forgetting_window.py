@@ -51,7 +51,7 @@ class ForgettingWindow:
     def push_early(self, gram: Array) -> None:
         """Nothing: it would have faded."""
 
-    def review(self, model: InertiaModel, coherence: float = 0.0) -> None:
+    def review(self, model: InertiaModel, is_coherent: bool = False) -> None:
         """Remember the estimate, to stay there in directions that are not going to show."""
         information = self.information(model)
         estimate = np.linalg.solve(information.matrix, information.vector)

@@ -67,7 +67,7 @@ class Memory(Protocol):
     def revise(self, update: Callable[[Array], Array]) -> None:
         """Change what was summed: ``update`` takes sums (k, 190 + riders) to their new values."""
 
-    def review(self, model: InertiaModel, coherence: float = 0.0) -> LoadChange | None:
+    def review(self, model: InertiaModel, is_coherent: bool = False) -> LoadChange | None:
         """Look at what is remembered, and forget what belongs to another load."""
 
     def forget_before(self, block: int) -> None:
@@ -87,14 +87,24 @@ class LoadWindow:
         resolution: Borders remain at most about ``1 / resolution`` of their age apart.
         stride: A review tests every ``stride``-th border, others the next time. After a detection all are tested.
         false_alarm: Probability of one at a single test.
-        riders: Numbers per block that are summed along with the Gram matrix, for the caller's use. The first, if there
-            are any, is used here as well: the expected disturbance, see ``review``.
+        riders: Numbers per block that are summed along with the Gram matrix, for the caller's use.
+        coherence: Number of samples for which a disturbance keeps its direction, or 0 if there is none. A disturbance
+            spoils the wrenches beside noise, like poses that are off. Then the first rider has to be the sum of its
+            expected squares, in units of the noise's.
     """
 
-    def __init__(self, resolution: int = 8, stride: int = 3, false_alarm: float = FALSE_ALARM, riders: int = 0) -> None:
+    def __init__(
+        self,
+        resolution: int = 8,
+        stride: int = 3,
+        false_alarm: float = FALSE_ALARM,
+        riders: int = 0,
+        coherence: float = 0.0,
+    ) -> None:
         self._resolution = resolution
         self._stride = stride
         self._false_alarm = false_alarm
+        self._coherence = coherence
         self._reviews = 0
         self._changes: deque[tuple[int, float]] = deque(maxlen=_DRIFT)
         self._count = 0
@@ -149,21 +159,19 @@ class LoadWindow:
         if self._borders:
             self._sums[0] += gram
 
-    def review(self, model: InertiaModel, coherence: float = 0.0) -> LoadChange | None:
+    def review(self, model: InertiaModel, is_coherent: bool = False) -> LoadChange | None:
         """Test whether the load changed at one of the borders; if so, forget all that is older than the likeliest.
 
         Args:
             model: The weights.
-            coherence: Number of samples over which a disturbance keeps its direction. A disturbance is what spoils
-                the wrenches beside noise, like poses that are off; a block's first rider is the sum of its expected
-                squares, in units of the noise's.
+            is_coherent: Whether disturbances now keep their direction all along.
         """
         phase = 1 + self._reviews % self._stride
         self._reviews += 1
-        statistics, threshold = self._statistics(model, coherence, slice(phase, self._borders, self._stride))
+        statistics, threshold = self._statistics(model, is_coherent, slice(phase, self._borders, self._stride))
         if not np.any(statistics > threshold):
             return None
-        statistics, _ = self._statistics(model, coherence, slice(1, self._borders))
+        statistics, _ = self._statistics(model, is_coherent, slice(1, self._borders))
         found = int(np.argmax(statistics))
         change = LoadChange(int(self._firsts[1 + found]), self._last_block, float(statistics[found]))
         self._changes.append((self._count, change.statistic / threshold))
@@ -172,7 +180,7 @@ class LoadWindow:
 
     def statistics(self, model: InertiaModel) -> Array:
         """Twice the logarithm of the likelihood ratio at all ``borders`` but the first."""
-        return self._statistics(model, 0.0, slice(1, self._borders))[0]
+        return self._statistics(model, False, slice(1, self._borders))[0]
 
     def forget_before(self, block: int) -> None:
         """Forget all blocks with smaller numbers, and those that cannot be told apart from them any more."""
@@ -201,13 +209,21 @@ class LoadWindow:
     def information(self, model: InertiaModel) -> InertiaInformation:
         """Of all blocks since the last change.
 
-        While the load drifts, its covariance grows by the threshold: so much the load can have moved on unnoticed.
+        While the load drifts, the covariance grows by the threshold: so much can it have moved on unnoticed.
         """
         information = model.information(self.total[:GRAM_SIZE])
         if not self.drifting:
             return information
-        threshold = _threshold(model.unknowns, self._false_alarm)
-        return replace(information, score_covariance=threshold * information.score_covariance)
+        unnoticed = _threshold(model.unknowns, self._false_alarm) * (1.0 + self._disturbance(self.total, False))
+        return replace(information, score_covariance=unnoticed * information.score_covariance)
+
+    def _disturbance(self, sums: Array, is_coherent: bool) -> Array:
+        """What a disturbance may add to the scores of stretches (..., 190 + riders), in units of the noise, (...)."""
+        if self._coherence == 0.0:
+            return np.zeros(sums.shape[:-1])
+        share = 1.0 if is_coherent else np.minimum(1.0, self._coherence / np.maximum(sums[..., 0], 1.0))
+        result: Array = share * sums[..., GRAM_SIZE]
+        return result
 
     def _thin_out(self) -> None:
         """Drop the newest border whose neighbours are close to each other for their age."""
@@ -219,7 +235,7 @@ class LoadWindow:
                 array[drop : self._borders - 1] = array[drop + 1 : self._borders].copy()
             self._borders -= 1
 
-    def _statistics(self, model: InertiaModel, coherence: float, borders: slice) -> tuple[Array, float]:
+    def _statistics(self, model: InertiaModel, is_coherent: bool, borders: slice) -> tuple[Array, float]:
         """Statistic of each border, chi-square if nothing changed, and the threshold.
 
         If the load is one, the score of the newer part, ``u = vector - matrix @ estimate`` with the estimate from all,
@@ -230,7 +246,7 @@ class LoadWindow:
         A disturbance adds to the score of the newer part. One that stays as it is for ``n`` samples adds at most ``n``
         times its square to a statistic (a projection is no longer than what is projected); one that turns after
         ``coherence`` samples adds up like noise from then on. So it counts as ``min(n, coherence) * mean square`` times
-        the noise.
+        the noise of the newer part.
         """
         sums = self._sums[borders, :GRAM_SIZE]
         if len(sums) == 0:
@@ -246,9 +262,7 @@ class LoadWindow:
         own = basis @ _safe_score_covariance(newer) @ basis.T
         cross = gain @ own
         spread = own - cross - cross.swapaxes(-1, -2) + gain @ gain.swapaxes(-1, -2)
-        if coherence > 0.0:
-            count, disturbance = self._sums[borders, 0], self._sums[borders, GRAM_SIZE]
-            spread += (np.minimum(1.0, coherence / count) * disturbance)[:, None, None] * own
+        spread += self._disturbance(self._sums[borders], is_coherent)[:, None, None] * own
         spread += 1e-9 * np.eye(len(basis))
         statistics = np.einsum("ki,ki->k", score, np.linalg.solve(spread, score[..., None])[..., 0])
         return statistics, _threshold(len(basis), self._false_alarm)

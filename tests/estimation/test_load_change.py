@@ -59,11 +59,11 @@ class Run:
         rows_with = features(self.motion, wrench).reshape(-1, BLOCK, 19)
         return np.array([packed_gram(b) - packed_gram(a) for a, b in zip(rows, rows_with, strict=True)])
 
-    def feed(self, memory: Memory, grams: Array, first: int = 0, coherence: float = 0.0) -> list[LoadChange]:
+    def feed(self, memory: Memory, grams: Array, first: int = 0) -> list[LoadChange]:
         found = []
         for block, gram in enumerate(grams, start=first):
             memory.push(block, gram)
-            change = memory.review(self.model, coherence)
+            change = memory.review(self.model)
             if change is not None:
                 found.append(change)
         return found
@@ -163,11 +163,10 @@ def test_a_disturbance_that_is_expected_is_no_change_and_a_change_is_found_besid
     grams = np.concatenate([run.grams(run.theta)[:change_at], run.grams(run.theta + run.dropped(6.0))[change_at:]])
     disturbed = grams + run.disturbances(mean_square)
     expected = np.concatenate([disturbed, np.full((len(grams), 1), BLOCK * mean_square)], axis=1)
-    coherence = 0.5 * RATE
-    trusting, expecting = LoadWindow(), LoadWindow(riders=1)
+    trusting, expecting = LoadWindow(), LoadWindow(riders=1, coherence=0.5 * RATE)
     assert run.feed(trusting, disturbed[:change_at])
-    assert not run.feed(expecting, expected[:change_at], coherence=coherence)
-    changes = run.feed(expecting, expected[change_at:], change_at, coherence)
+    assert not run.feed(expecting, expected[:change_at])
+    changes = run.feed(expecting, expected[change_at:], change_at)
     assert [change.first_block for change in changes] == [change_at]
     assert changes[0].last_block < change_at + 10
 
