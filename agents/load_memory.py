@@ -28,13 +28,14 @@ from coheft.estimation.inertia import (
 from coheft.estimation.inertia_derivatives import barycentric_derivative, seen_inertia_derivative
 from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, unseen_quantities
 from coheft.estimation.load_change import LoadWindow, Memory
+from coheft.estimation.pose_disturbance import wrench_disturbance
 from coheft.estimation.pose_sensitivity import (
     MOTION_FEATURES,
     REGISTRATION_FEATURES,
     PoseSensitivity,
     inertia_by_poses,
 )
-from coheft.estimation.spatial import Array, Pose, skew
+from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import PayloadEstimate
@@ -43,7 +44,7 @@ _CROSS_SHAPE = (MOTION_FEATURES.stop, 6)
 _CROSS_SIZE = _CROSS_SHAPE[0] * _CROSS_SHAPE[1]
 _WRENCH_FEATURES = slice(MOTION_FEATURES.stop, FEATURES)
 _DISTURBANCE = GRAM_SIZE
-"""Where a block's moments hold the disturbance that poses make, in units of the noise: see ``LoadWindow.review``."""
+"""Where a block's moments hold the size of the disturbance that poses make, in units of the noise."""
 _CROSS = slice(_DISTURBANCE + 1, _DISTURBANCE + 1 + _CROSS_SIZE)
 _COHERENCE = 1.0
 """Time for which what the robots push against each other keeps its direction, more or less [s]."""
@@ -96,6 +97,7 @@ class LoadMemory:
         self._last_block = self._changed_at = -1
         self._poses: Sequence[Pose] = ()
         self._sensitivity: PoseSensitivity | None = None
+        self._fusion: MotionFusion | None = None
         self._model: InertiaModel | None = None
         self._told: _Told | None = None
         self._told_left = 1.0
@@ -103,6 +105,7 @@ class LoadMemory:
         self._forces = _MeanSquare()
         self._mean_crosses = np.zeros((robots, *_CROSS_SHAPE))
         self._disturbance = np.inf
+        self._disturbance_shape: Array | None = None
 
     @property
     def changed_at(self) -> int:
@@ -113,12 +116,15 @@ class LoadMemory:
         """All that is remembered, and what comes, is seen with these poses."""
         self._poses = poses
         self._sensitivity = PoseSensitivity.of(poses, self._config.noise)
+        self._fusion = fusion
         parameters = None
         if self._model is not None and self._is_enough():
             parameters = self._estimate(self._model).inertia.barycentric()
         self._model = InertiaModel(
             fusion.wrench_covariance, fusion.acceleration_covariance, parameters, with_offset=self._offsets
         )
+        if self._disturbance_shape is not None:
+            self._model.expect_disturbance(self._disturbance_shape)
 
     def push(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> int | None:
         """Take in a block of body motion (B, 12), total wrench (B, 6) and own wrench in ``F_i`` (B, 6).
@@ -191,24 +197,15 @@ class LoadMemory:
         if self._disturbance > _SPOILT and not (rows is not None and same_load and np.all(rows[:, 1] == told.count)):
             self._window.forget_before(told.last_block + 1)  # means will not do for poses that were so rough
         if rows is not None:
-            self._disturbance = self._disturbance_by(team.covariance, rows[:, 2])
+            self._expect_disturbance(wrench_disturbance(self._poses, team.covariance, rows[:, 2]))
 
-    def _disturbance_by(self, covariance: Array, mean_square_forces: Array) -> float:
-        """Mean square of what poses that are off add to a component of the total wrench, in units of the noise's.
-
-        A robot whose pose is off by ``d`` [m] along an axis, at its lever arm, spoils the total wrench by at most ``d``
-        times what it pushes.
-
-        Args:
-            covariance: Of all poses, shape (6 N, 6 N).
-            mean_square_forces: Of every robot, shape (N,) [N²].
-        """
-        length, noise = self._length(), self._config.noise
-        # If all are off alike, as one body, nothing is spoilt.
-        alone = np.eye(len(covariance)) - _as_one_body(self._poses)
-        per_axis = np.diag(alone @ covariance @ alone.T).reshape(-1, 2, 3).mean(axis=2)
-        per_sample = len(self._poses) * ((noise.force * length) ** 2 + noise.torque**2)
-        return float(per_axis @ [length**2, 1.0] @ mean_square_forces / per_sample)
+    def _expect_disturbance(self, covariance: Array) -> None:
+        """From now on samples are spoilt with this covariance (6, 6), beside their noise."""
+        assert self._fusion is not None
+        assert self._model is not None
+        self._disturbance = float(np.trace(np.linalg.solve(self._fusion.wrench_covariance, covariance))) / 6.0
+        self._disturbance_shape = covariance / self._disturbance
+        self._model.expect_disturbance(self._disturbance_shape)
 
     def _correct_wrenches(self, told: _Told) -> None:
         correction = np.zeros((FEATURES, FEATURES))
@@ -300,20 +297,6 @@ def _moments(motion: Array, wrench: Array, own_wrench: Array, disturbance: float
     rows = features(motion, wrench)
     cross = rows[:, MOTION_FEATURES].T @ own_wrench
     return np.concatenate([packed_gram(rows), [len(rows) * disturbance], cross.ravel()])
-
-
-def _as_one_body(poses: Sequence[Pose]) -> Array:
-    """Projects perturbations of all poses on what they have in common: one small motion of the body frame.
-
-    Returns:
-        Shape (6 N, 6 N).
-    """
-    places = np.array([pose.translation for pose in poses])
-    moved = np.tile(np.eye(6), (len(poses), 1, 1))
-    moved[:, 3:, :3] = -skew(places)
-    stacked = moved.reshape(-1, 6)
-    result: Array = stacked @ np.linalg.pinv(stacked)
-    return result
 
 
 class _MeanSquare:

@@ -89,8 +89,8 @@ class LoadWindow:
         false_alarm: Probability of one at a single test.
         riders: Numbers per block that are summed along with the Gram matrix, for the caller's use.
         coherence: Number of samples for which a disturbance keeps its direction, or 0 if there is none. A disturbance
-            spoils the wrenches beside noise, like poses that are off. Then the first rider has to be the sum of its
-            expected squares, in units of the noise's.
+            spoils the wrenches beside noise, like poses that are off. The model has its covariance up to its size, and
+            the first rider has to be the sum of its sizes.
     """
 
     def __init__(
@@ -214,15 +214,16 @@ class LoadWindow:
         information = model.information(self.total[:GRAM_SIZE])
         if not self.drifting:
             return information
-        unnoticed = _threshold(model.unknowns, self._false_alarm) * (1.0 + self._disturbance(self.total, False))
-        return replace(information, score_covariance=unnoticed * information.score_covariance)
+        covariance = information.score_covariance + self._disturbance(model, self.total, False)
+        return replace(information, score_covariance=_threshold(model.unknowns, self._false_alarm) * covariance)
 
-    def _disturbance(self, sums: Array, is_coherent: bool) -> Array:
-        """What a disturbance may add to the scores of stretches (..., 190 + riders), in units of the noise, (...)."""
+    def _disturbance(self, model: InertiaModel, sums: Array, is_coherent: bool) -> Array:
+        """Covariance of what a disturbance adds to the scores of stretches (..., 190 + riders), shape (..., u, u)."""
+        grams = sums[..., :GRAM_SIZE]
         if self._coherence == 0.0:
-            return np.zeros(sums.shape[:-1])
-        share = 1.0 if is_coherent else np.minimum(1.0, self._coherence / np.maximum(sums[..., 0], 1.0))
-        result: Array = share * sums[..., GRAM_SIZE]
+            return np.zeros((*grams.shape[:-1], model.unknowns, model.unknowns))
+        share = 1.0 if is_coherent else np.minimum(1.0, self._coherence / np.maximum(grams[..., 0], 1.0))
+        result: Array = (share * sums[..., GRAM_SIZE])[..., None, None] * model.disturbance(grams)
         return result
 
     def _thin_out(self) -> None:
@@ -243,10 +244,8 @@ class LoadWindow:
         this equals ``RSS(all) - RSS(older) - RSS(newer)``; with it, unlike that, it stays true when the load is at
         rest for a while, and noise is all there is to see.
 
-        A disturbance adds to the score of the newer part. One that stays as it is for ``n`` samples adds at most ``n``
-        times its square to a statistic (a projection is no longer than what is projected); one that turns after
-        ``coherence`` samples adds up like noise from then on. So it counts as ``min(n, coherence) * mean square`` times
-        the noise of the newer part.
+        A disturbance adds to the score of the newer part. What it adds in ``n`` samples has a covariance ``n`` times as
+        large as if it were new with every sample, or ``coherence`` times, if it turns after so many.
         """
         sums = self._sums[borders, :GRAM_SIZE]
         if len(sums) == 0:
@@ -262,7 +261,7 @@ class LoadWindow:
         own = basis @ _safe_score_covariance(newer) @ basis.T
         cross = gain @ own
         spread = own - cross - cross.swapaxes(-1, -2) + gain @ gain.swapaxes(-1, -2)
-        spread += self._disturbance(self._sums[borders], is_coherent)[:, None, None] * own
+        spread += basis @ self._disturbance(model, self._sums[borders], is_coherent) @ basis.T
         spread += 1e-9 * np.eye(len(basis))
         statistics = np.einsum("ki,ki->k", score, np.linalg.solve(spread, score[..., None])[..., 0])
         return statistics, _threshold(len(basis), self._false_alarm)
