@@ -52,7 +52,7 @@ _SPOILT = 1.0
 """Where poses disturb wrenches more than this, samples are not compared: the first fits of few samples are rough."""
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
-_LEAST = 0.5
+_LEAST = 0.2
 """Least time of samples from which anything is estimated [s]."""
 
 
@@ -165,7 +165,8 @@ class LoadMemory:
         if changed_at <= self._changed_at:
             return False
         self._changed_at = changed_at
-        self._window.forget_before(changed_at)
+        if self._model is not None:
+            self._window.accept(changed_at, self._model)
         return True
 
     def told(self) -> Array:

@@ -58,6 +58,9 @@ class ForgettingWindow:
         # Slowly, because neighbouring estimates come from the same data: those must not count again and again.
         self._anchor = self._anchor + (1.0 - self._factor) * (estimate - self._anchor)
 
+    def accept(self, block: int, model: InertiaModel) -> None:
+        """Nothing: older blocks fade by themselves."""
+
     def forget_before(self, block: int) -> None:
         """Nothing: older blocks fade by themselves."""
 

@@ -26,12 +26,14 @@ from coheft.estimation.spatial import Array
 FALSE_ALARM = 1e-12
 """Probability that a single test reports a change where there is none. Tests of one border on successive blocks, and of
 neighbouring borders, have much data in common."""
-_DRIFT = 3
+_DRIFT = 2
 """So many small changes in a row are a drift,"""
 _SMALL = 4.0
 """where small means that the statistic was below this many times the threshold."""
 _OVERDUE = 3.0
 """A drift is over when this many times the usual interval went by without a change."""
+_HARDLY = 1e-6
+"""Information, relative to the rest, below which an estimate stays what it was."""
 _TESTED = 0.2
 """Directions are tested in which at least this share of the information is motion, and not noise of motion."""
 
@@ -70,8 +72,11 @@ class Memory(Protocol):
     def review(self, model: InertiaModel, is_coherent: bool = False) -> LoadChange | None:
         """Look at what is remembered, and forget what belongs to another load."""
 
-    def forget_before(self, block: int) -> None:
+    def accept(self, block: int, model: InertiaModel) -> None:
         """Forget all blocks with smaller numbers: somebody else found a change."""
+
+    def forget_before(self, block: int) -> None:
+        """Forget all blocks with smaller numbers."""
 
     def forget_borders_before(self, block: int) -> None:
         """Keep all samples, but do not look for changes before this block any more."""
@@ -107,6 +112,9 @@ class LoadWindow:
         self._coherence = coherence
         self._reviews = 0
         self._changes: deque[tuple[int, float]] = deque(maxlen=_DRIFT)
+        # Estimate before the last change, and how far it was from the one before.
+        self._last: Array | None = None
+        self._moved: Array = np.zeros(0)
         self._count = 0
         self._last_block = -1
         # Border k is the beginning of block _firsts[k], the _orders[k]-th that came; _sums[k] is all that came since.
@@ -174,13 +182,31 @@ class LoadWindow:
         statistics, _ = self._statistics(model, is_coherent, slice(1, self._borders))
         found = int(np.argmax(statistics))
         change = LoadChange(int(self._firsts[1 + found]), self._last_block, float(statistics[found]))
-        self._changes.append((self._count, change.statistic / threshold))
-        self.forget_before(change.first_block)
+        self._begin(1 + found, change.statistic / threshold, model)
         return change
 
     def statistics(self, model: InertiaModel) -> Array:
         """Twice the logarithm of the likelihood ratio at all ``borders`` but the first."""
         return self._statistics(model, False, slice(1, self._borders))[0]
+
+    def accept(self, block: int, model: InertiaModel) -> None:
+        """Somebody else found a change: forget all blocks with smaller numbers."""
+        border = int(np.searchsorted(self._firsts[: self._borders], block))
+        if 0 < border < self._borders:
+            statistics, threshold = self._statistics(model, False, slice(border, border + 1))
+            self._begin(border, float(statistics[0]) / threshold, model)
+        else:
+            self.forget_before(block)
+
+    def _begin(self, border: int, size: float, model: InertiaModel) -> None:
+        """Forget what is older than a border, but not how far the load has moved since the change before."""
+        self._changes.append((self._count, size))
+        older = model.information(self._sums[0, :GRAM_SIZE] - self._sums[border, :GRAM_SIZE])
+        last = np.zeros(model.unknowns) if self._last is None else self._last
+        ridge = _HARDLY * np.diag(np.diag(older.uncompensated))
+        self._moved = np.asarray(np.linalg.solve(older.matrix + ridge, older.vector - older.matrix @ last))
+        self._last = np.asarray(last + self._moved)
+        self.forget_before(int(self._firsts[border]))
 
     def forget_before(self, block: int) -> None:
         """Forget all blocks with smaller numbers, and those that cannot be told apart from them any more."""
@@ -209,13 +235,13 @@ class LoadWindow:
     def information(self, model: InertiaModel) -> InertiaInformation:
         """Of all blocks since the last change.
 
-        While the load drifts, the covariance grows by the threshold: so much can it have moved on unnoticed.
+        While the load drifts, it can have moved on unnoticed by as much as between the last changes.
         """
         information = model.information(self.total[:GRAM_SIZE])
         if not self.drifting:
             return information
-        covariance = information.score_covariance + self._disturbance(model, self.total, False)
-        return replace(information, score_covariance=_threshold(model.unknowns, self._false_alarm) * covariance)
+        score = information.matrix @ self._moved
+        return replace(information, score_covariance=information.score_covariance + np.outer(score, score))
 
     def _disturbance(self, model: InertiaModel, sums: Array, is_coherent: bool) -> Array:
         """Covariance of what a disturbance adds to the scores of stretches (..., 190 + riders), shape (..., u, u)."""
