@@ -28,6 +28,7 @@ from coheft.estimation.inertia import (
 from coheft.estimation.inertia_derivatives import barycentric_derivative, seen_inertia_derivative
 from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, unseen_quantities
 from coheft.estimation.load_change import LoadWindow, Memory
+from coheft.estimation.pose_disturbance import wrench_disturbance
 from coheft.estimation.pose_sensitivity import (
     MOTION_FEATURES,
     REGISTRATION_FEATURES,
@@ -43,19 +44,21 @@ _CROSS_SHAPE = (MOTION_FEATURES.stop, 6)
 _CROSS_SIZE = _CROSS_SHAPE[0] * _CROSS_SHAPE[1]
 _WRENCH_FEATURES = slice(MOTION_FEATURES.stop, FEATURES)
 _DISTURBANCE = GRAM_SIZE
-"""Where a block's moments hold the disturbance that poses make, in units of the noise: see ``LoadWindow.review``."""
+"""Where a block's moments hold the size of the disturbance that poses make, in units of the noise."""
 _CROSS = slice(_DISTURBANCE + 1, _DISTURBANCE + 1 + _CROSS_SIZE)
-_COHERENCE = 2.0
+_COHERENCE = 1.0
 """Time for which what the robots push against each other keeps its direction, more or less [s]."""
+_SPOILT = 1.0
+"""Where poses disturb wrenches more than this, samples are not compared: the first fits of few samples are rough."""
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
-_LOOK_BACK = 0.1
-"""Time between two looks at whether all that is remembered fits one load [s]."""
-_SLACK = 1.0
-"""Share by which mean squared residuals may be larger than noise and poses explain, always,"""
-_SIGMAS = 8.0
-"""and standard deviations by which they may be larger by chance."""
-_LEAST = 0.5
+_RECENT = 0.25
+"""Time over which recent residuals are averaged [s]."""
+_CONTRADICTION = 80.0
+"""Limit of the chi-square of the mean recent residual, six degrees of freedom: 4e-15 by chance."""
+_GIVE_UP = 0.5
+"""After so long a contradiction what is remembered is forgotten: it was of another load [s]."""
+_LEAST = 0.2
 """Least time of samples from which anything is estimated [s]."""
 
 
@@ -91,7 +94,7 @@ class LoadMemory:
         memory = config.efficient.memory
         self._kept = 1.0
         if memory == "window":
-            self._window = LoadWindow(riders=1 + _CROSS_SIZE)
+            self._window = LoadWindow(riders=1 + _CROSS_SIZE, coherence=_COHERENCE * config.rate)
         else:
             blocks = memory * config.rate / config.block
             self._kept = float(np.exp(-1.0 / blocks))
@@ -100,16 +103,21 @@ class LoadMemory:
         self._last_block = self._changed_at = -1
         self._poses: Sequence[Pose] = ()
         self._sensitivity: PoseSensitivity | None = None
+        self._fusion: MotionFusion | None = None
         self._model: InertiaModel | None = None
         self._told: _Told | None = None
         self._told_left = 1.0
         self._since_told = np.zeros(GRAM_SIZE)
         self._forces = _MeanSquare()
         self._mean_crosses = np.zeros((robots, *_CROSS_SHAPE))
-        self._disturbance: float | None = None
+        self._disturbance = np.inf
+        self._disturbance_shape: Array | None = None
         self._unknowns: Array | None = None
-        self._pushed = 0
-        self._look_back_every = max(1, round(_LOOK_BACK * config.rate / config.block))
+        self._recent = np.zeros(FEATURES)
+        blocks_per_second = config.rate / config.block
+        self._recent_kept = float(np.exp(-1.0 / (_RECENT * blocks_per_second)))
+        self._give_up_after = max(1, round(_GIVE_UP * blocks_per_second))
+        self._contradicted = 0
 
     @property
     def changed_at(self) -> int:
@@ -120,12 +128,15 @@ class LoadMemory:
         """All that is remembered, and what comes, is seen with these poses."""
         self._poses = poses
         self._sensitivity = PoseSensitivity.of(poses, self._config.noise)
+        self._fusion = fusion
         parameters = None
         if self._model is not None and self._is_enough():
             parameters = self._estimate(self._model).inertia.barycentric()
         self._model = InertiaModel(
             fusion.wrench_covariance, fusion.acceleration_covariance, parameters, with_offset=self._offsets
         )
+        if self._disturbance_shape is not None:
+            self._model.expect_disturbance(self._disturbance_shape)
 
     def push(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> int | None:
         """Take in a block of body motion (B, 12), total wrench (B, 6) and own wrench in ``F_i`` (B, 6).
@@ -140,48 +151,64 @@ class LoadMemory:
             The first block of a new load, if a change was found.
         """
         assert self._model is not None
-        moments = _moments(motion, wrench, own_wrench, self._disturbance or 0.0)
+        moments = _moments(motion, wrench, own_wrench, min(self._disturbance, _SPOILT))
         self._window.push(block, moments)
         self._forces.add(own_wrench[:, :3])
         self._last_block = block
         self._told_left *= self._kept
         self._since_told = self._kept * self._since_told + moments[:GRAM_SIZE]
-        if self._disturbance is None:
+        if self._disturbance > _SPOILT:
             self._window.forget_borders_before(block)  # later, too, these samples cannot be told apart by their load
             return None
         # Until ``correct`` the poses' last step adds up in all samples from before it.
-        coherence = np.inf if self._told is not None else _COHERENCE * self._config.rate
-        change = self._window.review(self._model, coherence)
+        change = self._window.review(self._model, is_coherent=self._told is not None)
         if change is None:
-            self._pushed += 1
-            if self._pushed % self._look_back_every == 0:
-                self._look_back()
+            self._look_back(block, moments)
             return None
-        self._changed_at, self._unknowns = change.first_block, None
+        self._begin(change.first_block)
         return change.first_block
 
     def surprise(self, motion: Array, wrench: Array) -> float:
-        """Mean square of a block's residuals over what it should be, with what is known of the load; 0 if nothing is."""
-        if self._model is None or self._disturbance is None or self._unknowns is None:
+        """Mean square of a block's residuals over what it should be, by what is known of the load; 0 if nothing is."""
+        if self._model is None or self._unknowns is None:
             return 0.0
         explained = np.tensordot(features(motion, wrench), self._model.regressor_coefficients @ self._unknowns, 1)
         residuals = wrench - explained
         weighted = residuals @ np.linalg.inv(self._model.residual_covariance)
         return float(np.sum(weighted * residuals) / residuals.size / (1.0 + self._disturbance))
 
-    def _look_back(self) -> None:
-        """Now and then: what is the load; and if what is remembered fits no single load, forget it."""
-        if self._model is None or self._disturbance is None or not self._is_enough():
+    def _look_back(self, block: int, moments: Array) -> None:
+        """Whether the wrenches of late are those of the load that is remembered; if not for long, forget it."""
+        assert self._model is not None
+        self._recent = self._recent_kept * self._recent + unpacked_gram(moments[:GRAM_SIZE])[0]
+        if self._told is not None:
+            return  # motions are seen with new poses, wrenches with old ones
+        if not self._is_enough():
             self._unknowns = None
             return
         estimate = self._estimate(self._model)
         offset = np.zeros(0) if estimate.offset is None else estimate.offset
         self._unknowns = np.concatenate([estimate.parameters, offset])
-        disturbed = 1.0 + self._window.total[_DISTURBANCE] / self._count()
-        limit = (1.0 + _SLACK) * disturbed + _SIGMAS * np.sqrt(2.0 / (6.0 * self._count()))
-        if self._window.information(self._model).mean_square(self._unknowns) > limit:
-            self._window.forget_before(self._last_block)
-            self._unknowns = None
+        is_right = self._recent_statistic(self._model, self._unknowns) < _CONTRADICTION
+        self._contradicted = 0 if is_right else self._contradicted + 1
+        if self._contradicted > self._give_up_after:
+            self._window.forget_before(block)
+            self._begin(self._changed_at)
+
+    def _recent_statistic(self, model: InertiaModel, unknowns: Array) -> float:
+        """Chi-square of the mean residual of late: noise averages out, what poses add does not."""
+        count = self._recent[0]
+        mean = self._recent / count
+        residual = mean[_WRENCH_FEATURES] - np.tensordot(mean, model.regressor_coefficients @ unknowns, 1)
+        spread = model.residual_covariance / count
+        if self._disturbance_shape is not None:
+            spread = spread + self._disturbance * self._disturbance_shape
+        return float(residual @ np.linalg.solve(spread, residual))
+
+    def _begin(self, changed_at: int) -> None:
+        """What is remembered is of another load than before."""
+        self._changed_at, self._unknowns = changed_at, None
+        self._recent, self._contradicted = np.zeros(FEATURES), 0
 
     def push_early(self, motion: Array, wrench: Array, own_wrench: Array) -> None:
         """Take in a block from before all others, as ``push``; it is not looked at for changes."""
@@ -192,8 +219,9 @@ class LoadMemory:
         """A neighbour says that the load changed at this block. Returns whether that is news."""
         if changed_at <= self._changed_at:
             return False
-        self._changed_at, self._unknowns = changed_at, None
-        self._window.forget_before(changed_at)
+        self._begin(changed_at)
+        if self._model is not None:
+            self._window.accept(changed_at, self._model)
         return True
 
     def told(self) -> Array:
@@ -215,32 +243,25 @@ class LoadMemory:
         told, self._told = self._told, None
         if told is None:
             return
-        is_same_load = told.changed_at == self._changed_at
-        if rows is not None and is_same_load and np.all(rows[:, 0] == told.changed_at) and np.all(rows[:, 1] > 0.0):
+        same_load = rows is not None and bool(np.all(np.append(rows[:, 0], self._changed_at) == told.changed_at))
+        if rows is not None and same_load and np.all(rows[:, 1] > 0.0):
             # Each one's mean: not everybody need have missed the same samples.
             self._mean_crosses = rows[:, 3:].reshape(-1, *_CROSS_SHAPE) / rows[:, 1, None, None]
             self._correct_wrenches(told)
         else:
             self._window.forget_borders_before(told.last_block + 1)
+        if self._disturbance > _SPOILT and not (rows is not None and same_load and np.all(rows[:, 1] == told.count)):
+            self._window.forget_before(told.last_block + 1)  # means will not do for poses that were so rough
         if rows is not None:
-            disturbance = self._disturbance_by(team.covariance, rows[:, 2])
-            if self._disturbance is None:
-                self._window.revise(lambda sums: _disturbed(sums, disturbance))
-            self._disturbance = disturbance
+            self._expect_disturbance(wrench_disturbance(self._poses, team.covariance, rows[:, 2]))
 
-    def _disturbance_by(self, covariance: Array, mean_square_forces: Array) -> float:
-        """Mean square of what poses that are off add to the total wrench, in units of the noise's.
-
-        A robot whose pose is off by ``d`` [m], at its lever arm, spoils the total wrench by ``d`` times what it pushes.
-
-        Args:
-            covariance: Of all poses, shape (6 N, 6 N).
-            mean_square_forces: Of every robot, shape (N,) [N²].
-        """
-        length, noise = self._length(), self._config.noise
-        variances = np.diag(covariance).reshape(-1, 6) @ np.repeat([length**2, 1.0], 3)
-        per_sample = len(variances) * ((noise.force * length) ** 2 + noise.torque**2)
-        return float(variances @ mean_square_forces / per_sample)
+    def _expect_disturbance(self, covariance: Array) -> None:
+        """From now on samples are spoilt with this covariance (6, 6), beside their noise."""
+        assert self._fusion is not None
+        assert self._model is not None
+        self._disturbance = float(np.trace(np.linalg.solve(self._fusion.wrench_covariance, covariance))) / 6.0
+        self._disturbance_shape = covariance / self._disturbance
+        self._model.expect_disturbance(self._disturbance_shape)
 
     def _correct_wrenches(self, told: _Told) -> None:
         correction = np.zeros((FEATURES, FEATURES))
@@ -273,6 +294,7 @@ class LoadMemory:
             return np.hstack([repacked_gram(gram), sums[:, _DISTURBANCE, None], cross.reshape(len(sums), -1)])
 
         self._window.revise(update)
+        self._recent = full_map @ self._recent
         total = self._window.total
         cross = total[_CROSS].reshape(_CROSS_SHAPE)
         motion_gram = unpacked_gram(total[:GRAM_SIZE])[MOTION_FEATURES, MOTION_FEATURES]
@@ -284,6 +306,8 @@ class LoadMemory:
         """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable."""
         if self._model is None or not self._is_enough():
             return None, ()
+        if self._contradicted:
+            return None, ("load: the forces of late do not fit what is remembered of it",)
         estimate = self._estimate(self._model)
         seen_by_own = seen_inertia_derivative(self._poses[own], estimate.inertia)
         to_central = np.linalg.inv(barycentric_derivative(estimate.inertia))
@@ -332,12 +356,6 @@ def _moments(motion: Array, wrench: Array, own_wrench: Array, disturbance: float
     rows = features(motion, wrench)
     cross = rows[:, MOTION_FEATURES].T @ own_wrench
     return np.concatenate([packed_gram(rows), [len(rows) * disturbance], cross.ravel()])
-
-
-def _disturbed(sums: Array, disturbance: float) -> Array:
-    """Sums of samples as if all of them had had this disturbance."""
-    sums[:, _DISTURBANCE] = disturbance * sums[:, 0]
-    return sums
 
 
 class _MeanSquare:

@@ -49,21 +49,21 @@ class Run:
         wrench = exact + rng.multivariate_normal(np.zeros(6), self.fusion.wrench_covariance, count)
         return np.array([packed_gram(block) for block in features(motion, wrench).reshape(-1, BLOCK, 19)])
 
-    def disturbances(self, mean_square: float) -> Array:
-        """What wrenches that swing at random, so large in units of the noise, add to packed Gram matrices (n, 190)."""
+    def disturbances(self, size: float) -> Array:
+        """What wrenches that swing, with so many times the noise's covariance, add to packed Gram matrices (n, 190)."""
         time = np.arange(len(self.motion)) / RATE
         frequencies, phases = self._rng.uniform(0.4, 1.6, 6), self._rng.uniform(0.0, 2.0 * np.pi, 6)
-        swings = np.sqrt(mean_square / 3.0) * np.sin(2.0 * np.pi * frequencies * time[:, None] + phases)
+        swings = np.sqrt(2.0 * size) * np.sin(2.0 * np.pi * frequencies * time[:, None] + phases)
         wrench = swings @ np.linalg.cholesky(self.model.residual_covariance).T
         rows = features(self.motion, np.zeros((len(self.motion), 6))).reshape(-1, BLOCK, 19)
         rows_with = features(self.motion, wrench).reshape(-1, BLOCK, 19)
         return np.array([packed_gram(b) - packed_gram(a) for a, b in zip(rows, rows_with, strict=True)])
 
-    def feed(self, memory: Memory, grams: Array, first: int = 0, coherence: float = 0.0) -> list[LoadChange]:
+    def feed(self, memory: Memory, grams: Array, first: int = 0) -> list[LoadChange]:
         found = []
         for block, gram in enumerate(grams, start=first):
             memory.push(block, gram)
-            change = memory.review(self.model, coherence)
+            change = memory.review(self.model)
             if change is not None:
                 found.append(change)
         return found
@@ -159,15 +159,15 @@ def test_missing_blocks_are_no_matter() -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_a_disturbance_that_is_expected_is_no_change_and_a_change_is_found_beside_it(seed: int) -> None:
     run = Run(seed, duration=14.0)
-    change_at, mean_square = 200, 2.0
+    change_at, size = 200, 0.4
+    run.model.expect_disturbance(run.model.residual_covariance)
     grams = np.concatenate([run.grams(run.theta)[:change_at], run.grams(run.theta + run.dropped(6.0))[change_at:]])
-    disturbed = grams + run.disturbances(mean_square)
-    expected = np.concatenate([disturbed, np.full((len(grams), 1), BLOCK * mean_square)], axis=1)
-    coherence = 0.5 * RATE
-    trusting, expecting = LoadWindow(), LoadWindow(riders=1)
+    disturbed = grams + run.disturbances(size)
+    expected = np.concatenate([disturbed, np.full((len(grams), 1), BLOCK * size)], axis=1)
+    trusting, expecting = LoadWindow(), LoadWindow(riders=1, coherence=0.5 * RATE)
     assert run.feed(trusting, disturbed[:change_at])
-    assert not run.feed(expecting, expected[:change_at], coherence=coherence)
-    changes = run.feed(expecting, expected[change_at:], change_at, coherence)
+    assert not run.feed(expecting, expected[:change_at])
+    changes = run.feed(expecting, expected[change_at:], change_at)
     assert [change.first_block for change in changes] == [change_at]
     assert changes[0].last_block < change_at + 10
 
