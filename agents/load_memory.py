@@ -52,6 +52,8 @@ _SPOILT = 1.0
 """Where poses disturb wrenches more than this, samples are not compared: the first fits of few samples are rough."""
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
+_LOOK = 0.1
+"""Time between two solutions for what the load is, to hold what comes against [s]."""
 _RECENT = 0.25
 """Time over which recent residuals are averaged [s]."""
 _CONTRADICTION = 80.0
@@ -118,6 +120,8 @@ class LoadMemory:
         self._recent_kept = float(np.exp(-1.0 / (_RECENT * blocks_per_second)))
         self._give_up_after = max(1, round(_GIVE_UP * blocks_per_second))
         self._contradicted = 0
+        self._look_every = max(1, round(_LOOK * blocks_per_second))
+        self._pushed = 0
 
     @property
     def changed_at(self) -> int:
@@ -186,9 +190,11 @@ class LoadMemory:
         if not self._is_enough():
             self._unknowns = None
             return
-        estimate = self._estimate(self._model)
-        offset = np.zeros(0) if estimate.offset is None else estimate.offset
-        self._unknowns = np.concatenate([estimate.parameters, offset])
+        self._pushed += 1
+        if self._unknowns is None or self._pushed % self._look_every == 0:
+            information = self._window.information(self._model)
+            ridge = _SINGULAR * np.diag(np.diag(information.uncompensated))
+            self._unknowns = np.asarray(np.linalg.solve(information.matrix + ridge, information.vector))
         is_right = self._recent_statistic(self._model, self._unknowns) < _CONTRADICTION
         self._contradicted = 0 if is_right else self._contradicted + 1
         if self._contradicted > self._give_up_after:
