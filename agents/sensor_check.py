@@ -45,7 +45,7 @@ class SensorCheck:
     def _find(self, samples: Array) -> str | None:
         """What is wrong with samples (n, 15), the last one of the block before first."""
         if not np.isfinite(samples).all():
-            return _in_words("has numbers that are not finite", ~np.isfinite(samples).all(axis=0))
+            return _in_words("is not a finite number", ~np.isfinite(samples).all(axis=0))
         steps = np.diff(samples, axis=0) / self._deviations
         # Noise does not repeat: what stays as it is, or at its largest value, for half of the samples does not measure.
         still = 2 * (~steps.reshape(len(steps), -1, 3).any(axis=2)).sum(axis=0) >= len(steps)
