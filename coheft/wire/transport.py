@@ -50,8 +50,8 @@ _LINK_SETTINGS: dict[str, object] = {
         "queue": {
             "congestion_control": {
                 "drop": {"wait_before_drop": 50_000},
-                # [us]: a link that has been too slow for so long that megabytes wait for it is cut and dialled anew. Well
-                # below the lease: if the link is back while a message to the old one still waits, it stays mute.
+                # [us]: a link that has been too slow for so long that megabytes wait for it is cut and dialled anew.
+                # Well below the lease: a link that is back while a message still waits for the old one stays mute.
                 "block": {"wait_before_close": 200_000},
             }
         },
