@@ -14,7 +14,7 @@ from coheft.app.plan import Plan
 from coheft.wire.messages import StatusRequest
 
 from .relayed import Edge, with_relays
-from .team import Team, running_team, small_scenario, wait_until
+from .team import LIMIT, Team, running_team, small_scenario, wait_until
 from .watcher import Watcher, watching
 
 BLOCK = 50
@@ -158,8 +158,12 @@ def test_agents_work_with_a_new_server_as_with_the_old_one(clock, tmp_path):
         assert watcher.worst < 5.0
 
 
+def patient(plan: Plan) -> Plan:
+    return Plan(structs.replace(plan.server, return_limit=LIMIT), plan.agents)
+
+
 def test_lockstep_waits_for_a_robot_that_comes_back(tmp_path):
-    with running_team(small_scenario(3), tmp_path) as team, watching(team) as watcher:
+    with running_team(small_scenario(3), tmp_path, change=patient) as team, watching(team) as watcher:
         watcher.wait_until_valid()
         team.kill("r2")
         wait_until(lambda: "r2" in team.ask(StatusRequest()).waiting_for, "the server to notice")
