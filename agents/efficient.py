@@ -47,6 +47,8 @@ class EfficientEstimator:
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
         """See ``Estimator.step``."""
         samples = None if own is None else own.samples
+        if self._team is not None and self._team.must_start_over:
+            self._gossip.announce_holding(True, index)  # as if it had just taken hold: with its pose unknown
         if self._team is not None and self._gossip.team != self._team_number:
             self._dissolve(self._team)
         start = self._gossip.start_block

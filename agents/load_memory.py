@@ -163,6 +163,7 @@ class LoadMemory:
         self._since_told = self._kept * self._since_told + moments[:GRAM_SIZE]
         if self._disturbance > _SPOILT:
             self._window.forget_borders_before(block)  # later, too, these samples cannot be told apart by their load
+            self._look_back(block, moments)
             return None
         # Until ``correct`` the poses' last step adds up in all samples from before it.
         change = self._window.review(self._model, is_coherent=self._told is not None)
