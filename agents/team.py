@@ -55,7 +55,7 @@ _JUMP = 30.0
 changes for longer than a block."""
 _NONSENSE = 15.0
 """The same for the motion of the body, which does not change at a sudden: such a block is not used."""
-_BLAMED = 1.0
+_BLAMED = 0.6
 """After so long a contradiction a robot starts over [s]."""
 _MISFIT_TOLD = 0.1
 """Robots tell each other so often how their sensors fit the team's motion [s]."""
