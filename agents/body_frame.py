@@ -56,10 +56,15 @@ class BodyFrame:
         self._kept: KeptPoses | None = None
         self._told: tuple[int, Pose] | None = None
 
-    def keep(self, frame: int, poses: Mapping[str, Pose]) -> None:
-        """The team is dissolved; these were its poses."""
+    def keep(self, frame: int, poses: Mapping[str, Pose], holds: Mapping[str, int]) -> None:
+        """The team is dissolved; these were its poses, and the blocks since which its members had held the load.
+
+        Whoever has taken hold since then is elsewhere now. An agent that started again says that it has always held it.
+        """
         since = {name: self._gossip.records[name].since for name in poses}
-        self._kept = KeptPoses(frame, {(name, since[name]): pose for name, pose in poses.items()})
+        self._kept = KeptPoses(
+            frame, {(name, since[name]): pose for name, pose in poses.items() if since[name] in (holds[name], 0)}
+        )
 
     def update_pairs(self, previous: Array | None, inbox: Mapping[str, Channels]) -> None:
         """Take in neighbours' samples, of the same block as the own ones, shape (B, 15)."""

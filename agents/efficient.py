@@ -42,6 +42,7 @@ class EfficientEstimator:
         self._history: dict[int, Array] = {}
         self._team: Team | None = None
         self._team_number = self._frame = 0
+        self._holds: dict[str, int] = {}
         self._load_changes: list[LoadChangeNotice] = []
 
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
@@ -94,12 +95,13 @@ class EfficientEstimator:
         history = {block: rows for block, rows in self._history.items() if block >= earliest}
         self._history = {}
         self._team_number, self._frame = self._gossip.team, frame
+        self._holds = {name: self._gossip.records[name].since for name in graph}
         known = {name: pose for name, pose in poses.items() if pose is not None}
         return Team(self._config, graph, known, start, history)
 
     def _dissolve(self, team: Team) -> None:
         """The team is another one now: keep what is known of the poses."""
-        self._body_frame.keep(self._frame, team.poses())
+        self._body_frame.keep(self._frame, team.poses(), self._holds)
         self._load_changes = [*self._load_changes, *team.load_changes][-_LOAD_CHANGES:]
         self._team = None
 
