@@ -66,8 +66,8 @@ class BodyFrame:
             frame, {(name, since[name]): pose for name, pose in poses.items() if since[name] in (holds[name], 0)}
         )
 
-    def update_pairs(self, previous: Array | None, inbox: Mapping[str, Channels]) -> None:
-        """Take in neighbours' samples, of the same block as the own ones, shape (B, 15)."""
+    def update_pairs(self, block: int, previous: Array | None, inbox: Mapping[str, Channels]) -> None:
+        """Take in neighbours' samples of a block, and the own ones, shape (B, 15)."""
         own = self._gossip.own
         for name, channels in inbox.items():
             record = self._gossip.records.get(name)
@@ -76,6 +76,8 @@ class BodyFrame:
             hold = (record.since, own.since)
             if self._holds.get(name) != hold:
                 self._holds[name], self._pairs[name] = hold, TwistMoments.none()
+            if block < max(hold):
+                continue  # told ahead: one of them is still elsewhere
             kinematics = channels.get("kinematics")
             if previous is not None and kinematics is not None and kinematics.shape == previous[:, KINEMATICS].shape:
                 self._pairs[name] += TwistMoments.of(previous[:, :6], kinematics[:, :6])

@@ -61,7 +61,7 @@ class EfficientEstimator:
 
     def _prepare(self, index: int, samples: Array | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
         """A block without sums: find out the own pose in the body frame."""
-        self._body_frame.update_pairs(self._history.get(index - 1), inbox)
+        self._body_frame.update_pairs(index - 1, self._history.get(index - 1), inbox)
         self._body_frame.hear_kept_poses(inbox)
         self._announce(index)
         self._history = {block: rows for block, rows in self._history.items() if block > index - self._history_length}

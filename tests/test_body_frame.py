@@ -51,14 +51,19 @@ class Robot:
 
 
 class Team:
-    """Four robots in a line that move a body together, and talk with each other."""
+    """Four robots in a line that move a body together, and talk with each other.
+
+    Attributes:
+        grasps: Where they hold it; None: an arm that waits.
+        block: The next one.
+    """
 
     def __init__(self) -> None:
         rng = np.random.default_rng(3)
-        self.grasps = {name: random_pose(rng) for name in NAMES}
+        self.grasps: dict[str, Pose | None] = {name: random_pose(rng) for name in NAMES}
         self._motion = motion()
         self._rng = rng
-        self._block = 0
+        self.block = 0
         self.robots = {name: Robot(name) for name in NAMES}
 
     def run(self, blocks: int, cut_off: str = "") -> None:
@@ -72,23 +77,25 @@ class Team:
             for other in heard:
                 robot.gossip.hear(self.robots[other].records)
             inbox = {other: self.robots[other].said for other in heard if self.robots[other].said}
-            robot.frame.update_pairs(robot.samples, inbox)
+            robot.frame.update_pairs(self.block - 1, robot.samples, inbox)
             robot.frame.hear_kept_poses(inbox)
             own = robot.gossip.own
             if robot.gossip.graph is not None and not (own.ready_block >= 0 and own.team == robot.gossip.team):
-                known = robot.frame.kept_pose() or (robot.frame.found_pose() if self._block % 10 == 0 else None)
+                known = robot.frame.kept_pose() or (robot.frame.found_pose() if self.block % 10 == 0 else None)
                 if known is not None:
-                    robot.gossip.announce_ready(self._block, *known)
+                    robot.gossip.announce_ready(self.block, *known)
         for name, robot in self.robots.items():
             robot.samples = self._measured(name)
             robot.said = robot.frame.channels() | {"kinematics": robot.samples[:, KINEMATICS]}
             robot.records = robot.gossip.news()
-        self._block += 1
+        self.block += 1
 
     def _measured(self, name: str) -> Array:
         samples = np.zeros((SIZE, SAMPLE_SIZE))
-        motion = self._motion[self._block * SIZE : (self._block + 1) * SIZE]
-        samples[:, KINEMATICS] = grasp_measurements(self.grasps[name], motion)
+        motion = self._motion[self.block * SIZE : (self.block + 1) * SIZE]
+        grasp = self.grasps[name]
+        if grasp is not None:
+            samples[:, KINEMATICS] = grasp_measurements(grasp, motion)
         result: Array = samples + SCENARIO.noise.per_column() * self._rng.normal(size=samples.shape)
         return result
 
@@ -110,8 +117,7 @@ class Team:
     def begin_sums(self, poses: dict[str, Pose]) -> None:
         """The team's sums begin, and fits make the poses better: here, exact."""
         self.holds = {name: self.robots[name].gossip.own.since for name in poses}
-        reference = self.grasps[min(poses)]
-        self.exact = {name: poses[min(poses)] @ reference.inverse() @ self.grasps[name] for name in poses}
+        self.exact = {name: poses[min(poses)] @ self.true_pose(min(poses), name) for name in poses}
         self.number = self.robots["r1"].gossip.frame()
 
     def dissolve(self, names: Iterable[str] = NAMES) -> None:
@@ -121,6 +127,17 @@ class Team:
 
     def restart(self, name: str) -> None:
         self.robots[name] = Robot(name, self.robots[name].gossip.own.incarnation + 1)
+
+    def take_hold(self, name: str) -> None:
+        """Elsewhere than ever before."""
+        self.grasps[name] = random_pose(np.random.default_rng(self.block))
+
+    def true_pose(self, i: str, j: str) -> Pose:
+        """``pose_j_in_i``."""
+        grasp_i, grasp_j = self.grasps[i], self.grasps[j]
+        assert grasp_i is not None
+        assert grasp_j is not None
+        return grasp_i.inverse() @ grasp_j
 
     def distance(self, a: Pose, b: Pose) -> float:
         return float(np.abs(perturbation_between(a, b)).max())
@@ -153,8 +170,7 @@ def test_at_first_everybody_finds_its_pose_from_neighbour_to_neighbour() -> None
     seen = team.robots["r2"].frame.neighbours_poses()
     assert set(seen) == {"r1", "r3"}
     for name, estimate in seen.items():
-        true = team.grasps["r2"].inverse() @ team.grasps[name]
-        assert team.distance(estimate.pose, true) < CLOSE
+        assert team.distance(estimate.pose, team.true_pose("r2", name)) < CLOSE
         assert not estimate.unseen
 
 
@@ -199,7 +215,8 @@ def test_when_all_start_again_it_is_another_frame(team: Team) -> None:
 
 
 def test_those_who_hold_on_keep_their_poses_and_who_takes_hold_elsewhere_finds_its_new_one(team: Team) -> None:
-    team.robots["r4"].gossip.announce_holding(False, 200)
+    team.robots["r4"].gossip.announce_holding(False, team.block)
+    team.grasps["r4"] = None
     team.run(3)
     team.dissolve()
     poses = team.assemble(10)
@@ -208,30 +225,30 @@ def test_those_who_hold_on_keep_their_poses_and_who_takes_hold_elsewhere_finds_i
         assert team.distance(pose, team.exact[name]) < ROUNDING
 
     team.begin_sums(poses)
-    team.grasps["r4"] = team.grasps["r4"] @ Pose.exp(np.array([0.5, -0.4, 0.3, 0.2, -0.1, 0.3]))
-    team.robots["r4"].gossip.announce_holding(True, 230)
+    team.robots["r4"].gossip.announce_holding(True, team.block + 10)  # told ahead: the arm waits still
     team.run(3)
     team.dissolve(("r1", "r2", "r3"))
+    team.run(7)
+    team.take_hold("r4")
     poses = team.assemble()
     assert team.robots["r1"].gossip.frame() == team.number
     for name in ("r1", "r2", "r3"):
         assert team.distance(poses[name], team.exact[name]) < ROUNDING
-    found = team.grasps["r1"].inverse() @ team.grasps["r4"]
-    assert team.distance(poses["r4"], found) < CLOSE
+    assert team.distance(poses["r4"], team.true_pose("r1", "r4")) < CLOSE
 
 
 def test_a_robot_that_let_go_and_took_hold_while_nobody_heard_it_is_not_taken_to_be_where_it_was(team: Team) -> None:
-    team.grasps["r4"] = team.grasps["r4"] @ Pose.exp(np.array([0.5, -0.4, 0.3, 0.2, -0.1, 0.3]))
-    team.robots["r4"].gossip.announce_holding(False, 200)
+    team.robots["r4"].gossip.announce_holding(False, team.block)
+    team.grasps["r4"] = None
     team.run(3, cut_off="r4")
-    team.robots["r4"].gossip.announce_holding(True, 230)
+    team.robots["r4"].gossip.announce_holding(True, team.block)
+    team.take_hold("r4")
     team.run(3, cut_off="r4")
     team.dissolve(("r4",))
     team.run(3)
     team.dissolve(("r1", "r2", "r3"))
     poses = team.assemble()
-    found = team.grasps["r1"].inverse() @ team.grasps["r4"]
-    assert team.distance(poses["r4"], found) < CLOSE
+    assert team.distance(poses["r4"], team.true_pose("r1", "r4")) < CLOSE
 
 
 @pytest.mark.parametrize(
@@ -253,6 +270,6 @@ def test_nonsense_teaches_nobody_a_pose(nonsense: dict[str, Array]) -> None:
     team.run(3)
     robot = team.robots["r3"]
     robot.frame.hear_kept_poses({"r2": nonsense})
-    robot.frame.update_pairs(robot.samples, {"r2": nonsense})
+    robot.frame.update_pairs(team.block - 1, robot.samples, {"r2": nonsense})
     assert robot.frame.kept_pose() is None
     assert robot.frame.found_pose() is None
