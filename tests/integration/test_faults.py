@@ -10,6 +10,7 @@ from contextlib import ExitStack
 import pytest
 from msgspec import structs
 
+from coheft.app.keys import make_keys
 from coheft.app.plan import Plan
 from coheft.wire.messages import StatusRequest
 
@@ -36,8 +37,13 @@ def wait_until_told(watcher: Watcher, source: str, words: str, since: float) -> 
     watcher.wait_until(lambda: watcher.is_told(source, words, since) is not None, f"{source} to say: {words}")
 
 
-def test_an_agent_that_is_killed_comes_back_and_everybody_is_valid_again(tmp_path):
-    with running_team(small_scenario(3, block=BLOCK), tmp_path, "realtime") as team, watching(team) as watcher:
+@pytest.mark.parametrize("profile", ["open", "secure"])
+def test_an_agent_that_is_killed_comes_back_and_everybody_is_valid_again(profile, tmp_path):
+    scenario, keys = small_scenario(3, block=BLOCK), None
+    if profile == "secure":
+        keys = tmp_path / "keys"
+        make_keys(keys, scenario)
+    with running_team(scenario, tmp_path, "realtime", keys_folder=keys) as team, watching(team) as watcher:
         watcher.wait_until_valid()
         killed = time.monotonic()
         team.kill("r2")
