@@ -95,7 +95,7 @@ def test_what_is_wrong_is_told_from_the_second_block_on_until_one_is_right(senso
         check.work(block)
         told.append(check.fault)
     # The sample before the last block was right, so it is as well.
-    assert told == [None, None, *2 * [f"the {SENSORS[sensor]} has numbers that are not finite"], None]
+    assert told == [None, None, *2 * [f"the {SENSORS[sensor]} is not a finite number"], None]
 
 
 @given(st.integers(0, 10**6), st.permutations(range(3)), st.sampled_from([-1.0, 1.0]), st.booleans())
