@@ -140,7 +140,8 @@ def array_extensions(draw: st.DrawFn) -> msgspec.msgpack.Ext:
     count = draw(st.integers(0, 8)) if draw(st.booleans()) else min(8, int(np.prod(shape, dtype=float)))
     numbers = draw(st.lists(st.floats(), min_size=count, max_size=count))
     header = bytes([len(shape)]) + b"".join(side.to_bytes(4, "little") for side in shape)
-    return msgspec.msgpack.Ext(1, header + np.array(numbers, "<f8").tobytes())
+    data = header + np.array(numbers, "<f8").tobytes()
+    return msgspec.msgpack.Ext(1, data[: draw(st.integers(0, len(data)))] if draw(st.booleans()) else data)
 
 
 @st.composite
