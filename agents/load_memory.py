@@ -62,7 +62,7 @@ _CONTRADICTION = 80.0
 """Limit of the chi-square of the mean recent residual, six degrees of freedom: 4e-15 by chance."""
 _GIVE_UP = 0.5
 """After so long a contradiction what is remembered is forgotten: it was of another load [s]."""
-_LEAST = 0.2
+_LEAST = 0.3
 """Least time of samples from which anything is estimated [s]."""
 
 
@@ -249,6 +249,7 @@ class LoadMemory:
         result = LoadMemory(self._config, len(self._poses), self._own)
         assert self._fusion is not None
         result.set_poses(self._poses, self._fusion)
+        result._mean_crosses = self._mean_crosses
         if self._disturbance_shape is not None:
             result._expect_disturbance(self._disturbance * self._disturbance_shape)
         return result
