@@ -254,13 +254,13 @@ class LoadMemory:
             result._expect_disturbance(self._disturbance * self._disturbance_shape)
         return result
 
-    def absorb(self, older: LoadMemory, team: TeamPoses) -> bool:
+    def absorb(self, older: LoadMemory) -> bool:
         """Take in what was remembered before, if it seems to be of the same load; returns whether it does."""
         if self._model is None or not self._is_enough() or self._changed_at >= 0:
             return False
         mine, theirs = self._estimate(self._model), older._estimate(self._model)
-        by_poses = older._by_poses(theirs)
-        spread = mine.parameters_covariance + theirs.parameters_covariance + by_poses @ team.covariance @ by_poses.T
+        # What the poses' errors do to both is much the same.
+        spread = mine.parameters_covariance + theirs.parameters_covariance
         difference = mine.parameters - theirs.parameters
         if not difference @ np.linalg.solve(spread, difference) < _SAME:
             return False

@@ -380,7 +380,7 @@ class Team:
         if rows is None or self._memory.changed_at >= 0:
             self._first = None
         elif self._memory.count > _MUCH_MORE * first.count:
-            self._memory.absorb(first, fitted)
+            self._memory.absorb(first)
             self._first = None
 
     def _map_to(self, version: int) -> None:
