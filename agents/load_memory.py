@@ -52,6 +52,12 @@ _SPOILT = 1.0
 """Where poses disturb wrenches more than this, samples are not compared: the first fits of few samples are rough."""
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
+_LOOK_BACK = 0.1
+"""Time between two looks at whether all that is remembered fits one load [s]."""
+_SLACK = 1.0
+"""Share by which mean squared residuals may be larger than noise and poses explain, always,"""
+_SIGMAS = 8.0
+"""and standard deviations by which they may be larger by chance."""
 _LEAST = 0.2
 """Least time of samples from which anything is estimated [s]."""
 
@@ -106,6 +112,9 @@ class LoadMemory:
         self._mean_crosses = np.zeros((robots, *_CROSS_SHAPE))
         self._disturbance = np.inf
         self._disturbance_shape: Array | None = None
+        self._unknowns: Array | None = None
+        self._pushed = 0
+        self._look_back_every = max(1, round(_LOOK_BACK * config.rate / config.block))
 
     @property
     def changed_at(self) -> int:
@@ -151,9 +160,35 @@ class LoadMemory:
         # Until ``correct`` the poses' last step adds up in all samples from before it.
         change = self._window.review(self._model, is_coherent=self._told is not None)
         if change is None:
+            self._pushed += 1
+            if self._pushed % self._look_back_every == 0:
+                self._look_back()
             return None
-        self._changed_at = change.first_block
+        self._changed_at, self._unknowns = change.first_block, None
         return change.first_block
+
+    def surprise(self, motion: Array, wrench: Array) -> float:
+        """Mean square of a block's residuals over what it should be for the known load; 0 while none is known."""
+        if self._model is None or self._disturbance > _SPOILT or self._unknowns is None:
+            return 0.0
+        explained = np.tensordot(features(motion, wrench), self._model.regressor_coefficients @ self._unknowns, 1)
+        residuals = wrench - explained
+        weighted = residuals @ np.linalg.inv(self._model.residual_covariance)
+        return float(np.sum(weighted * residuals) / residuals.size / (1.0 + self._disturbance))
+
+    def _look_back(self) -> None:
+        """Now and then: what is the load; and if what is remembered fits no single load, forget it."""
+        if self._model is None or self._disturbance > _SPOILT or not self._is_enough():
+            self._unknowns = None
+            return
+        estimate = self._estimate(self._model)
+        offset = np.zeros(0) if estimate.offset is None else estimate.offset
+        self._unknowns = np.concatenate([estimate.parameters, offset])
+        disturbed = 1.0 + self._window.total[_DISTURBANCE] / self._count()
+        limit = (1.0 + _SLACK) * disturbed + _SIGMAS * np.sqrt(2.0 / (6.0 * self._count()))
+        if self._window.information(self._model).mean_square(self._unknowns) > limit:
+            self._window.forget_before(self._last_block)
+            self._unknowns = None
 
     def push_early(self, motion: Array, wrench: Array, own_wrench: Array) -> None:
         """Take in a block from before all others, as ``push``; it is not looked at for changes."""
@@ -164,7 +199,7 @@ class LoadMemory:
         """A neighbour says that the load changed at this block. Returns whether that is news."""
         if changed_at <= self._changed_at:
             return False
-        self._changed_at = changed_at
+        self._changed_at, self._unknowns = changed_at, None
         if self._model is not None:
             self._window.accept(changed_at, self._model)
         return True

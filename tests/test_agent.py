@@ -72,7 +72,7 @@ def test_equal_inputs_give_equal_outputs_bit_for_bit() -> None:
             sent.update({name: outbox.message for name, outbox in outboxes.items()})
             answers.append(
                 [
-                    encode(part)
+                    encode(part, "key")
                     for outbox in outboxes.values()
                     for part in (outbox.message, outbox.reference, outbox.estimate)
                     if part is not None

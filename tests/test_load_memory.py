@@ -170,7 +170,7 @@ def test_a_change_between_telling_and_correcting_leaves_the_new_load_alone(confi
     memories.map_to(team.poses)
     rows = memories.told()
     memories.push(40, 60, load=1.3)
-    assert all(memory.changed_at == 40 for memory in memories.each)
+    assert {memory.changed_at for memory in memories.each} == {40}
     before = memories.estimate()
     memories.correct(rows)
     np.testing.assert_array_equal(memories.estimate(), before)
