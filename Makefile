@@ -24,6 +24,9 @@ test: setup ## Run all tests
 fuzz: setup ## Give the decoders of messages and scenarios ten thousands of malformed ones, some minutes
 	$(BIN)/python -m pytest tests/fuzz --hypothesis-profile=fuzz --timeout=0
 
+faults: setup ## Let things go wrong in 500 simulated runs, and check that the promises are kept
+	$(BIN)/coheft faults --seeds 500
+
 check: setup ## Check format, lint and types
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check

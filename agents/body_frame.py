@@ -56,13 +56,18 @@ class BodyFrame:
         self._kept: KeptPoses | None = None
         self._told: tuple[int, Pose] | None = None
 
-    def keep(self, frame: int, poses: Mapping[str, Pose]) -> None:
-        """The team is dissolved; these were its poses."""
-        since = {name: self._gossip.records[name].since for name in poses}
-        self._kept = KeptPoses(frame, {(name, since[name]): pose for name, pose in poses.items()})
+    def keep(self, frame: int, poses: Mapping[str, Pose], holds: Mapping[str, int]) -> None:
+        """The team is dissolved; these were its poses, and the blocks since which its members had held the load.
 
-    def update_pairs(self, previous: Array | None, inbox: Mapping[str, Channels]) -> None:
-        """Take in neighbours' samples, of the same block as the own ones, shape (B, 15)."""
+        Whoever has taken hold since then is elsewhere now. An agent that started again says that it has always held it.
+        """
+        since = {name: self._gossip.records[name].since for name in poses}
+        self._kept = KeptPoses(
+            frame, {(name, since[name]): pose for name, pose in poses.items() if since[name] in (holds[name], 0)}
+        )
+
+    def update_pairs(self, block: int, previous: Array | None, inbox: Mapping[str, Channels]) -> None:
+        """Take in neighbours' samples of a block, and the own ones, shape (B, 15)."""
         own = self._gossip.own
         for name, channels in inbox.items():
             record = self._gossip.records.get(name)
@@ -71,6 +76,8 @@ class BodyFrame:
             hold = (record.since, own.since)
             if self._holds.get(name) != hold:
                 self._holds[name], self._pairs[name] = hold, TwistMoments.none()
+            if block < max(hold):
+                continue  # told ahead: one of them is still elsewhere
             kinematics = channels.get("kinematics")
             if previous is not None and kinematics is not None and kinematics.shape == previous[:, KINEMATICS].shape:
                 self._pairs[name] += TwistMoments.of(previous[:, :6], kinematics[:, :6])

@@ -42,11 +42,14 @@ class EfficientEstimator:
         self._history: dict[int, Array] = {}
         self._team: Team | None = None
         self._team_number = self._frame = 0
+        self._holds: dict[str, int] = {}
         self._load_changes: list[LoadChangeNotice] = []
 
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
         """See ``Estimator.step``."""
         samples = None if own is None else own.samples
+        if self._team is not None and self._team.must_start_over:
+            self._gossip.announce_holding(True, index)  # as if it had just taken hold: with its pose unknown
         if self._team is not None and self._gossip.team != self._team_number:
             self._dissolve(self._team)
         start = self._gossip.start_block
@@ -58,7 +61,7 @@ class EfficientEstimator:
 
     def _prepare(self, index: int, samples: Array | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
         """A block without sums: find out the own pose in the body frame."""
-        self._body_frame.update_pairs(self._history.get(index - 1), inbox)
+        self._body_frame.update_pairs(index - 1, self._history.get(index - 1), inbox)
         self._body_frame.hear_kept_poses(inbox)
         self._announce(index)
         self._history = {block: rows for block, rows in self._history.items() if block > index - self._history_length}
@@ -92,12 +95,13 @@ class EfficientEstimator:
         history = {block: rows for block, rows in self._history.items() if block >= earliest}
         self._history = {}
         self._team_number, self._frame = self._gossip.team, frame
+        self._holds = {name: self._gossip.records[name].since for name in graph}
         known = {name: pose for name, pose in poses.items() if pose is not None}
         return Team(self._config, graph, known, start, history)
 
     def _dissolve(self, team: Team) -> None:
         """The team is another one now: keep what is known of the poses."""
-        self._body_frame.keep(self._frame, team.poses())
+        self._body_frame.keep(self._frame, team.poses(), self._holds)
         self._load_changes = [*self._load_changes, *team.load_changes][-_LOAD_CHANGES:]
         self._team = None
 

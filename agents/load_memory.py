@@ -53,12 +53,14 @@ _SPOILT = 1.0
 """Where poses disturb wrenches more than this, samples are not compared: the first fits of few samples are rough."""
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
-_LOOK_BACK = 0.1
-"""Time between two looks at whether all that is remembered fits one load [s]."""
-_SLACK = 1.0
-"""Share by which mean squared residuals may be larger than noise and poses explain, always,"""
-_SIGMAS = 8.0
-"""and standard deviations by which they may be larger by chance."""
+_LOOK = 0.1
+"""Time between two solutions for what the load is, to hold what comes against [s]."""
+_RECENT = 0.25
+"""Time over which recent residuals are averaged [s]."""
+_CONTRADICTION = 80.0
+"""Limit of the chi-square of the mean recent residual, six degrees of freedom: 4e-15 by chance."""
+_GIVE_UP = 0.5
+"""After so long a contradiction what is remembered is forgotten: it was of another load [s]."""
 _LEAST = 0.2
 """Least time of samples from which anything is estimated [s]."""
 
@@ -114,8 +116,13 @@ class LoadMemory:
         self._disturbance = np.inf
         self._disturbance_shape: Array | None = None
         self._unknowns: Array | None = None
+        self._recent = np.zeros(FEATURES)
+        blocks_per_second = config.rate / config.block
+        self._recent_kept = float(np.exp(-1.0 / (_RECENT * blocks_per_second)))
+        self._give_up_after = max(1, round(_GIVE_UP * blocks_per_second))
+        self._contradicted = 0
+        self._look_every = max(1, round(_LOOK * blocks_per_second))
         self._pushed = 0
-        self._look_back_every = max(1, round(_LOOK_BACK * config.rate / config.block))
 
     @property
     def changed_at(self) -> int:
@@ -157,39 +164,59 @@ class LoadMemory:
         self._since_told = self._kept * self._since_told + moments[:GRAM_SIZE]
         if self._disturbance > _SPOILT:
             self._window.forget_borders_before(block)  # later, too, these samples cannot be told apart by their load
+            self._look_back(block, moments)
             return None
         # Until ``correct`` the poses' last step adds up in all samples from before it.
         change = self._window.review(self._model, is_coherent=self._told is not None)
         if change is None:
-            self._pushed += 1
-            if self._pushed % self._look_back_every == 0:
-                self._look_back()
+            self._look_back(block, moments)
             return None
-        self._changed_at, self._unknowns = change.first_block, None
+        self._begin(change.first_block)
         return change.first_block
 
     def surprise(self, motion: Array, wrench: Array) -> float:
-        """Mean square of a block's residuals over what it should be for the known load; 0 while none is known."""
-        if self._model is None or self._disturbance > _SPOILT or self._unknowns is None:
+        """Mean square of a block's residuals over what it should be, by what is known of the load; 0 if nothing is."""
+        if self._model is None or self._unknowns is None:
             return 0.0
         explained = np.tensordot(features(motion, wrench), self._model.regressor_coefficients @ self._unknowns, 1)
         residuals = wrench - explained
         weighted = residuals @ np.linalg.inv(self._model.residual_covariance)
         return float(np.sum(weighted * residuals) / residuals.size / (1.0 + self._disturbance))
 
-    def _look_back(self) -> None:
-        """Now and then: what is the load; and if what is remembered fits no single load, forget it."""
-        if self._model is None or self._disturbance > _SPOILT or not self._is_enough():
+    def _look_back(self, block: int, moments: Array) -> None:
+        """Whether the wrenches of late are those of the load that is remembered; if not for long, forget it."""
+        assert self._model is not None
+        self._recent = self._recent_kept * self._recent + unpacked_gram(moments[:GRAM_SIZE])[0]
+        if self._told is not None:
+            return  # motions are seen with new poses, wrenches with old ones
+        if not self._is_enough():
             self._unknowns = None
             return
-        estimate = self._estimate(self._model)
-        offset = np.zeros(0) if estimate.offset is None else estimate.offset
-        self._unknowns = np.concatenate([estimate.parameters, offset])
-        disturbed = 1.0 + self._window.total[_DISTURBANCE] / self._count()
-        limit = (1.0 + _SLACK) * disturbed + _SIGMAS * np.sqrt(2.0 / (6.0 * self._count()))
-        if self._window.information(self._model).mean_square(self._unknowns) > limit:
-            self._window.forget_before(self._last_block)
-            self._unknowns = None
+        self._pushed += 1
+        if self._unknowns is None or self._pushed % self._look_every == 0:
+            information = self._window.information(self._model)
+            ridge = _SINGULAR * np.diag(np.diag(information.uncompensated))
+            self._unknowns = np.asarray(np.linalg.solve(information.matrix + ridge, information.vector))
+        is_right = self._recent_statistic(self._model, self._unknowns) < _CONTRADICTION
+        self._contradicted = 0 if is_right else self._contradicted + 1
+        if self._contradicted > self._give_up_after:
+            self._window.forget_before(block)
+            self._begin(self._changed_at)
+
+    def _recent_statistic(self, model: InertiaModel, unknowns: Array) -> float:
+        """Chi-square of the mean residual of late: noise averages out, what poses add does not."""
+        count = self._recent[0]
+        mean = self._recent / count
+        residual = mean[_WRENCH_FEATURES] - np.tensordot(mean, model.regressor_coefficients @ unknowns, 1)
+        spread = model.residual_covariance / count
+        if self._disturbance_shape is not None:
+            spread = spread + self._disturbance * self._disturbance_shape
+        return float(residual @ np.linalg.solve(spread, residual))
+
+    def _begin(self, changed_at: int) -> None:
+        """What is remembered is of another load than before."""
+        self._changed_at, self._unknowns = changed_at, None
+        self._recent, self._contradicted = np.zeros(FEATURES), 0
 
     def push_early(self, motion: Array, wrench: Array, own_wrench: Array) -> None:
         """Take in a block from before all others, as ``push``; it is not looked at for changes."""
@@ -200,7 +227,7 @@ class LoadMemory:
         """A neighbour says that the load changed at this block. Returns whether that is news."""
         if changed_at <= self._changed_at:
             return False
-        self._changed_at, self._unknowns = changed_at, None
+        self._begin(changed_at)
         if self._model is not None:
             self._window.accept(changed_at, self._model)
         return True
@@ -275,6 +302,7 @@ class LoadMemory:
             return np.hstack([repacked_gram(gram), sums[:, _DISTURBANCE, None], cross.reshape(len(sums), -1)])
 
         self._window.revise(update)
+        self._recent = full_map @ self._recent
         total = self._window.total
         cross = total[_CROSS].reshape(_CROSS_SHAPE)
         motion_gram = unpacked_gram(total[:GRAM_SIZE])[MOTION_FEATURES, MOTION_FEATURES]
@@ -286,6 +314,8 @@ class LoadMemory:
         """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable."""
         if self._model is None or not self._is_enough():
             return None, ()
+        if self._contradicted:
+            return None, ("load: the forces of late do not fit what is remembered of it",)
         estimate = self._estimate(self._model)
         seen_by_own = seen_inertia_derivative(self._poses[own], estimate.inertia)
         to_central = np.linalg.inv(barycentric_derivative(estimate.inertia))

@@ -27,7 +27,7 @@ class NeighbourLink:
         self.is_heard = False
         self.hears_us = False
         self.keeps_pace = False
-        self._was_linked = False
+        self._known: bool | None = None
         self._incarnation = -1
         self._messages: deque[NeighbourMessage] = deque(maxlen=KEPT)
 
@@ -38,9 +38,12 @@ class NeighbourLink:
             self.is_heard = self.hears_us = self.keeps_pace = False
 
     def take_change(self) -> bool:
-        """Whether its link has come or gone since this was asked."""
-        has_changed = self._was_linked != self.is_linked
-        self._was_linked = self.is_linked
+        """Whether its link has gone, or come back, since this was asked; that it comes at first is no change."""
+        if self._known is None:
+            self._known = True if self.is_linked else None
+            return False
+        has_changed = self._known != self.is_linked
+        self._known = self.is_linked
         return has_changed
 
     def take_hello(self, hello: Hello, own_name: str) -> None:

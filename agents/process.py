@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections import deque
@@ -34,6 +35,8 @@ HELLO_PERIOD = 0.05
 _SERVER = "the server"
 _BACKLOG = 64
 """Blocks of measurements that may wait; an agent that is slower for longer than that skips the oldest."""
+_AT_ONCE = 256
+"""So much is read between two steps at most: somebody may speak faster than can be read."""
 
 
 class _Stopped(Exception):  # noqa: N818
@@ -65,6 +68,7 @@ class AgentProcess:
         self._attempt = time.time_ns()
         self._is_fed = False
         self._server_lost_at: float | None = None
+        self._said_hello_at = -math.inf
         self._start_agent()
 
         name, keys = config.agent.name, Keys(config.run)
@@ -117,12 +121,15 @@ class AgentProcess:
             return
 
     def _wait_for_measurements(self) -> None:
-        """Take in all that has come, and wait for measurements; while nobody sends any, ask for them.
+        """Take in what has come, and wait for measurements; while nobody sends any, ask for them.
 
         Raises:
             LinkError: The server is gone for too long.
         """
-        while (event := self._inbox.receive(0.0)) is not None:
+        for _ in range(_AT_ONCE):
+            event = self._inbox.receive(0.0)
+            if event is None:
+                break
             self._handle(event)
         next_request = time.monotonic()
         while not self._measurements:
@@ -145,7 +152,13 @@ class AgentProcess:
         missing = [name for name, link in self._links.items() if not link.hears_us]
         self._ready.send(Ready(robot=self._name, missing=missing, attempt=self._attempt))
 
+    def _answer_hello(self) -> None:
+        """Tell neighbours whom we hear, unless we have just done so."""
+        if time.monotonic() - self._said_hello_at > HELLO_PERIOD / 2:
+            self._say_hello()
+
     def _say_hello(self) -> None:
+        self._said_hello_at = time.monotonic()
         heard = [name for name, link in self._links.items() if link.is_heard]
         self._hello.send(Hello(sender=self._name, heard=heard, incarnation=self._incarnation))
 
@@ -217,7 +230,7 @@ class AgentProcess:
                 check_field("sender", message.sender, source)
                 self._links[source].take_hello(message, self._name)
                 if self._is_fed and not self._links[source].hears_us:
-                    self._say_hello()
+                    self._answer_hello()
             case Stop():
                 raise _Stopped
 

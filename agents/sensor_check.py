@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from coheft.estimation.measurement import SensorNoise
@@ -41,30 +43,27 @@ class SensorCheck:
         return found is None
 
     def _find(self, samples: Array) -> str | None:
-        for k, sensor in enumerate(_SENSORS):
-            columns = slice(3 * k, 3 * k + 3)
-            what = _fault(samples[:, columns], self._deviations[columns])
-            if what is not None:
-                return f"the {sensor} {what}"
-        return None
+        """What is wrong with samples (n, 15), the last one of the block before first."""
+        if not np.isfinite(samples).all():
+            return _in_words("is not a finite number", ~np.isfinite(samples).all(axis=0))
+        steps = np.diff(samples, axis=0) / self._deviations
+        # Noise does not repeat: what stays as it is, or at its largest value, for half of the samples does not measure.
+        still = 2 * (~steps.reshape(len(steps), -1, 3).any(axis=2)).sum(axis=0) >= len(steps)
+        still &= samples.reshape(len(samples), -1, 3).any(axis=(0, 2))
+        if still.any():
+            return _in_words("is frozen", np.repeat(still, 3))
+        limits = np.stack([samples.min(axis=0), samples.max(axis=0)])
+        at_limit = (2 * (samples == limits[:, None]).sum(axis=1) > len(samples)) & (limits != 0.0)
+        if at_limit.any():
+            return _in_words("is saturated", np.any(at_limit, axis=0))
+        peaks = np.minimum(np.abs(steps[:-1]), np.abs(steps[1:])) * (steps[:-1] * steps[1:] < 0.0)
+        bends = np.abs(np.diff(steps, axis=0))
+        far = (peaks > _OUTLIER).any(axis=0)
+        if len(bends):
+            far |= bends[-1] > np.maximum(_OUTLIER, _UNUSUAL * bends[:-1].max(axis=0, initial=0.0))
+        return _in_words("has outliers", far) if far.any() else None
 
 
-def _fault(samples: Array, deviations: Array) -> str | None:
-    """What is wrong with samples of one sensor (n, 3), the last one of the block before first."""
-    if not np.isfinite(samples).all():
-        return "is not a finite number"
-    steps = np.diff(samples, axis=0)
-    # Noise does not repeat: what stays as it is, or at its largest value, for half of the samples does not measure.
-    if 2 * np.count_nonzero(~steps.any(axis=1)) >= len(steps) and samples.any():
-        return "is frozen"
-    for limits in (samples.min(axis=0), samples.max(axis=0)):
-        at_limit = 2 * np.count_nonzero(samples == limits, axis=0) > len(samples)
-        if np.any(at_limit & (limits != 0.0)):
-            return "is saturated"
-    scaled = steps / deviations
-    peaks = np.minimum(np.abs(scaled[:-1]), np.abs(scaled[1:])) * (scaled[:-1] * scaled[1:] < 0.0)
-    bends = np.abs(np.diff(scaled, axis=0))
-    is_last_far = bends[-1:] > np.maximum(_OUTLIER, _UNUSUAL * bends[:-1].max(axis=0, initial=0.0))
-    if np.any(peaks > _OUTLIER) or np.any(is_last_far):
-        return "has outliers"
-    return None
+def _in_words(what: str, columns: Any) -> str:
+    """Names the first sensor of which a column (15,) is marked."""
+    return f"the {_SENSORS[int(np.argmax(columns)) // 3]} {what}"

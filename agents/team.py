@@ -55,6 +55,8 @@ _JUMP = 30.0
 changes for longer than a block."""
 _NONSENSE = 15.0
 """The same for the motion of the body, which does not change at a sudden: such a block is not used."""
+_BLAMED = 0.6
+"""After so long a contradiction a robot starts over [s]."""
 _MISFIT_TOLD = 0.1
 """Robots tell each other so often how their sensors fit the team's motion [s]."""
 _LOAD_CHANGES = 32
@@ -157,6 +159,7 @@ class Team:
         self._watch = Watch(config.noise, config.rate / config.block)
         self._misfit_every = self._blocks(_MISFIT_TOLD)
         self._held: _Block | None = None
+        self._blamed = 0
         self._rounds = schedule.rounds
         self._patience = self._blocks(_PATIENCE)
         self._resumed_block = self._settled_block = -1
@@ -187,6 +190,7 @@ class Team:
         self._fits.common.add(index, (newest, early))
         if index % self._misfit_every == 0 and self._fitted is not None:
             self._misfits.tell(self._own, index, np.array([self._own_misfit(self._fitted)]))
+        self._blamed = self._blamed + 1 if self._contradicting() == self._names[self._own] else 0
         told["load_change"] = np.array([float(self._memory.changed_at)])
         return told | self._floods.channels()
 
@@ -230,6 +234,14 @@ class Team:
         if self.learned_block < self._settled_block:
             return (f"complete sums of the team again since {self._time(self._resumed_block):.2f} s only",)
         return ()
+
+    @property
+    def must_start_over(self) -> bool:
+        """Whether this robot's measurements have contradicted the team's motion for too long.
+
+        What was learned before it was noticed may be wrong, and then the contradiction would never end.
+        """
+        return self._blamed > self._blocks(_BLAMED)
 
     def _own_misfit(self, fitted: TeamPoses) -> float:
         own = slice(_POSE_FREEDOM * self._own, _POSE_FREEDOM * (self._own + 1))

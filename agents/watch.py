@@ -7,6 +7,8 @@ sums say the body has, and they can tell each other how well that fits.
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from coheft.estimation.measurement import KINEMATICS, SensorNoise
@@ -22,8 +24,8 @@ from coheft.estimation.spatial import Array, Pose
 
 MISFIT = 1.0
 """From this on a robot's measurements contradict the team's motion."""
-_MEMORY = 0.5
-"""Time over which the past is forgotten [s]."""
+_MEMORY = 0.3
+"""Time that is looked back on [s]."""
 _SLACK = 0.25
 """Share by which squared residuals may be larger than noise explains, always."""
 _SIGMAS = 8.0
@@ -45,16 +47,16 @@ class Watch:
 
     def __init__(self, noise: SensorNoise, blocks_per_second: float) -> None:
         self._noise = noise
-        self._kept = float(np.exp(-1.0 / (_MEMORY * blocks_per_second)))
-        self._recent = RegistrationMoments.none()
+        self._recent: deque[RegistrationMoments] = deque(maxlen=max(2, round(_MEMORY * blocks_per_second)))
 
     def add(self, moments: RegistrationMoments) -> None:
         """Take in the moments of a block."""
-        self._recent = RegistrationMoments(self._kept * self._recent.gram) + moments
+        self._recent.append(moments)
 
     def map(self, feature_map: Array) -> None:
         """As if every sample's features had been ``feature_map`` (28, 28) times what they were."""
-        self._recent = self._recent.mapped(feature_map)
+        for k, moments in enumerate(self._recent):
+            self._recent[k] = moments.mapped(feature_map)
 
     def misfit(self, pose: Pose, covariance: Array) -> float:
         """How badly the own sensors fit lately; ``MISFIT`` is the limit.
@@ -63,19 +65,20 @@ class Watch:
             pose: Own pose in the body frame.
             covariance: Of its perturbation, shape (6, 6).
         """
-        count = self._recent.count
-        if count < 1.0:
+        if not self._recent:
             return 0.0
-        _, information, cost = score_and_information(self._recent, pose, self._noise)
+        recent = sum(self._recent, RegistrationMoments.none())
+        count = recent.count
+        _, information, cost = score_and_information(recent, pose, self._noise)
         by_noise = 9.0 * count
         by_poses = _OTHERS * float(np.sum(information * covariance))
         limit = (1.0 + _SLACK) * (by_noise + by_poses) + _SIGMAS * np.sqrt(2.0 * by_noise)
-        return float(max(2.0 * cost / limit, self._mean_statistic(pose, covariance) / _MEAN_LIMIT))
+        return float(max(2.0 * cost / limit, self._mean_statistic(recent, pose, covariance) / _MEAN_LIMIT))
 
-    def _mean_statistic(self, pose: Pose, covariance: Array) -> float:
+    def _mean_statistic(self, recent: RegistrationMoments, pose: Pose, covariance: Array) -> float:
         """Chi-square of the accelerometer's mean residual; constant offsets of other sensors do no harm."""
-        count, rows = self._recent.count, ACCELERATION_ROWS
-        means = self._recent.gram[:, 0] / count
+        count, rows = recent.count, ACCELERATION_ROWS
+        means = recent.gram[:, 0] / count
         residual = residual_operator(pose)[rows] @ means
         derivative = residual_derivative(pose)[:, rows] @ means
         deviations = self._noise.per_column()[KINEMATICS][rows]

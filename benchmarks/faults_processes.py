@@ -191,6 +191,7 @@ def main() -> None:
                 f"{statistics.median(valid):17.1f}, {max(valid):.1f}",
                 flush=True,
             )
+        print(f"\nlargest error of a mass that was called valid: {under_test.watcher.worst:.1f} standard deviations")
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ class Flood:
         """Take in what a neighbour told: its ``digest``, and its table if it sent one."""
         if digest is not None:
             self._heard[neighbour] = digest
-        if table is not None and table.shape == self._table.shape:
+        if table is not None and table.shape == self._table.shape and not np.any(table[:, 0] % 1.0):
             newer = table[:, 0] > self._table[:, 0]
             self._table[newer] = table[newer]
 

@@ -44,6 +44,8 @@ ANSWER_LIMIT = 10.0
 GRACE = 5.0
 """Time for which the server goes on answering requests after the end of the run [s]."""
 _TICK = 0.5
+_AT_ONCE = 256
+"""So much is read before a block that is due at most: somebody may speak faster than can be read."""
 _OVER = "the run is over"
 
 
@@ -120,13 +122,17 @@ class Server:
 
     def _run_blocks(self) -> None:
         self._go_on()
+        read = 0
         while self._simulation.block < self._scenario.blocks and not self._stop_asked:
             delay = self._delay()
-            event = self._inbox.receive(min(delay, _TICK))
+            is_due = delay == 0.0
+            event = self._inbox.receive(min(delay, _TICK)) if not is_due or read < _AT_ONCE else None
             if event is not None:
                 self._handle(event)
-            elif delay == 0.0:
+                read += 1
+            elif is_due:
                 self._advance()
+                read = 0
             elif self._state == "running":
                 self._report_silence()
                 self._check_absences()

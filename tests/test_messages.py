@@ -85,6 +85,13 @@ def test_arrays_that_are_not_what_their_header_says_are_refused(shape: list[int]
         decode(seal(_with_array(shape, numbers), KEY), Measurements, KEY)
 
 
+@pytest.mark.parametrize("data", [b"", b"\x02", b"\x02\x01\x00\x00\x00", b"\x01\x01\x00\x00\x00" + 7 * b"\x00"])
+def test_arrays_that_are_cut_short_are_refused(data: bytes) -> None:
+    fields = {"version": PROTOCOL_VERSION, "robot": "r1", "block": 0, "samples": msgspec.msgpack.Ext(1, data)}
+    with pytest.raises(MessageError, match="not a Measurements"):
+        decode(seal(msgspec.msgpack.encode(fields), KEY), Measurements, KEY)
+
+
 def test_array_of_the_wrong_code_is_refused() -> None:
     fields = {"version": PROTOCOL_VERSION, "robot": "r1", "block": 0, "samples": msgspec.msgpack.Ext(2, b"\x00" * 9)}
     with pytest.raises(MessageError, match="not an array"):

@@ -7,7 +7,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from coheft.app.record import REMEMBERED, Record
+from coheft.app.record import REMEMBERED, SILENT, Record
 from coheft.app.report import RunInfo, build_report
 from coheft.wire.messages import LoadChangeNotice
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, changing_run, estimate, recorded, truth
@@ -57,6 +57,21 @@ def test_estimates_of_a_block_whose_truth_has_not_come_wait() -> None:
     report = record.robots["r1"].report
     assert report is not None
     assert report.mass.error_pct == pytest.approx(0.0, abs=1e-9)
+
+
+def test_who_falls_silent_is_stale() -> None:
+    record = Record(SCENE, duration=10.0)
+    for block in range(300):
+        record.add_truth(truth(block, LIGHT))
+        for name in ROBOTS:
+            if name != "r2" or block <= 150:
+                record.add_estimate(estimate(name, block, LIGHT))
+        is_silent = block > 150 + SILENT
+        assert [name for name, belief in record.beliefs.items() if belief.status == "stale"] == ["r2"] * is_silent
+    report = build_report(INFO, record)
+    assert report.robots["r2"].reasons == ["r2 has said nothing since 3.02 s"]
+    assert report.robots["r2"].converged
+    assert not report.converged
 
 
 def test_memory_does_not_grow_with_time() -> None:

@@ -92,4 +92,4 @@ def test_one_scenario_and_seed_give_the_same_estimates_bit_for_bit() -> None:
         for _ in range(2)
     ]
     assert runs[0] == runs[1]
-    assert len(runs[0]) == 3 * 60
+    assert len(runs[0]) >= 3 * 60  # ten times a second, and when doubts come or go

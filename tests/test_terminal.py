@@ -18,6 +18,7 @@ from coheft.app.terminal import LineDisplay, LiveDisplay, QuietDisplay, make_dis
 from coheft.wire.messages import Estimate, Problem
 from tests.synthetic_run import BLOCK, HEAVY, SCENE, changing_run, estimate, recorded, truth
 
+INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, real_time_factor=1.0)
 ESCAPE = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 
 
@@ -103,16 +104,32 @@ def test_plain_lines_tell_when_estimates_become_stale_and_when_none_is_any_more(
 def test_the_final_table_says_why_a_run_has_not_converged() -> None:
     truths = [truth(block, HEAVY) for block in range(10)]
     last = {"r1": estimate("r1", 9, HEAVY), "r2": estimate("r2", 9, HEAVY), "r3": stale("r3", 9, "r2 is silent")}
-    report = build_report(
-        RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, real_time_factor=1.0),
-        recorded(truths, {name: [each] for name, each in last.items()}),
-    )
+    report = build_report(INFO, recorded(truths, {name: [each] for name, each in last.items()}))
     assert not report.converged
     assert report.robots["r3"].reasons == ["r2 is silent"]
     console = terminal(is_terminal=False)
     print_report(console, report, Path("logs"))
     assert "Stale at r3: r2 is silent.\nNot converged: r3.\n" in drawn(console)
     assert max(map(len, drawn(console).splitlines())) <= 80
+
+
+def test_the_final_table_gives_one_example_of_what_is_not_observable() -> None:
+    beliefs = {name: estimate(name, 9, None, converged=False) for name in ("r1", "r2", "r3")}
+    beliefs["r3"] = msgspec.structs.replace(beliefs["r3"], not_observable=["pose of r2: move"])
+    report = build_report(INFO, recorded([truth(9, HEAVY)], {name: [each] for name, each in beliefs.items()}))
+    console = terminal(is_terminal=False)
+    print_report(console, report, Path("logs"))
+    text = " ".join(drawn(console).split())
+    assert "Not observable for r1: mass: too little motion. And 1 more of the kind;" in text
+    assert "has them all. Not observable for r3: pose of r2: move. Not converged" in text
+
+
+def test_the_final_table_tells_of_load_changes() -> None:
+    truths, estimates = changing_run({"r1": 110, "r2": 120, "r3": 115}, {"r1": 2.06, "r2": 2.04, "r3": 2.1})
+    console = terminal(is_terminal=False)
+    print_report(console, build_report(INFO, recorded(truths, estimates)), Path("logs"))
+    text = " ".join(drawn(console).split())
+    assert "At 2 s the payload changed from 10.00 kg to 13.00 kg. Noticed: 0.1 s after. Recovered: 0.4 s after." in text
 
 
 @pytest.mark.parametrize(

@@ -137,11 +137,13 @@ def run(
     places = load_hosts(hosts, chosen) if hosts is not None else None
     name = new_run_name()
     folder = write_configs if write_configs is not None else make_run_folder(name, logs)
-    if secure and keys is None:
-        from coheft.app.keys import make_keys
+    if secure or keys is not None:
+        from coheft.app.keys import check_keys, make_keys
 
-        keys = folder / "keys"
-        make_keys(keys, chosen, places)
+        if keys is None:
+            keys = folder / "keys"
+            make_keys(keys, chosen, places)
+        check_keys(keys, chosen, places)
     plan = make_plan(chosen, "realtime" if realtime else "lockstep", run=name, hosts=places, keys=keys)
     if write_configs is not None:
         for path in plan.write(write_configs):

@@ -15,14 +15,14 @@ _LEGEND = (
     "Centre of mass: x y z in the robot's grasp frame. Inertia: principal moments.",
     "Own std: how far off the robot itself expects to be (standard deviation).",
 )
-_LINES_OF_A_KIND = 3
+_RECOVERED = "Recovered: mass within 3 %, centre of mass within 20 mm at every robot."
 
 
 def print_report(console: Console, report: Report, folder: Path) -> None:
     """The final table, and in sentences what else is worth knowing."""
     console.print()
     console.print(_final_table(report))
-    for line in _LEGEND:
+    for line in (*_LEGEND, *([_RECOVERED] if report.load_changes else [])):
         console.print(line, style="dim", highlight=False)
     for sentence in _sentences(report):
         console.print(sentence, markup=False, highlight=False)
@@ -81,7 +81,7 @@ def _principal(tensor: list[list[float]]) -> str:
 def _sentences(report: Report) -> list[str]:
     return [
         "",
-        *[_load_change_sentence(change) for change in report.load_changes],
+        *_most([_load_change_sentence(change) for change in report.load_changes]),
         *_pose_sentence(report),
         *_not_observable_sentences(report),
         *_most([f"Stale at {', '.join(names)}: {reason}." for reason, names in why_stale(report.robots).items()]),
@@ -101,8 +101,7 @@ def _load_change_sentence(change: LoadChangeReport) -> str:
     leak = f", leaking {change.leak_kg_s:g} kg/s" if change.leak_kg_s > 0.0 else ""
     return (
         f"At {change.at_s:g} s the payload changed {start}to {change.truth.mass:.2f} kg{leak}. "
-        f"Noticed: {after(change.detected_at_s)}. Mass within 3 %, centre of mass within 20 mm at every robot: "
-        f"{after(change.recovered_at_s) if change.recovered_at_s is not None else 'not reached'}."
+        f"Noticed: {after(change.detected_at_s)}. Recovered: {after(change.recovered_at_s)}."
     )
 
 
@@ -116,19 +115,20 @@ def _pose_sentence(report: Report) -> list[str]:
 
 
 def _not_observable_sentences(report: Report) -> list[str]:
-    by_text: dict[str, list[str]] = {}
+    """One example of each kind: what is to be done about it, after the last colon, is the same for all of the kind."""
+    kinds: dict[str, list[str]] = {}
     for name, robot in report.robots.items():
         for text in robot.not_observable:
-            by_text.setdefault(text, []).append(name)
-    return _most([f"Not observable for {', '.join(names)}: {text}." for text, names in by_text.items()])
+            kinds.setdefault(text.rpartition(": ")[2], []).append(f"Not observable for {name}: {text}.")
+    return [sentence for sentences in kinds.values() for sentence in _most(sentences, show=1)]
 
 
-def _most(sentences: list[str]) -> list[str]:
+def _most(sentences: list[str], show: int = 3) -> list[str]:
     """The first ones, and how many more there are."""
-    more = len(sentences) - _LINES_OF_A_KIND
+    more = len(sentences) - show
     if more <= 0:
         return sentences
-    return [*sentences[:_LINES_OF_A_KIND], f"And {more} more of the kind; the report (--json FILE) has them all."]
+    return [*sentences[:show], f"And {more} more of the kind; the report (--json FILE) has them all."]
 
 
 def _convergence_sentence(report: Report) -> str:

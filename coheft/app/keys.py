@@ -16,6 +16,7 @@ from coheft.app.hosts import LOOPBACK, Hosts
 from coheft.errors import CoheftError, MissingPackageError
 from coheft.wire.planes import SERVER
 from coheft.wire.scenario import Scenario
+from coheft.wire.security import credentials_in
 from coheft.wire.transport import ROLES
 
 try:
@@ -113,6 +114,27 @@ def make_keys(
     for name in names:
         authority.issue(folder, name, hosts.of(name) if hosts is not None else LOOPBACK)
     return names
+
+
+def check_keys(folder: Path, scenario: Scenario, hosts: Hosts | None = None) -> None:
+    """Check that everybody's certificate holds now, and at the address where it is needed: links would only stay away.
+
+    Raises:
+        CoheftError: One does not.
+    """
+    for name in (SERVER, *scenario.robot_names, *ROLES):
+        path = Path(credentials_in(folder, name).certificate)
+        try:
+            certificate = x509.load_pem_x509_certificate(path.read_bytes())
+            known = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        except (OSError, ValueError, x509.ExtensionNotFound) as error:
+            raise CoheftError(f"{path} is no certificate that 'coheft keys' made: {error}") from error
+        end = certificate.not_valid_after_utc
+        if end <= datetime.now(UTC):
+            raise CoheftError(f"{path} has expired on {end:%Y-%m-%d %H:%M} UTC: make new keys in another folder")
+        host = hosts.of(name) if hosts is not None else LOOPBACK
+        if name not in ROLES and _host(host) not in known:
+            raise CoheftError(f"{path} is not for {host}, where {name} runs: make keys in another folder, with --hosts")
 
 
 def _builder(

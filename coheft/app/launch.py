@@ -91,8 +91,8 @@ def _follow(record: Record, observer: Observer, processes: Processes, again: Res
         LinkError: The server has no last word.
     """
     news = time.monotonic()
-    while again.revive() or not processes.all_done_but("server"):
-        processes.check()
+    while not processes.all_done_but("server") or processes.failed:
+        again.check()
         if _collect(record, observer, display):
             news = time.monotonic()
         elif time.monotonic() > news + _SILENCE:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections import deque
 
+import msgspec
+
 from coheft.app.judge import Judge
 from coheft.app.robot_record import LoadPeriod, RobotRecord
 from coheft.wire.messages import Estimate, Scene, Truth
 
 REMEMBERED = 1000
 """An estimate may come, and its total wrench be, so many blocks after the truth that it is compared with."""
+SILENT = 100
+"""A robot that is so many blocks behind the truth is silent: no server runs so far ahead of its robots."""
 
 
 class Record:
@@ -30,7 +34,7 @@ class Record:
         blocks: Number of truths that have come.
         periods: Of the load; the first one begins with the first truth.
         robots: What is kept of each robot's estimates.
-        latest: The newest estimate of each robot that has said something.
+        latest: The newest estimate of each robot that has said something, as it said it.
     """
 
     def __init__(self, scene: Scene, duration: float, *, with_history: bool = False) -> None:
@@ -54,6 +58,17 @@ class Record:
     def silent(self) -> list[str]:
         """Robots of which no estimate has been compared yet."""
         return [name for name, robot in self.robots.items() if robot.compared == 0]
+
+    @property
+    def beliefs(self) -> dict[str, Estimate]:
+        """The newest estimate of each robot, in the scene's order; stale where the robot has fallen silent."""
+        return {name: self._as_of_now(self.latest[name]) for name in self.scene.robots if name in self.latest}
+
+    def _as_of_now(self, estimate: Estimate) -> Estimate:
+        if self.truth is None or self.truth.block - estimate.block <= SILENT:
+            return estimate
+        reason = f"{estimate.robot} has said nothing since {estimate.time:.2f} s"
+        return msgspec.structs.replace(estimate, status="stale", reasons=[reason])
 
     @property
     def complete(self) -> bool:

@@ -123,8 +123,10 @@ def build_report(info: RunInfo, record: Record) -> Report:
         raise ValueError("a report needs at least one truth")
     if record.silent:
         raise ValueError(f"a report needs an estimate of every robot, there is none of {', '.join(record.silent)}")
-    reports = {name: robot.report for name, robot in record.robots.items()}
-    robots = {name: report for name, report in reports.items() if report is not None}
+    robots = {}
+    for name, belief in record.beliefs.items():
+        if (report := record.robots[name].report) is not None:
+            robots[name] = msgspec.structs.replace(report, status=belief.status, reasons=belief.reasons)
     neighbours = record.scene.neighbours
     estimates_per_block = sum(robot.compared for robot in record.robots.values()) / record.blocks
     messages_per_block = 2 * len(robots) + sum(map(len, neighbours.values())) + estimates_per_block + 1

@@ -32,17 +32,22 @@ class Restarts:
     display: Display
     announce: Callable[[], None]
 
-    def revive(self) -> bool:
-        """Start agents that have failed again, if they may be and there still is a run for them; say whether any."""
-        failed = [child for child in self.processes.failed if self._may_try_again(child)]
-        if not failed or not self._goes_on():
-            return False
+    def check(self) -> None:
+        """Start agents that have failed again.
+
+        Raises:
+            ProcessError: Something has failed that cannot be started again, or once too often, or the run is over.
+        """
+        failed = self.processes.failed
+        if not failed:
+            return
+        if not (all(self._may_try_again(child) for child in failed) and self._goes_on()):
+            self.processes.check()
         for child in failed:
             self.processes.start_again(child)
             text = f"{child.name} {child.how}; started again ({child.restarts + 1} of {self.limit})"
             self.display.problem(Problem(source="supervisor", text=text))
         self.announce()
-        return True
 
     def _may_try_again(self, child: Child) -> bool:
         return child.name != "server" and child.restarts < self.limit and child.process.returncode != UNUSABLE_CONFIG

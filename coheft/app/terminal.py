@@ -149,11 +149,7 @@ class LiveDisplay:
 
 def _beliefs(record: Record) -> dict[str, tuple[Estimate, RobotReport]]:
     """The newest estimate of each robot and how it compares."""
-    return {
-        name: (record.latest[name], record.judge.robot([record.latest[name]]))
-        for name in record.scene.robots
-        if name in record.latest
-    }
+    return {name: (estimate, record.judge.robot([estimate])) for name, estimate in record.beliefs.items()}
 
 
 def _state(estimate: Estimate) -> str:
@@ -168,8 +164,7 @@ _STATE_STYLES = {"stale": "yellow", "converged": "green"}
 
 
 def _stale_lines(record: Record) -> list[str]:
-    latest = {name: record.latest[name] for name in record.scene.robots if name in record.latest}
-    return [f"stale {', '.join(names)}: {reason}" for reason, names in why_stale(latest).items()]
+    return [f"stale {', '.join(names)}: {reason}" for reason, names in why_stale(record.beliefs).items()]
 
 
 def _summary_line(record: Record) -> str:

@@ -51,6 +51,7 @@ _LINK_SETTINGS: dict[str, object] = {
             "congestion_control": {
                 "drop": {"wait_before_drop": 50_000},
                 # [us]: a link that has been too slow for so long that megabytes wait for it is cut and dialled anew.
+                # Well below the lease: a link that is back while a message still waits for the old one stays mute.
                 "block": {"wait_before_close": 200_000},
             }
         },

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import types
 import typing
 from typing import Any
@@ -139,7 +140,8 @@ def array_extensions(draw: st.DrawFn) -> msgspec.msgpack.Ext:
     count = draw(st.integers(0, 8)) if draw(st.booleans()) else min(8, int(np.prod(shape, dtype=float)))
     numbers = draw(st.lists(st.floats(), min_size=count, max_size=count))
     header = bytes([len(shape)]) + b"".join(side.to_bytes(4, "little") for side in shape)
-    return msgspec.msgpack.Ext(1, header + np.array(numbers, "<f8").tobytes())
+    data = header + np.array(numbers, "<f8").tobytes()
+    return msgspec.msgpack.Ext(1, data[: draw(st.integers(0, len(data)))] if draw(st.booleans()) else data)
 
 
 @st.composite
@@ -162,3 +164,38 @@ def with_a_part_replaced(draw: st.DrawFn, tree: Any, by: st.SearchStrategy[Any])
     else:
         changed.insert(key, draw(by))
     return changed
+
+
+NUMBERS = st.sampled_from([0.0, -1.0, math.nan, math.inf, -math.inf, 1e300, -1e14, 1e-300]) | st.floats()
+
+
+@st.composite
+def altered(draw: st.DrawFn, value: Any) -> Any:
+    """The same with another value of the same type in one place."""
+    match value:
+        case msgspec.Struct():
+            name = draw(st.sampled_from([name for name in value.__struct_fields__ if name != "version"]))
+            return msgspec.structs.replace(value, **{name: draw(altered(getattr(value, name)))})
+        case np.ndarray():
+            changed = value.copy()
+            changed.flat[draw(st.integers(0, value.size - 1))] = draw(NUMBERS)
+            return changed
+        case dict() if value:
+            name = draw(st.sampled_from(sorted(value)))
+            if draw(st.booleans()):
+                return value | {name: draw(altered(value[name]))}
+            return {draw(st.text(max_size=3)) if key == name else key: inner for key, inner in value.items()}
+        case list() | tuple() if value:
+            place = draw(st.integers(0, len(value) - 1))
+            return [draw(altered(inner)) if k == place else inner for k, inner in enumerate(value)]
+        case bool() | None:
+            return value
+        case float():
+            return draw(NUMBERS)
+        case int():
+            return draw(st.sampled_from([-1, 0, 2**63 - 1]) | st.integers(-(2**63), 2**63 - 1))
+        case "valid" | "stale" | "starting" | "poses" | "inertia":
+            return value
+        case str():
+            return draw(st.text(max_size=12))
+    return value

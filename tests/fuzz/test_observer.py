@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import io
-import math
 from pathlib import Path
-from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -22,13 +19,12 @@ from coheft.app.terminal import LineDisplay, LiveDisplay
 from coheft.errors import MessageError
 from coheft.wire.codec import decode, encode, seal
 from coheft.wire.messages import Estimate, LoadChangeNotice, Message, Problem, Truth
-from tests.fuzz.any_message import KEY, array_extensions, trees, values, with_a_part_replaced
+from tests.fuzz.any_message import KEY, altered, array_extensions, trees, values, with_a_part_replaced
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, estimate, truth
 
 INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, real_time_factor=1.0)
 
 
-NUMBERS = st.sampled_from([0.0, -1.0, math.nan, math.inf, -math.inf, 1e300, -1e14, 1e-300]) | st.floats()
 SOUND: list[Message] = [
     truth(11, HEAVY),
     estimate("r1", 11, HEAVY),
@@ -78,38 +74,6 @@ def test_a_sound_message_with_something_else_in_a_place(data: st.DataObject) -> 
     except MessageError:
         return
     hear_show_and_report(message)
-
-
-@st.composite
-def altered(draw: st.DrawFn, value: Any) -> Any:
-    """The same with another value of the same type in one place."""
-    match value:
-        case msgspec.Struct():
-            name = draw(st.sampled_from([name for name in value.__struct_fields__ if name != "version"]))
-            return msgspec.structs.replace(value, **{name: draw(altered(getattr(value, name)))})
-        case np.ndarray():
-            changed = value.copy()
-            changed.flat[draw(st.integers(0, value.size - 1))] = draw(NUMBERS)
-            return changed
-        case dict() if value:
-            name = draw(st.sampled_from(sorted(value)))
-            if draw(st.booleans()):
-                return value | {name: draw(altered(value[name]))}
-            return {draw(st.text(max_size=3)) if key == name else key: inner for key, inner in value.items()}
-        case list() | tuple() if value:
-            place = draw(st.integers(0, len(value) - 1))
-            return [draw(altered(inner)) if k == place else inner for k, inner in enumerate(value)]
-        case bool() | None:
-            return value
-        case float():
-            return draw(NUMBERS)
-        case int():
-            return draw(st.sampled_from([-1, 0, 2**63 - 1]) | st.integers(-(2**63), 2**63 - 1))
-        case "valid" | "stale" | "starting" | "poses" | "inertia":
-            return value
-        case str():
-            return draw(st.text(max_size=12))
-    return value
 
 
 @settings(max_examples=5 * settings.default.max_examples)

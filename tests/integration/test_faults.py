@@ -10,11 +10,12 @@ from contextlib import ExitStack
 import pytest
 from msgspec import structs
 
+from coheft.app.keys import make_keys
 from coheft.app.plan import Plan
 from coheft.wire.messages import StatusRequest
 
 from .relayed import Edge, with_relays
-from .team import Team, running_team, small_scenario, wait_until
+from .team import LIMIT, Team, running_team, small_scenario, wait_until
 from .watcher import Watcher, watching
 
 BLOCK = 50
@@ -36,8 +37,13 @@ def wait_until_told(watcher: Watcher, source: str, words: str, since: float) -> 
     watcher.wait_until(lambda: watcher.is_told(source, words, since) is not None, f"{source} to say: {words}")
 
 
-def test_an_agent_that_is_killed_comes_back_and_everybody_is_valid_again(tmp_path):
-    with running_team(small_scenario(3, block=BLOCK), tmp_path, "realtime") as team, watching(team) as watcher:
+@pytest.mark.parametrize("profile", ["open", "secure"])
+def test_an_agent_that_is_killed_comes_back_and_everybody_is_valid_again(profile, tmp_path):
+    scenario, keys = small_scenario(3, block=BLOCK), None
+    if profile == "secure":
+        keys = tmp_path / "keys"
+        make_keys(keys, scenario)
+    with running_team(scenario, tmp_path, "realtime", keys_folder=keys) as team, watching(team) as watcher:
         watcher.wait_until_valid()
         killed = time.monotonic()
         team.kill("r2")
@@ -158,8 +164,12 @@ def test_agents_work_with_a_new_server_as_with_the_old_one(clock, tmp_path):
         assert watcher.worst < 5.0
 
 
+def patient(plan: Plan) -> Plan:
+    return Plan(structs.replace(plan.server, return_limit=LIMIT), plan.agents)
+
+
 def test_lockstep_waits_for_a_robot_that_comes_back(tmp_path):
-    with running_team(small_scenario(3), tmp_path) as team, watching(team) as watcher:
+    with running_team(small_scenario(3), tmp_path, change=patient) as team, watching(team) as watcher:
         watcher.wait_until_valid()
         team.kill("r2")
         wait_until(lambda: "r2" in team.ask(StatusRequest()).waiting_for, "the server to notice")

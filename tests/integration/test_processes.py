@@ -12,18 +12,15 @@ import numpy as np
 import pytest
 
 from agents.agent import Agent
-from coheft.app.plan import make_plan
-from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
+from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.spatial import Array
 from coheft.wire.codec import encode
 from coheft.wire.inbox import Inbox, Received
 from coheft.wire.messages import (
     PROTOCOL_VERSION,
     Estimate,
-    Hello,
     InjectRequest,
     LinkState,
-    Measurements,
     Message,
     NeighbourMessage,
     PauseRequest,
@@ -34,12 +31,11 @@ from coheft.wire.messages import (
     RemoveRequest,
     Request,
     StatusRequest,
-    Stop,
     StopRequest,
     Truth,
 )
 from coheft.wire.scenario import Scenario
-from coheft.wire.transport import Keys, Sender, ask, open_session
+from coheft.wire.transport import Sender, ask, open_session
 from physics_server.simulation import Simulation
 
 from .team import LIMIT, ROOT, Team, running_team, small_scenario, wait_until
@@ -194,53 +190,6 @@ def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
         team.ask(StopRequest())
         for name in plan.agents:
             assert team.exit_status(name) == 0
-
-
-def test_channels_that_come_before_their_shape_is_known_do_no_harm(tmp_path):
-    """The test is the server and the only neighbour of one agent, whose first message is there before any block."""
-    plan = make_plan(small_scenario(2, "line"), "lockstep")
-    keys, (name, other) = Keys(plan.run), plan.agents
-    dialled = [robot.endpoint for robot in plan.agents[other].neighbours if robot.endpoint is not None]
-    inbox = Inbox()
-    with ExitStack() as stack:
-        server = stack.enter_context(open_session(listen=[plan.server.robots[name]]))
-        neighbour = stack.enter_context(open_session(listen=[plan.agents[other].listen], connect=dialled))
-        inbox.listen(server, name, {keys.robot(name, "ready"): Ready, keys.robot(name, "reference"): Reference})
-        measurements = Sender(server, keys.robot(name, "measurements"), may_drop=False)
-        hello = Sender(neighbour, keys.agent(other, "hello"), may_drop=False)
-        blocks = Sender(neighbour, keys.agent(other, "block"), may_drop=False)
-        team = Team(plan, keys, tmp_path, server, {})
-        try:
-            team.start(name, ("-m", "agents.process"), plan.agents[name])
-            wait_until(lambda: hello.has_listener and blocks.has_listener, "the agent's links")
-            hello.send(Hello(sender=other, heard=[name]))
-            asked = inbox.receive(LIMIT)
-            assert isinstance(asked, Received)
-            assert isinstance(asked.message, Ready)
-            wrong = {
-                "kinematics": np.zeros(3),
-                "sums": np.zeros(1),
-                "sums_valid": np.ones(1),
-                "load_change": np.zeros(0),
-            }
-            blocks.send(NeighbourMessage(sender=other, block=0, gossip=[], channels=wrong))
-            neighbour.put(keys.agent(other, "block"), b"rubbish")  # when this is refused, the message is there
-            wait_until(lambda: "not a NeighbourMessage" in team.log(name), "the refusal")
-            samples = np.random.default_rng(1).normal(size=(2, plan.agents[name].agent.block, SAMPLE_SIZE))
-            for block in range(2):
-                measurements.send(
-                    Measurements(robot=name, block=block, samples=samples[block], attempt=asked.message.attempt)
-                )
-            answered = -1
-            while answered < 1:
-                event = inbox.receive(LIMIT)
-                assert isinstance(event, Received), team.log(name)
-                if isinstance(event.message, Reference):
-                    answered = event.message.answers
-            Sender(server, keys.robot(name, "stop"), may_drop=False).send(Stop(reason="enough"))
-            assert team.exit_status(name) == 0
-        finally:
-            team.end(name)
 
 
 FROZEN_OBSERVER = """

@@ -319,7 +319,7 @@ def test_loads_come_and_go_in_a_run_and_nonsense_is_refused(start: Callable[...,
 
 def test_watch_follows_a_run_to_its_end(start: Callable[..., Run]) -> None:
     run = start("--duration", "10000", "--quiet")
-    wait_for((run.folder / RUN_FILE).exists, "the run to be announced")
+    wait_for(lambda: run.ask("resume")[0] == 0, "the server to answer")  # announced before it listens
     watcher = subprocess.Popen(
         [sys.executable, "-m", "coheft", "watch", "--run", str(run.folder)], stdout=subprocess.PIPE, text=True
     )

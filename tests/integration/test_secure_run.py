@@ -7,6 +7,7 @@ import stat
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 from pathlib import Path
 
 import msgspec
@@ -15,7 +16,7 @@ import zenoh
 
 from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, run_command_line
 from coheft.app.hosts import Hosts, free_ports, load_hosts
-from coheft.app.keys import make_keys
+from coheft.app.keys import check_keys, make_keys
 from coheft.app.plan import make_plan
 from coheft.errors import CoheftError, LinkError, ScenarioError
 from coheft.wire import inbox as inbox_module
@@ -222,6 +223,18 @@ def test_a_table_of_hosts_that_cannot_be_used_is_explained(text, what, tmp_path)
     with pytest.raises(ScenarioError, match=what) as error:
         load_hosts(path, small_scenario(COUNT))
     assert str(path) in str(error.value)
+
+
+def test_keys_that_would_open_nothing_are_refused_before_the_run(secure, tmp_path):
+    scenario = small_scenario(COUNT)
+    check_keys(secure.keys, scenario)
+    with pytest.raises(CoheftError, match=r"r1.crt is not for 10.0.0.2, where r1 runs"):
+        check_keys(secure.keys, scenario, Hosts({"r1": "10.0.0.2", "server": "127.0.0.1"}))
+    with pytest.raises(CoheftError, match=r"there is no r5.crt and no r5.key"):
+        check_keys(secure.keys, small_scenario(COUNT + 1))
+    make_keys(tmp_path / "old", scenario, lifetime=timedelta(seconds=-1))
+    with pytest.raises(CoheftError, match=r"server.crt has expired on .* UTC"):
+        check_keys(tmp_path / "old", scenario)
 
 
 def test_the_command_line_makes_keys_and_runs_with_them(tmp_path):

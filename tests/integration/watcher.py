@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 from coheft.wire.inbox import Inbox, Received
 from coheft.wire.messages import Estimate, Problem
+from coheft.wire.planes import guard_observer
+from coheft.wire.security import credentials_in
 from coheft.wire.transport import open_session
 
 from .team import LIMIT, Team
@@ -106,7 +108,9 @@ def _words(message: Estimate | Problem) -> str:
 def watching(team: Team) -> Iterator[Watcher]:
     """A watcher of a team, which has heard every agent."""
     inbox = Inbox()
-    with open_session(connect=[config.observe for config in team.plan.agents.values()]) as session:
+    credentials = credentials_in(team.plan.keys, "observer") if team.plan.keys is not None else None
+    guard = guard_observer(credentials, team.keys, "observer", team.plan.agents)
+    with open_session(connect=[config.observe for config in team.plan.agents.values()], guard=guard) as session:
         for name in team.plan.agents:
             estimate, problem = (team.keys.observe_agent(name, topic) for topic in ("estimate", "problem"))
             inbox.listen(session, name, {estimate: Estimate, problem: Problem})
