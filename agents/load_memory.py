@@ -7,7 +7,7 @@ when all have told theirs, the moments are corrected for poses that have become 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +35,7 @@ from coheft.estimation.pose_sensitivity import (
     PoseSensitivity,
     inertia_by_poses,
 )
+from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.config import AgentConfig
@@ -359,10 +360,9 @@ class LoadMemory:
         covariance = seen_by_own[:, 6:] @ estimate.covariance @ seen_by_own[:, 6:].T
         covariance += by_poses @ team.covariance @ by_poses.T
         unseen = unseen_quantities(covariance, estimate.inertia.mass, self._length())
-        if unseen:
-            return None, tuple(f"{part.what}: {part.remedy}" for part in unseen)
         inertia = estimate.inertia.carried(self._poses[own].inverse())
-        return PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, covariance), ()
+        sentences = tuple(f"{part.what}: {part.remedy}" for part in unseen)
+        return _published(inertia, covariance, {part.quantity for part in unseen}), sentences
 
     def _by_poses(self, estimate: InertiaEstimate) -> Array:
         """Derivative of ``theta`` by all poses, shape (10, 6 N)."""
@@ -388,6 +388,17 @@ class LoadMemory:
 
     def _is_enough(self) -> bool:
         return self.count >= _LEAST * self._config.rate
+
+
+def _published(inertia: Inertia, covariance: Array, unseen: Collection[str]) -> PayloadEstimate | None:
+    """What is seen: inertia is about the centre of mass, and so unseen with it, and both with the mass."""
+    if "mass" in unseen:
+        return None
+    if "com" in unseen:
+        return PayloadEstimate(inertia.mass, None, None, covariance[:1, :1])
+    if "inertia" in unseen:
+        return PayloadEstimate(inertia.mass, inertia.com, None, covariance[:4, :4])
+    return PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, covariance)
 
 
 def _moments(motion: Array, wrench: Array, own_wrench: Array, disturbance: float) -> Array:
