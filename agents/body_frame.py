@@ -122,14 +122,14 @@ class BodyFrame:
     def kept_pose(self) -> tuple[Pose, int] | None:
         """The own pose from a former team in the team's body frame, and the frame's number; None if there is none."""
         name, frame = self._config.name, self._gossip.frame()
-        own = self._gossip.own
-        if own.pose and own.frame == frame:  # the former team dissolved before its sums began
-            return Pose.of_numbers(own.pose), frame
         kept = self._kept_pose(name)
         if kept is not None and self._kept is not None and self._kept.frame == frame:
             return kept, frame
         if self._told is not None and self._told[0] == frame:
             return self._told[1], frame
+        own = self._gossip.own
+        if own.pose and own.frame == frame:  # the former team dissolved before its sums began
+            return Pose.of_numbers(own.pose), frame
         return None
 
     def found_pose(self) -> tuple[Pose, int] | None:
