@@ -47,7 +47,7 @@ _MOVING = 4.0
 """While a fit moves a pose by more of its standard deviations, it is too far from the optimum for these to be true."""
 _LEFT = 0.25
 """Share of a fit's last step that may be left to go, because the fit is not linear."""
-_UNTRIED = 2.0
+_UNTRIED = 4.0
 """Poses are so much less certain, in variance, as this is of the time of samples that they were fitted to [s]: what is
 left out of their covariance is of second order, and matters when they are new."""
 _JUMP = 30.0
