@@ -160,12 +160,14 @@ class Team:
         self._steps: list[Array] = []
         self._crosses, self._first_crosses = (Flood(members, LoadMemory.told_size) for _ in range(2))
         self._misfits = Flood(members, 1)
-        self._floods = Floods({
+        self._floods = Floods(
+            {
                 **self._fits.floods,
                 "crosses": self._crosses,
                 "first_crosses": self._first_crosses,
                 "misfits": self._misfits,
-            })
+            }
+        )
         self._watch = Watch(config.noise, config.rate / config.block)
         self._misfit_every = self._blocks(_MISFIT_TOLD)
         self._held: _Block | None = None
