@@ -9,6 +9,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from coheft.app.cli_base import EXIT_BROKEN_PROMISE, EXIT_CONVERGED, Count, Flag, ReportTarget, app
+from coheft.errors import CoheftError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,6 +24,7 @@ def faults(
     first_seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
     jobs: Count | None = None,
     json: ReportTarget = None,
+    table: Path | None = None,
     kept: Path | None = None,
     mutant: str = "",
     replay: str | None = None,
@@ -44,6 +46,8 @@ def faults(
         Number of processes, instead of one per core.
     json:
         Write the summary to this file; - for standard output.
+    table:
+        Write what was injected, and what came of it, to this file, in Markdown.
     kept:
         Add every outcome to this file; a campaign that was cut off goes on where it was, if the code is the same.
     mutant:
@@ -59,7 +63,7 @@ def faults(
 
     from coheft.app.faults.campaign import run_campaign
     from coheft.app.faults.mutants import check_mutant
-    from coheft.app.faults.output import campaign_progress, print_campaign
+    from coheft.app.faults.output import campaign_progress, markdown, print_campaign
     from coheft.app.faults.summary import summarise
     from coheft.app.report import write_report
 
@@ -73,8 +77,17 @@ def faults(
     summary = summarise(outcomes)
     if json is not None:
         write_report(summary, json)
+    if table is not None:
+        _write(table, markdown(summary))
     print_campaign(console, summary, outcomes, mutant)
     return EXIT_BROKEN_PROMISE if summary.violations else EXIT_CONVERGED
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text)
+    except OSError as error:
+        raise CoheftError(f"cannot write {path}: {error.strerror}") from error
 
 
 def _schedule_of(text: str) -> FaultSchedule:

@@ -63,6 +63,22 @@ def print_campaign(console: Console, summary: CampaignSummary, outcomes: Sequenc
         console.print(f"coheft faults --replay {failed[0].seed}{of_mutant}", highlight=False, markup=False)
 
 
+def markdown(summary: CampaignSummary) -> str:
+    """A campaign as a table for a document."""
+    lines = [
+        f"{summary.schedules} schedules (seeds {summary.seeds[0]} to {summary.seeds[1]}), {summary.simulated_h:.1f} "
+        f"simulated hours: {summary.violations} violations.",
+        "",
+        "| fault | injected | went stale | violations | all valid again after: median | 95 % | worst |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for kind in summary.kinds:
+        times = ("", "", "") if kind.recovered_s is None else tuple(f"{time:.2f} s" for time in kind.recovered_s)
+        stale = f"{kind.went_stale} of {kind.schedules}"
+        lines.append(" | ".join([f"| {kind.kind}", str(kind.injected), stale, str(kind.violations), *times]) + " |")
+    return "\n".join(lines) + "\n"
+
+
 def print_schedule(console: Console, schedule: FaultSchedule) -> None:
     """A schedule in a few lines."""
     scenario = schedule.scenario
