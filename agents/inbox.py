@@ -71,9 +71,9 @@ class NeighbourInbox:
         used = {}
         for name, incarnation in self._incarnations.items():
             found = self._waiting.get((name, incarnation, index - 1))
-            if found:
-                used[name] = next((message for message in found if fits(message.channels)), found[0])
-                self._last[name] = index
+            fitting = next((message for message in found or () if fits(message.channels)), None)
+            if fitting is not None:
+                used[name], self._last[name] = fitting, index
         self._waiting = {key: waiting for key, waiting in self._waiting.items() if key[2] >= index}
         return used, gossip, problems
 

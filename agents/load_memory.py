@@ -49,7 +49,7 @@ _DISTURBANCE = GRAM_SIZE
 _CROSS = slice(_DISTURBANCE + 1, _DISTURBANCE + 1 + _CROSS_SIZE)
 _COHERENCE = 1.0
 """Time for which what the robots push against each other keeps its direction, more or less [s]."""
-_SPOILT = 1.0
+_SPOILT = 2.0
 """Where poses disturb wrenches more than this, samples are not compared: the first fits of few samples are rough."""
 _SAME = 30.0
 """Limit of the chi-square of the difference between two estimates, ten degrees of freedom: 1e-3 by chance."""
@@ -192,19 +192,23 @@ class LoadMemory:
         self._recent = self._recent_kept * self._recent + unpacked_gram(moments[:GRAM_SIZE])[0]
         if self._told is not None:
             return  # motions are seen with new poses, wrenches with old ones
-        if not self._is_enough():
-            self._unknowns = None
-            return
         self._pushed += 1
-        if self._unknowns is None or self._pushed % self._look_every == 0:
-            information = self._window.information(self._model)
-            ridge = _SINGULAR * np.diag(np.diag(information.uncompensated))
-            self._unknowns = np.asarray(np.linalg.solve(information.matrix + ridge, information.vector))
-        is_right = self._recent_statistic(self._model, self._unknowns) < _CONTRADICTION
-        self._contradicted = 0 if is_right else self._contradicted + 1
+        self._compare(self._model, is_new=self._pushed % self._look_every == 0)
         if self._contradicted > self._give_up_after:
             self._window.forget_before(block)
             self._begin(self._changed_at)
+
+    def _compare(self, model: InertiaModel, is_new: bool) -> None:
+        """Hold the wrenches of late against what the load is found to be, anew if that is so."""
+        if not self._is_enough() or self._recent[0] < 1.0:
+            self._unknowns = None
+            return
+        if self._unknowns is None or is_new:
+            information = self._window.information(model)
+            ridge = _SINGULAR * np.diag(np.diag(information.uncompensated))
+            self._unknowns = np.asarray(np.linalg.solve(information.matrix + ridge, information.vector))
+        is_right = self._recent_statistic(model, self._unknowns) < _CONTRADICTION
+        self._contradicted = 0 if is_right else self._contradicted + 1
 
     def _recent_statistic(self, model: InertiaModel, unknowns: Array) -> float:
         """Chi-square of the mean residual of late: noise averages out, what poses add does not."""
@@ -298,6 +302,8 @@ class LoadMemory:
             self._window.forget_before(told.last_block + 1)  # means will not do for poses that were so rough
         if rows is not None:
             self._expect_disturbance(wrench_disturbance(self._poses, team.covariance, rows[:, 2]))
+        if self._model is not None:
+            self._compare(self._model, is_new=True)  # what was told may have been nonsense
 
     def _expect_disturbance(self, covariance: Array) -> None:
         """From now on samples are spoilt with this covariance (6, 6), beside their noise."""
