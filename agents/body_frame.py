@@ -127,6 +127,10 @@ class BodyFrame:
             return kept, frame
         if self._told is not None and self._told[0] == frame:
             return self._told[1], frame
+        # If the former team dissolved before its sums began, its founder may be alone with the frame.
+        own = self._gossip.own
+        if own.pose and [record.robot for record in self._gossip.records.values() if record.frame == frame] == [name]:
+            return Pose.of_numbers(own.pose), frame
         return None
 
     def found_pose(self) -> tuple[Pose, int] | None:

@@ -171,6 +171,7 @@ class Team:
         self._held: _Block | None = None
         self._blamed = 0
         self._has_begun = False
+        self._begins_at = -1
         self._rounds = schedule.rounds
         self._patience = self._blocks(_PATIENCE)
         self._resumed_block = self._settled_block = -1
@@ -329,6 +330,9 @@ class Team:
         if found.number > self.learned_block + self._patience and self.learned_block >= 0:
             self._resumed_block, self._settled_block = found.number, found.number + self._patience
         self.learned_block = found.number
+        if not self._has_begun and 0 <= self._begins_at <= found.number:
+            self._has_begun = True
+            self._first, self._memory = self._memory, self._memory.successor()
         changed_at = self._memory.push(found.number, found.motion, found.wrench, found.own_wrench)
         if changed_at is not None:
             self._notice(changed_at, index)
@@ -370,9 +374,8 @@ class Team:
         self._corrected = self._version
         if self._first is not None:
             self._review_first(self._first, self._fitted, first_rows)
-        elif not self._has_begun and not self._memory.is_rough:
-            self._has_begun = True
-            self._first, self._memory = self._memory, self._memory.successor()
+        elif self._begins_at < 0 and not self._memory.is_rough:
+            self._begins_at = self._fits.switched_at + 2 * self._hearing  # when all have heard, at the same block
 
     def _review_first(self, first: LoadMemory, fitted: TeamPoses, rows: Array | None) -> None:
         """Whether what was learned with rough poses is to count, once there is much more to hold it against."""
