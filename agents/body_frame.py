@@ -127,10 +127,6 @@ class BodyFrame:
             return kept, frame
         if self._told is not None and self._told[0] == frame:
             return self._told[1], frame
-        # If the former team dissolved before its sums began, its founder may be alone with the frame.
-        own = self._gossip.own
-        if own.pose and [record.robot for record in self._gossip.records.values() if record.frame == frame] == [name]:
-            return Pose.of_numbers(own.pose), frame
         return None
 
     def found_pose(self) -> tuple[Pose, int] | None:
@@ -141,6 +137,9 @@ class BodyFrame:
         if frame == 0 and self._config.name == min(graph):
             return Pose.identity(), self._gossip.team
         pose = self._through_neighbour(graph)
+        own = self._gossip.own
+        if pose is None and own.pose and own.frame == frame:
+            pose = Pose.of_numbers(own.pose)  # a team that dissolved before its sums began: nobody has kept any
         return None if pose is None else (pose, frame)
 
     def _through_neighbour(self, graph: Mapping[str, tuple[str, ...]]) -> Pose | None:
