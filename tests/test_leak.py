@@ -27,13 +27,13 @@ class Followed:
         errors: Of the mass against the truth of the same block, shape (n,) [kg].
         deviations: What the robots say of them, one sigma, shape (n,) [kg].
         notices: Of load changes, by robot.
-        silent: Robots that never published a mass.
+        told: Share of the reports that had a mass.
     """
 
     errors: Array
     deviations: Array
     notices: dict[str, list[LoadChangeNotice]]
-    silent: set[str]
+    told: float
 
 
 @pytest.fixture(scope="module", params=[1, 2])
@@ -41,21 +41,23 @@ def followed(request: pytest.FixtureRequest) -> Followed:
     sensors = msgspec.structs.replace(changed("ring3").sensors, rate=250)
     scenario = changed("ring3", seed=request.param, duration=15.0, sensors=sensors, load_changes=(LEAKING,))
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in scenario.robot_names}
-    notices = {}
+    notices, reports = {}, 0
     for record in run_in_process(scenario):
         for name, estimate in record.estimates.items():
             assert estimate.block == record.truth.block
             notices[name] = estimate.load_changes
+            reports += estimate.time > SETTLED
             if estimate.time > SETTLED and estimate.payload is not None:
                 error = estimate.payload.mass - record.truth.payload.mass
                 found[name].append((error, float(np.sqrt(estimate.payload.covariance[0, 0]))))
     assert record.truth.payload.mass == pytest.approx(5.0 + 3.0 - 0.1 * (15.0 - 5.0 - scenario.block_duration))
     errors, deviations = np.array([pair for pairs in found.values() for pair in pairs]).T
-    return Followed(errors, deviations, notices, {name for name, pairs in found.items() if not pairs})
+    assert all(found.values())
+    return Followed(errors, deviations, notices, len(errors) / reports)
 
 
 def test_the_mass_follows_the_leak(followed: Followed) -> None:
-    assert followed.silent == set()
+    assert followed.told > 0.95
     # 0.05 kg over five seeds. All samples since the drop would give 0.3, what was dropped 0.6.
     assert np.sqrt(np.mean(np.square(followed.errors))) < 0.1
 
@@ -69,4 +71,4 @@ def test_the_drop_is_noticed_first_and_the_leak_again_and_again(followed: Follow
 
 
 def test_robots_know_how_far_off_they_are(followed: Followed) -> None:
-    assert np.mean(np.abs(followed.errors) < 5.0 * followed.deviations) > 0.5
+    assert np.mean(np.abs(followed.errors) < 5.0 * followed.deviations) > 0.9
