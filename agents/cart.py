@@ -116,8 +116,7 @@ class CartAgent:
         if self._knowledge is not None and self._newest is not None:
             ahead = [self._planned.get(k, np.zeros(3)) for k in range(self._reached, block)]
             motion = self._knowledge.ahead(ahead, self._period)
-            # Held until the next one: aim at its middle.
-            target = self._trajectory.at((block + 0.5) * self._period)
+            target = self._trajectory.at(block * self._period)
             total = self._tracker.push(target, motion, self._knowledge.body)
             total *= config.strength / max(effort(total, self._newest.leverage), config.strength)
             self._slide(total)

@@ -107,7 +107,7 @@ class CartSimulation:
             motion=motion,
             wrench=wrench_b,
             effort=math.sqrt(squares),
-            slip=math.cos(motion[2]) * motion[4] - math.sin(motion[2]) * motion[3],
+            slip=float(np.cos(motion[2]) * motion[4] - np.sin(motion[2]) * motion[3]),
         )
         measurements = {name: self._measure(name, motion, pushes.get(name)) for name in scenario.names}
         for _ in range(self._steps):

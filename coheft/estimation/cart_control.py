@@ -31,10 +31,10 @@ class Tracking(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     alpha_along: float = 0.5
-    weights_along: tuple[float, float] = (0.04, 0.2)
+    weights_along: tuple[float, float] = (0.08, 0.3)
     alpha_heading: float = 2.0
     weights_heading: tuple[float, float] = (4.0, 4.0)
-    toward_path: float = 1.0
+    toward_path: float = 1.5
 
 
 def regulator(alpha: float, weights: tuple[float, float]) -> Array:

@@ -34,7 +34,7 @@ from coheft.estimation.cart_prior import CartPrior, nearest_possible
 from coheft.estimation.spatial import Array
 
 _MASS = 6
-_KEPT = 300
+_KEPT = 600
 """Steps that can be done again."""
 _MOVED = 0.01
 """Parameters have moved when slopes have changed by about this share."""
