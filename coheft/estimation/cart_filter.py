@@ -115,7 +115,8 @@ class Update:
 
     Attributes:
         belief: After it.
-        surprise: Its innovation squared, normalised: chi-square distributed with 6 degrees of freedom.
+        surprise: Its innovation squared, normalised: chi-square distributed, with 6 degrees of freedom and one per row of
+            the wheels.
         rest: Derivative of the state after it by the one before, ``I - K H``, shape (11, 11).
         pull: ``H^T S^-1`` times the innovation, shape (11,), for ``smooth``.
     """
@@ -152,15 +153,16 @@ def update(
     noise[:MOTION_SIZE, :MOTION_SIZE] = sighting.covariance
     noise[MOTION_SIZE:, MOTION_SIZE:] = slip**2 * np.eye(len(rows))
     spread = by_state @ belief.covariance @ by_state.T + noise
-    measured = slice(0, MOTION_SIZE)
-    surprise = float(innovation[measured] @ np.linalg.solve(spread[measured, measured], innovation[measured]))
-    gain = np.linalg.solve(spread, by_state @ belief.covariance).T
+    certainty = np.linalg.inv(spread)
+    pull = by_state.T @ (certainty @ innovation)
+    surprise = float(innovation @ certainty @ innovation)
+    gain = belief.covariance @ by_state.T @ certainty
     if not corrects_cart:
         gain[PARAMETERS] = 0.0
     rest = np.eye(STATE_SIZE) - gain @ by_state
     covariance = rest @ belief.covariance @ rest.T + gain @ noise @ gain.T  # Joseph: right for any gain
     updated = Belief(belief.mean + gain @ innovation, 0.5 * (covariance + covariance.T))
-    return Update(updated, surprise, rest, by_state.T @ np.linalg.solve(spread, innovation))
+    return Update(updated, surprise, rest, pull)
 
 
 def smooth(steps: Sequence[tuple[Update, Prediction]]) -> list[Array]:

@@ -13,7 +13,9 @@ WINDOWS = (1, 4, 16)
 FALSE_ALARMS = 1e-9
 """Probability per sample and window that an unchanged cart is taken for another one."""
 
-_THRESHOLDS = tuple(float(chi2.isf(FALSE_ALARMS, MOTION_SIZE * window)) for window in WINDOWS)
+_FREEDOM = MOTION_SIZE + 1
+"""Of one surprise, for a cart with one axle."""
+_THRESHOLDS = tuple(float(chi2.isf(FALSE_ALARMS, _FREEDOM * window)) for window in WINDOWS)
 
 
 def changed_since(surprises: Sequence[float]) -> int:
