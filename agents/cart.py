@@ -15,8 +15,8 @@ import numpy as np
 from agents.cart_sums import CartSums, Lost, Totals
 from coheft.estimation.cart_contact import BestContact, effort, grasp_map, leverage, share
 from coheft.estimation.cart_control import Tracker
-from coheft.estimation.cart_fixed import FixedCart
 from coheft.estimation.cart_filter import MOTION_SIZE, Push, Sighting
+from coheft.estimation.cart_fixed import FixedCart
 from coheft.estimation.cart_learner import CartLearner
 from coheft.estimation.cart_observability import not_known
 from coheft.estimation.cart_trajectory import TRAJECTORIES

@@ -44,7 +44,7 @@ class CartSample:
 class Casters:
     """Casters that follow: they trail behind their swivels, and turn round when the cart goes the other way.
 
-    ``psi' = -(v / trail) sin psi``: 0 is stable when the cart goes ahead, pi when it goes back. Across the way they drag.
+    ``psi' = -(v / trail) sin psi``: 0 is stable when the cart goes ahead, pi when it goes back. Between, they drag.
     """
 
     def __init__(self) -> None:
@@ -131,8 +131,8 @@ class CartSimulation:
     def _step(self, wrench_b: Array) -> None:
         """On by one step of the midpoint rule; the wrench turns with the cart, as hands do.
 
-        The engine's own integrators know nothing of the wheels, and Euler's rule alone would be seen: it is off by a
-        part in a hundred of what the estimates tell of the moment of inertia.
+        The engine's own integrators know nothing of the wheels. Euler's rule would be seen in the estimates: it makes
+        the moment of inertia look one per cent smaller.
         """
         data, model = self.data, self.model
         duration = model.opt.timestep

@@ -86,8 +86,7 @@ class CartServer:
         self._truth = Sender(observers, keys.observe_server("truth"), may_drop=True)
         self._problem = Sender(observers, keys.observe_server("problem"), may_drop=True)
         self._links = {
-            name: _PusherLink(name, session, self._inbox, keys, config.scenario.lag)
-            for name, session in robots.items()
+            name: _PusherLink(name, session, self._inbox, keys, config.scenario.lag) for name, session in robots.items()
         }
         self._is_over = False
 

@@ -41,8 +41,8 @@ def share(wrench_b: Array, contact: Array, arm: float, all_leverage: Array) -> A
     """What one of several hands has to do that together they move the cart with the least effort.
 
     Minimises ``sum_i w_i^T W w_i`` subject to ``G_1 w_1 + G_2 w_2 + ... = wrench_b`` (Aguilera et al., eq. 25) in the
-    components that move the cart: ``w_i = W^-1 G_i^T E^T (E (sum_j G_j W^-1 G_j^T) E^T)^-1 E wrench_b``. So a hand needs
-    to know of the others only the sum of their ``leverage``.
+    components that move the cart: ``w_i = W^-1 G_i^T E^T (E (sum_j G_j W^-1 G_j^T) E^T)^-1 E wrench_b``. So a hand
+    needs to know of the others only the sum of their ``leverage``.
 
     Args:
         wrench_b: To be done by all together, shape (3,).

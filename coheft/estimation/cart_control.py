@@ -38,7 +38,10 @@ class Tracking(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def regulator(alpha: float, weights: tuple[float, float]) -> Array:
-    """``K`` (2,) that minimises the integral of ``weights (e, r)^2 + v^2`` for ``ed = r - alpha e, rd = v = -K (e, r)``."""
+    """``K`` (2,) of ``v = -K (e, r)`` that minimises the integral of ``weights (e, r)^2 + v^2``.
+
+    For the dynamics ``ed = r - alpha e``, ``rd = v``.
+    """
     dynamics, by_input = np.array([[-alpha, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
     cost = solve_continuous_are(dynamics, by_input, np.diag(weights), np.eye(1))
     gains: Array = cost[1]

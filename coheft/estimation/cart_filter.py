@@ -2,9 +2,9 @@
 
 As in Aguilera et al., eqs (8)-(20): the state is augmented by ``phi``, here by the friction ``sigma`` too, because a
 model with the wrong friction finds the wrong mass. Differences: the transition is of second order in the time step,
-where one of first order loses definiteness; the update has Joseph's form; what the wheels forbid is a measurement; noise
-enters through the wrench. Each step is linearised about a point that may be another than the mean, so that a step can
-be done again about a better one.
+where one of first order loses definiteness; the update has Joseph's form; what the wheels forbid is a measurement;
+noise enters through the wrench. Each step is linearised about a point that may be another than the mean, so that a step
+can be done again about a better one.
 """
 
 from __future__ import annotations
@@ -115,8 +115,8 @@ class Update:
 
     Attributes:
         belief: After it.
-        surprise: Its innovation squared, normalised: chi-square distributed, with 6 degrees of freedom and one per row of
-            the wheels.
+        surprise: Its innovation squared, normalised: chi-square distributed, with 6 degrees of freedom and one per
+            row of the wheels.
         rest: Derivative of the state after it by the one before, ``I - K H``, shape (11, 11).
         pull: ``H^T S^-1`` times the innovation, shape (11,), for ``smooth``.
     """

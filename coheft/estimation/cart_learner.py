@@ -1,9 +1,9 @@
 """Finds out what a cart is while it is pushed: an extended Kalman filter that goes back when it has learned better.
 
 The dynamics are linear in the parameters' inverse, not in the parameters. A filter that begins with a cart of half the
-mass follows wrong slopes until it knows better, and is then surer than it may be, also of what nothing has shown yet. So
-the last second is kept, and when the parameters have moved, done again, linearised about where they are now: within it,
-all slopes belong to one and the same cart.
+mass follows wrong slopes until it knows better, and is then surer than it may be, also of what nothing has shown yet.
+So the last seconds are kept, and when the parameters have moved, done again, linearised about where they are now: within
+them, all slopes belong to one and the same cart.
 """
 
 from __future__ import annotations
@@ -81,9 +81,7 @@ class CartLearner:
         jumps: How many sudden changes have been noticed.
     """
 
-    def __init__(
-        self, guess: CartBody, first: Sighting, prior: CartPrior, constraints: Constraints = UNICYCLE
-    ) -> None:
+    def __init__(self, guess: CartBody, first: Sighting, prior: CartPrior, constraints: Constraints = UNICYCLE) -> None:
         self._prior = prior
         self._constraints = constraints
         parameters = prior.covariance(guess)
@@ -135,9 +133,7 @@ class CartLearner:
     def coast(self, push: Push) -> None:
         """A push without a measurement before it."""
         self._steps.clear()
-        self.belief = predict(
-            self.belief, push, self._drift, self._point(self.belief.mean), self._constraints
-        ).belief
+        self.belief = predict(self.belief, push, self._drift, self._point(self.belief.mean), self._constraints).belief
 
     @property
     def _parameters(self) -> Array:

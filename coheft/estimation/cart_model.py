@@ -220,7 +220,7 @@ def forward_dynamics(
     right[:3] = axes(theta) @ wrench_b - friction * rates
     right[:3] -= coriolis(phi, theta, turn_rate)[:, 2] * turn_rate
     right[3:] = -constraints.rows_rate(theta, turn_rate) @ rates
-    solution = np.linalg.solve(system, right)
+    solution = np.asarray(np.linalg.solve(system, right), dtype=np.float64)
     return Accelerations(solution[:3], solution[3:], system)
 
 

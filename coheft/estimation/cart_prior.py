@@ -58,7 +58,8 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         by_place = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [2.0 * x, 2.0 * y]])
         spread = np.outer(at_com, at_com) + self.place**2 * by_place @ by_place.T
         spread[3, 3] += 2.0 * self.place**4
-        return self.load**2 * spread
+        result: Array = self.load**2 * spread
+        return result
 
 
 def nearest_possible(phi: Array) -> Array:

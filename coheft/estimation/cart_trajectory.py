@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -73,7 +74,7 @@ class Trajectory:
 
 def _interpolate(knots: tuple[tuple[float, float], ...], time: float) -> tuple[float, float]:
     """Value and slope between knots; constant outside."""
-    for (begin, low), (end, high) in zip(knots, knots[1:], strict=False):
+    for (begin, low), (end, high) in pairwise(knots):
         if begin <= time < end:
             slope = (high - low) / (end - begin)
             return low + slope * (time - begin), slope

@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 
 from coheft.estimation.cart_control import Tracking
-from coheft.estimation.cart_prior import CartPrior
 from coheft.estimation.cart_model import CartBody
+from coheft.estimation.cart_prior import CartPrior
 from coheft.wire.config import Neighbour
 from coheft.wire.messages import LinkState, Message
 

@@ -28,9 +28,7 @@ _SILENCE = 60.0
 _LAST_WORDS = 1.0
 
 
-def make_configs(
-    scenario: CartScenario, run: str
-) -> tuple[CartServerConfig, dict[str, CartAgentProcessConfig]]:
+def make_configs(scenario: CartScenario, run: str) -> tuple[CartServerConfig, dict[str, CartAgentProcessConfig]]:
     """Configurations of all processes of a run; ``run`` is the prefix of its keys.
 
     Raises:
@@ -58,15 +56,22 @@ def make_configs(
     return CartServerConfig(scenario=scenario, run=run, robots=robots, observe=observe), agents
 
 
-def run_in_processes(scenario: CartScenario, folder: Path, on_problem: Callable[[str], None]) -> CartRun:
-    """Run a scenario to its end; logs go to the folder.
+def run_in_processes(
+    scenario: CartScenario, make_folder: Callable[[str], Path], on_problem: Callable[[str], object]
+) -> CartRun:
+    """Run a scenario to its end.
+
+    Args:
+        scenario: What to run.
+        make_folder: Makes a folder for the logs of the run of that name.
+        on_problem: Told what processes have refused.
 
     Raises:
         ProcessError: A process failed; the others have been stopped.
         LinkError: The processes did not find each other.
     """
     server, agents = make_configs(scenario, f"cart-{secrets.token_hex(4)}")
-    keys = Keys(server.run)
+    keys, folder = Keys(server.run), make_folder(server.run)
     run = CartRun(scenario, [], {name: [] for name in agents})
     inbox = Inbox()
     observed = [server.observe, *(agent.observe for agent in agents.values())]
@@ -94,7 +99,7 @@ def run_in_processes(scenario: CartScenario, folder: Path, on_problem: Callable[
     return run
 
 
-def _collect(inbox: Inbox, run: CartRun, on_problem: Callable[[str], None], seconds: float) -> bool:
+def _collect(inbox: Inbox, run: CartRun, on_problem: Callable[[str], object], seconds: float) -> bool:
     """Take in what has come; say whether there was anything."""
     event = inbox.receive(seconds)
     is_news = event is not None

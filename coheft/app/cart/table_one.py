@@ -34,7 +34,7 @@ MASS_CHANGES = (
     CartLoad(at=18.5, mass=5.0, place=(0.3, 0.0)),
     CartLoad(at=28.5, mass=-10.0, place=(0.3, 0.0)),
 )
-"""Of test 11, where the paper does not say when and how much: onto the straight, in a curve, and off while braking."""
+"""Of test 11, where the paper does not say when and how much: put on in curves, taken off while braking."""
 
 
 def table_one(
