@@ -94,7 +94,8 @@ class CartAgent:
         """Learn from what all did and saw."""
         config = self.config
         sighting = Sighting(totals.motion, config.noise**2 / totals.members * np.eye(MOTION_SIZE))
-        push = Push(totals.wrench_b, config.force_noise**2 * totals.leverage, self._period)
+        planned = self._planned.get(totals.block, totals.wrench_b)
+        push = Push(totals.wrench_b, config.force_noise**2 * totals.leverage, self._period, planned)
         if self._knowledge is None:
             guess = config.guess.body
             self._knowledge = CartLearner(guess, sighting, config.prior) if config.learns else FixedCart(guess)
@@ -106,7 +107,7 @@ class CartAgent:
         """Totals were lost: all will have done about what was planned."""
         if self._knowledge is not None:
             planned = self._planned.get(block, np.zeros(3))
-            self._knowledge.coast(Push(planned, _UNKNOWN_WRENCH**2 * np.eye(3), self._period))
+            self._knowledge.coast(Push(planned, _UNKNOWN_WRENCH**2 * np.eye(3), self._period, planned))
             self._reached = block + 1
 
     def _push(self, index: int) -> CartPush:

@@ -19,7 +19,7 @@ from coheft.estimation.cart_model import CartBody
 from coheft.estimation.spatial import Array
 from coheft.wire.cart import CartGuess, CartLoad, CartMeasurement, CartPush, CartScenario, CartTruth
 
-PHYSICS_RATE = 1000
+PHYSICS_RATE = 500
 """Steps of the engine per second."""
 _STABILISING = 100.0
 """Rate at which slip that there is dies away [1/s]."""

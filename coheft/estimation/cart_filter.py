@@ -45,11 +45,14 @@ class Push:
         wrench_b: As measured, shape (3,).
         covariance: Of that measurement, shape (3, 3).
         duration: [s].
+        planned_b: About what it was meant to be, shape (3,). Slopes are taken there: at the measured wrench they would
+            share its noise, and a cart that does not follow the noise would look heavier and heavier.
     """
 
     wrench_b: Array
     covariance: Array
     duration: float
+    planned_b: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +91,12 @@ def predict(belief: Belief, push: Push, drift: Array, point: Array, constraints:
         point: State about which the dynamics are linearised, shape (11,).
         constraints: Of the wheels.
     """
-    model = linearise(point, push.wrench_b, constraints)
+    model = linearise(point, push.planned_b, constraints)
     step = model.by_state * push.duration
     transition = np.eye(STATE_SIZE) + step + 0.5 * step @ step
     by_wrench = push.duration * (model.by_wrench + 0.5 * step @ model.by_wrench)
-    mean = point + push.duration * (model.rate + 0.5 * step @ model.rate) + transition @ (belief.mean - point)
+    mean = point + push.duration * (model.rate + 0.5 * step @ model.rate)
+    mean += transition @ (belief.mean - point) + by_wrench @ (push.wrench_b - push.planned_b)
     covariance = transition @ belief.covariance @ transition.T + by_wrench @ push.covariance @ by_wrench.T
     covariance[PARAMETERS, PARAMETERS] += push.duration * drift
     return Prediction(Belief(mean, covariance), transition)

@@ -22,9 +22,9 @@ def changed_since(surprises: Sequence[float]) -> int:
     """Number of newest samples that cannot be of the same cart, 0 if all can.
 
     Args:
-        surprises: See ``Update.surprise``, the newest last.
+        surprises: See ``Update.surprise``, the newest first.
     """
     for window, threshold in zip(WINDOWS, _THRESHOLDS, strict=True):
-        if len(surprises) >= window and sum(surprises[-window:]) > threshold:
+        if len(surprises) >= window and sum(surprises[:window]) > threshold:
             return window
     return 0

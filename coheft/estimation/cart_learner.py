@@ -9,8 +9,9 @@ them, all slopes belong to one and the same cart.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
-from math import hypot, sqrt
+from dataclasses import dataclass, replace
+from itertools import islice
+from math import cos, hypot, inf, sin, sqrt
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from coheft.estimation.cart_filter import (
     smooth,
     update,
 )
-from coheft.estimation.cart_jump import changed_since
+from coheft.estimation.cart_jump import WINDOWS, changed_since
 from coheft.estimation.cart_linearisation import FRICTION, PHI, POSE, RATES
 from coheft.estimation.cart_model import UNICYCLE, CartBody, Constraints, axes
 from coheft.estimation.cart_prior import CartPrior, nearest_possible
@@ -44,6 +45,10 @@ _VAGUE = 1e3
 """Share of a measurement's covariance with which the filter begins before it takes that measurement in."""
 _LEAST_NEWS = 4
 """Steps are done again only when at least one in so many is new."""
+_FIRST = 200
+"""So many steps with an unknown cart, all are done again whenever one in ..."""
+_GROWN = 3
+"""... so many is new, for slopes are soon far off then."""
 
 
 @dataclass(eq=False)
@@ -92,9 +97,14 @@ class CartLearner:
         covariance[PARAMETERS, PARAMETERS] = parameters
         self.belief = Belief(np.concatenate([first.motion[:3], np.zeros(3), guess.phi, [guess.friction]]), covariance)
         self.jumps = 0
+        force, torque = prior.drag
+        self._drag = np.diag(np.square([force, force, torque]))
+        self._direction = 0.0
+        self._rolled = inf
         self._steps: deque[_Step] = deque(maxlen=_KEPT)
         self._slopes_of = self._parameters
-        self._age = 0
+        self._news = 0
+        self._lessons = 0
 
     @property
     def body(self) -> CartBody:
@@ -119,12 +129,17 @@ class CartLearner:
 
     def step(self, sighting: Sighting, push: Push) -> None:
         """Take in a measurement, and what the hands did from then on."""
-        step = _Step(sighting, push, self._is_fast(), self.belief)
+        is_fast = self._is_fast()
+        casters_turn = self._casters_turn(push.duration, is_fast=is_fast)
+        if casters_turn:
+            push = replace(push, covariance=push.covariance + self._drag)
+        step = _Step(sighting, push, is_fast and not casters_turn, self.belief)
         self._steps.append(step)
-        self._age += 1
+        self._lessons += step.corrects_cart
+        self._news += step.corrects_cart
         self._do(step)
         since = self._changed_since()
-        if since or (self._have_moved() and self._age * _LEAST_NEWS >= len(self._steps)):
+        if since or self._is_due():
             self._do_again()
             since = self._changed_since()
         if since:
@@ -151,6 +166,17 @@ class CartLearner:
         variance = float(velocity @ self.belief.covariance[3:5, 3:5] @ velocity)  # of the speed, times its square
         return speed * speed >= self._prior.slow * speed + _SURELY * sqrt(variance)
 
+    def _casters_turn(self, duration: float, *, is_fast: bool) -> bool:
+        """Whether the cart goes another way than before, and not far yet; on by one step [s]."""
+        theta, x_rate, y_rate = self.belief.mean[2:5].tolist()
+        speed = cos(theta) * x_rate + sin(theta) * y_rate
+        if is_fast and speed * self._direction < 0.0:
+            self._rolled = 0.0
+        if is_fast:
+            self._direction = speed
+        self._rolled += abs(speed) * duration
+        return self._rolled < self._prior.turning
+
     def _do(self, step: _Step, smoothed: Array | None = None) -> None:
         """One step, with slopes at the motion that is believed in, or at one that is known better by now."""
         step.before = self.belief
@@ -166,12 +192,18 @@ class CartLearner:
     def _do_again(self) -> None:
         """All steps that are kept, with slopes at the newest parameters, and at the motion as it looks from here."""
         self._slopes_of = self._parameters
-        self._age = 0
+        self._news = 0
         done = [(step.update, step.prediction) for step in self._steps]
         smoothed = smooth([(u, p) for u, p in done if u is not None and p is not None])
         self.belief = self._steps[0].before
         for step, state in zip(self._steps, smoothed, strict=True):
             self._do(step, state)
+
+    def _is_due(self) -> bool:
+        """Whether to do all again: enough is new, and the cart looks like another, or little was known the last time."""
+        if self._lessons < _FIRST:
+            return self._news * _GROWN >= self._lessons > 0
+        return self._news * _LEAST_NEWS >= len(self._steps) and self._have_moved()
 
     def _have_moved(self) -> bool:
         """Whether the slopes in use belong to another cart than the newest."""
@@ -180,7 +212,8 @@ class CartLearner:
         return bool((np.abs(self._parameters[:4] - self._slopes_of[:4]) > _MOVED * scale).any())
 
     def _changed_since(self) -> int:
-        return changed_since([step.update.surprise for step in self._steps if step.update is not None])
+        newest = [_surprise(step) for step in islice(reversed(self._steps), max(WINDOWS))]
+        return changed_since(newest)
 
     def _expect_another_cart(self, since: int) -> None:
         """The load has changed so many steps ago: go back, be unsure of parameters and velocity, and come again."""
@@ -196,8 +229,13 @@ class CartLearner:
         covariance[RATES, RATES] += missing * self._prior.jolt**2 * free @ free.T
         self.belief = Belief(before.mean, covariance)
         self._slopes_of = self._parameters
-        self._age = 0
+        self._lessons = 0
         self.jumps += 1
         for step in steps:
             self._steps.append(step)
             self._do(step)
+
+
+def _surprise(step: _Step) -> float:
+    """Of a step from which something can be learned; what casters do is no news."""
+    return step.update.surprise if step.corrects_cart and step.update is not None else 0.0

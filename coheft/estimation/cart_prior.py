@@ -22,8 +22,9 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         friction: Standard deviation as a share of the guess.
         drift: Standard deviation of the change in one second, as a share of the first standard deviation.
         slip: Of the wheels, sideways [m/s].
-        slow: Unless the cart is surely faster than this, parameters are not corrected: casters turn, and friction is
-            not viscous [m/s].
+        slow: Unless the cart is surely faster than this, parameters are not corrected: friction is not viscous [m/s].
+        turning: Nor while it rolls so far after it has changed its direction: casters turn round [m].
+        drag: Standard deviation of what casters do meanwhile, force [N] and torque [N·m].
         start: Standard deviation of the first velocity, from standing still [m/s, rad/s].
         load: Standard deviation of the mass that may suddenly come or go [kg].
         place: Standard deviation per axis of where it lies, from the centre of mass [m].
@@ -37,6 +38,8 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     drift: float = 1e-4
     slip: float = 1e-3
     slow: float = 0.05
+    turning: float = 0.3
+    drag: tuple[float, float] = (10.0, 2.0)
     start: float = 0.02
     load: float = 5.0
     place: float = 0.1

@@ -97,8 +97,8 @@ CURVES = Trajectory(
 """Trajectory 2: large curves that begin at 7, 16 and 25 s."""
 
 THERE_AND_BACK = Trajectory(
-    ((0.5, 0.0), (1.5, 0.6), (9.0, 0.6), (10.2, -0.6), (18.0, -0.6), (19.2, 0.6), (28.8, 0.6), (30.0, 0.0))
+    ((0.5, 0.0), (2.5, 1.0), (8.5, 1.0), (12.5, -1.0), (17.5, -1.0), (21.5, 1.0), (28.0, 1.0), (30.0, 0.0))
 )
-"""Pushing, pulling, pushing: casters have to turn round at 9.6 s and 18.6 s."""
+"""Pushing, pulling, pushing: casters have to turn round at 10.5 s and 19.5 s."""
 
 TRAJECTORIES = {"straight": STRAIGHT, "curves": CURVES, "there and back": THERE_AND_BACK}
