@@ -2,8 +2,8 @@
 
 The dynamics are linear in the parameters' inverse, not in the parameters. A filter that begins with a cart of half the
 mass follows wrong slopes until it knows better, and is then surer than it may be, also of what nothing has shown yet.
-So the last seconds are kept, and when the parameters have moved, done again, linearised about where they are now: within
-them, all slopes belong to one and the same cart.
+So the last seconds are kept, and when the parameters have moved, done again, linearised about where they are now:
+within them, all slopes belong to one and the same cart.
 """
 
 from __future__ import annotations
@@ -200,7 +200,7 @@ class CartLearner:
             self._do(step, state)
 
     def _is_due(self) -> bool:
-        """Whether to do all again: enough is new, and the cart looks like another, or little was known the last time."""
+        """Whether to do all again: enough is new, and the cart looks different, or little was known the last time."""
         if self._lessons < _FIRST:
             return self._news * _GROWN >= self._lessons > 0
         return self._news * _LEAST_NEWS >= len(self._steps) and self._have_moved()
