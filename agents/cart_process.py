@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import time
 from collections import deque
 from contextlib import ExitStack
@@ -22,9 +21,11 @@ from agents.cart_sums import CHANNELS
 from coheft.errors import LinkError, MessageError
 from coheft.wire.cart import CartAgentProcessConfig, CartMeasurement, CartMessage
 from coheft.wire.codec import check_array, check_field
-from coheft.wire.messages import Hello, Message, Problem, Ready, Stop
+from coheft.wire.inbox import Event, Inbox, LinkChange, Received, Refused
+from coheft.wire.messages import Hello, Message, Ready, Stop
+from coheft.wire.problem_log import ProblemLog
 from coheft.wire.supervised import supervised_main
-from coheft.wire.transport import Event, Inbox, Keys, LinkChange, Received, Refused, Sender, open_session
+from coheft.wire.transport import Keys, Sender, open_session
 
 _HELLO_PERIOD = 0.05
 _SERVER = "the server"
@@ -55,7 +56,6 @@ class CartAgentProcess:
         self._messages: dict[int, dict[str, CartMessage]] = {}
         self._heard: set[str] = set()
         self._heard_by: set[str] = set()
-        self._problems = 0
 
         name, keys = config.agent.name, Keys(config.run)
         self._ready = Sender(robot_plane, keys.robot(name, "ready"), may_drop=False)
@@ -63,7 +63,7 @@ class CartAgentProcess:
         self._hello = Sender(neighbour_plane, keys.agent(name, "hello"), may_drop=False)
         self._message = Sender(neighbour_plane, keys.agent(name, "block"), may_drop=False)
         self._estimate = Sender(observer_plane, keys.observe_agent(name, "estimate"), may_drop=True)
-        self._problem = Sender(observer_plane, keys.observe_agent(name, "problem"), may_drop=True)
+        self._problems = ProblemLog(name, Sender(observer_plane, keys.observe_agent(name, "problem"), may_drop=True))
         self._inbox = Inbox()
         self._inbox.watch_links(robot_plane, _SERVER)
         self._inbox.listen(
@@ -111,7 +111,7 @@ class CartAgentProcess:
         self._message.send(outbox.message)
         self._push.send(outbox.push)
         if outbox.estimate is not None:
-            self._estimate.send(structs.replace(outbox.estimate, problems=self._problems))
+            self._estimate.send(structs.replace(outbox.estimate, problems=self._problems.count))
 
     def _handle(self, event: Event | None) -> None:
         """Take in whatever came.
@@ -125,9 +125,9 @@ class CartAgentProcess:
                 try:
                     self._take(source, message)
                 except MessageError as error:
-                    self._tell_problem(f"refused from {source}: {error}")
+                    self._problems.tell(f"refused from {source}: {error}")
             case Refused(source, error):
-                self._tell_problem(f"refused from {source}: {error}")
+                self._problems.tell(f"refused from {source}: {error}")
             case LinkChange(source, links=0):
                 raise LinkError(f"{self._config.name} lost its link with {source} at sample {self._block}")
 
@@ -167,12 +167,6 @@ class CartAgentProcess:
         rounds = len(message.valid)
         check_array(message.valid, (rounds,), "valid")
         check_array(message.stages, (rounds, 1, CHANNELS), "stages")
-
-    def _tell_problem(self, text: str) -> None:
-        """Tell observers and the log what is wrong, and go on."""
-        self._problems += 1
-        print(text, file=sys.stderr, flush=True)
-        self._problem.send(Problem(source=self._config.name, text=text))
 
 
 def run_agent(config: CartAgentProcessConfig) -> None:

@@ -66,6 +66,7 @@ class CartSums:
         self._pipeline: Pipeline | None = None
         self._start = 0
         self._scale = 1.0
+        self._members = 1
         self._own_gains = np.ones(0)
         self._gains: dict[str, Array] = {}
 
@@ -82,7 +83,7 @@ class CartSums:
             inbox: What the neighbours sent after the sample before.
         """
         values = np.concatenate([wrench_b, leverage.ravel(), motion])
-        if not self._gossip.records[self._name].neighbours:
+        if not self._gossip.own.neighbours:
             return _totals(index, 1, values)
         self._prepare(index)
         if self._pipeline is None or index < self._start:
@@ -94,7 +95,7 @@ class CartSums:
             return None
         if finished is None:
             return Lost(leaving)
-        return _totals(leaving, len(self._gossip.records), self._scale * finished[0])
+        return _totals(leaving, self._members, self._scale * finished[0])
 
     @property
     def stages(self) -> Array:
@@ -121,6 +122,7 @@ class CartSums:
         schedule = choose_schedule(graph)
         self._start = start
         self._scale = schedule.scale
+        self._members = len(graph)
         self._own_gains = schedule.gains(self._name, self._name)
         self._gains = {other: schedule.gains(self._name, other) for other in graph[self._name]}
         self._pipeline = Pipeline(schedule.rounds, 1, CHANNELS)

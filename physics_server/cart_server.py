@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import time
 from contextlib import ExitStack
 from typing import NoReturn
@@ -18,9 +17,11 @@ import zenoh
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.cart import CartMeasurement, CartPush, CartServerConfig
 from coheft.wire.codec import check_array, check_field
-from coheft.wire.messages import Message, Problem, Ready, Stop
+from coheft.wire.inbox import Event, Inbox, LinkChange, Received, Refused
+from coheft.wire.messages import Message, Ready, Stop
+from coheft.wire.problem_log import ProblemLog
 from coheft.wire.supervised import supervised_main
-from coheft.wire.transport import Event, Inbox, Keys, LinkChange, Received, Refused, Sender, open_session
+from coheft.wire.transport import Keys, Sender, open_session
 from physics_server.cart import CartSimulation
 
 _ANSWER_LIMIT = 30.0
@@ -84,7 +85,7 @@ class CartServer:
         self._simulation = CartSimulation(config.scenario)
         self._inbox = Inbox()
         self._truth = Sender(observers, keys.observe_server("truth"), may_drop=True)
-        self._problem = Sender(observers, keys.observe_server("problem"), may_drop=True)
+        self._problems = ProblemLog("server", Sender(observers, keys.observe_server("problem"), may_drop=True))
         self._links = {
             name: _PusherLink(name, session, self._inbox, keys, config.scenario.lag) for name, session in robots.items()
         }
@@ -107,7 +108,7 @@ class CartServer:
             self._wait_for(self._scenario.blocks - 1)
         except CoheftError as error:
             reason = str(error)
-            self._problem.send(Problem(source="server", text=reason))
+            self._problems.tell_observers(reason)
             raise
         finally:
             self._is_over = True
@@ -145,16 +146,11 @@ class CartServer:
                 try:
                     self._links[name].take(message)
                 except MessageError as error:
-                    self._tell_problem(f"refused from {name}: {error}")
+                    self._problems.tell(f"refused from {name}: {error}")
             case Refused(source, error):
-                self._tell_problem(f"refused from {source}: {error}")
+                self._problems.tell(f"refused from {source}: {error}")
             case LinkChange(name, links=0) if self._simulation.block > 0 and not self._is_over:
                 raise LinkError(f"lost the link with {name}, which had answered sample {self._links[name].answered}")
-
-    def _tell_problem(self, text: str) -> None:
-        """Tell observers and the log what is wrong, and go on."""
-        print(text, file=sys.stderr, flush=True)
-        self._problem.send(Problem(source="server", text=text))
 
 
 def run_server(config: CartServerConfig) -> None:

@@ -102,7 +102,7 @@ def test_the_table_shows_the_worst_run_of_each_test() -> None:
 
 def test_table_one_is_the_papers() -> None:
     """Initial mass, CoM and noise of some rows, as printed."""
-    assert TESTS == tuple(range(1, 12))
+    assert tuple(range(1, 12)) == TESTS
     assert table_one(2).guess.mass == 24.0
     assert table_one(6).cart.com == (0.3, -0.15)
     assert table_one(10).noise == 0.2

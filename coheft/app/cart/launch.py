@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from coheft.app.cart.inprocess import CartRun, neighbours_of
-from coheft.app.plan import free_ports
+from coheft.app.hosts import free_ports
 from coheft.app.processes import Processes
 from coheft.errors import LinkError
 from coheft.wire.cart import (
@@ -20,8 +20,9 @@ from coheft.wire.cart import (
     agent_config,
 )
 from coheft.wire.config import Neighbour
+from coheft.wire.inbox import Inbox, Received, Refused
 from coheft.wire.messages import Problem
-from coheft.wire.transport import Inbox, Keys, Received, Refused, open_session
+from coheft.wire.transport import Keys, open_session
 
 _POLL = 0.05
 _SILENCE = 60.0
