@@ -43,6 +43,8 @@ _SURELY = 2.0
 """Standard deviations."""
 _VAGUE = 1e3
 """Share of a measurement's covariance with which the filter begins before it takes that measurement in."""
+_NOTHING = 1e6
+"""Variance of a measurement that was none."""
 _LEAST_NEWS = 4
 """Steps are done again only when at least one in so many is new."""
 _FIRST = 200
@@ -147,8 +149,7 @@ class CartLearner:
 
     def coast(self, push: Push) -> None:
         """A push without a measurement before it."""
-        self._steps.clear()
-        self.belief = predict(self.belief, push, self._drift, self._point(self.belief.mean), self._constraints).belief
+        self.step(Sighting(self.belief.mean[:MOTION_SIZE], _NOTHING * np.eye(MOTION_SIZE)), push)
 
     @property
     def _parameters(self) -> Array:
@@ -164,7 +165,7 @@ class CartLearner:
         velocity = self.belief.mean[3:5]
         speed = hypot(*velocity.tolist())
         variance = float(velocity @ self.belief.covariance[3:5, 3:5] @ velocity)  # of the speed, times its square
-        return speed * speed >= self._prior.slow * speed + _SURELY * sqrt(variance)
+        return speed * speed >= self._prior.slow * speed + _SURELY * sqrt(max(variance, 0.0))
 
     def _casters_turn(self, duration: float, *, is_fast: bool) -> bool:
         """Whether the cart goes another way than before, and not far yet; on by one step [s]."""
