@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -50,18 +49,19 @@ def cart(
     processes:
         One process per pusher and one for the cart, linked by Zenoh, instead of all in this one.
     jobs:
-        Number of processes for runs side by side, instead of one per core; not with --processes.
+        Number of processes for runs side by side, instead of one per core; more than one takes coheft[study]. Not with
+        --processes.
     json:
         Write the results to this file; - for standard output.
     figures:
-        Folder for the paper's figures 4 to 6, drawn anew.
+        Folder for the paper's figures 4 to 6, drawn anew; takes coheft[study].
     quiet:
         Show nothing but errors.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from coheft.app.cart.campaign import Case, run_cases
+    from coheft.app.cart.campaign import Case, run_cases, usual_jobs
     from coheft.app.cart.figures import draw
     from coheft.app.cart.inprocess import run_in_process
     from coheft.app.cart.launch import run_in_processes
@@ -84,7 +84,7 @@ def cart(
         bar = progress.add_task("runs", total=len(cases))
         outcomes = run_cases(
             cases,
-            jobs=1 if processes else jobs or min(len(cases), os.cpu_count() or 1),
+            jobs=1 if processes else jobs or min(len(cases), usual_jobs()),
             run=partial(run_in_processes, make_folder=make_run_folder, on_problem=progress.console.print)
             if processes
             else run_in_process,

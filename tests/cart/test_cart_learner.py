@@ -42,6 +42,13 @@ def test_errors_are_as_large_as_it_says() -> None:
     assert chi2.ppf(1e-4, 40) < total < chi2.isf(1e-4, 40)
 
 
+def test_covariances_stay_what_they_are() -> None:
+    for estimate in run(11, 1).estimates["p1"]:
+        np.testing.assert_allclose(estimate.covariance, estimate.covariance.T, atol=1e-12)
+        scale = np.sqrt(np.diag(estimate.covariance)[:4])
+        assert np.linalg.eigvalsh(estimate.covariance[:4, :4] / np.outer(scale, scale)).min() > 0.0
+
+
 def test_friction_that_is_guessed_wrong_by_a_factor_of_two_costs_little() -> None:
     for factor in (0.5, 2.0):
         estimates = run(5, 1, 13.0, factor).estimates["p1"]

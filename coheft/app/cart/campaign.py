@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -93,6 +95,11 @@ def run_cases(
         found[outcome.case] = outcome
         on_progress(done)
     return [found[case] for case in cases]
+
+
+def usual_jobs() -> int:
+    """As many as there are cores; one if the package for more is not installed."""
+    return (os.cpu_count() or 1) if find_spec("joblib") else 1
 
 
 def _outcomes(cases: Sequence[Case], jobs: int, run: Run) -> Iterable[Outcome]:

@@ -44,6 +44,7 @@ def _draw_tracking(learned: dict[int, Outcome], fixed: dict[int, Outcome], path:
     for test, outcome in fixed.items():
         label = "without the estimator" if test == min(fixed) else None
         axes.plot(outcome.times, outcome.tracking_errors, color="0.7", linestyle="--", linewidth=1, label=label)
+    axes.set_prop_cycle(color=_colours())  # the grey lines have used some up
     for test, outcome in learned.items():
         axes.plot(outcome.times, outcome.tracking_errors, linewidth=1, label=f"test {test}")
     axes.set_ylim(0.0, 0.5)
@@ -64,6 +65,14 @@ def _draw_masses(outcomes: Sequence[Outcome], path: Path, limits: tuple[float, f
     axes.set_ylabel("mass [kg]; shaded: ± 2 own std")
     axes.legend(ncols=2, fontsize="small")
     return _save(figure, path)
+
+
+def _colours() -> Any:
+    """One for each test."""
+    from matplotlib import colormaps
+
+    colours: Any = colormaps["tab20"]
+    return colours.colors[::2] + colours.colors[1::2]
 
 
 def _figure() -> Any:
