@@ -91,6 +91,7 @@ class CartLearner:
     def __init__(self, guess: CartBody, first: Sighting, prior: CartPrior, constraints: Constraints = UNICYCLE) -> None:
         self._prior = prior
         self._constraints = constraints
+        self._least = prior.least * guess.mass, prior.least * guess.inertia
         parameters = prior.covariance(guess)
         self._drift = prior.drift**2 * parameters
         covariance = np.zeros((MOTION_SIZE + 5, MOTION_SIZE + 5))
@@ -154,7 +155,9 @@ class CartLearner:
     @property
     def _parameters(self) -> Array:
         """``(phi, sigma)``, shape (5,), such as a cart can have."""
-        return np.append(nearest_possible(self.belief.mean[PHI]), max(float(self.belief.mean[FRICTION]), 0.0))
+        return np.append(
+            nearest_possible(self.belief.mean[PHI], *self._least), max(float(self.belief.mean[FRICTION]), 0.0)
+        )
 
     def _point(self, state: Array) -> Array:
         """Where to linearise: at this motion, and at the parameters that all slopes belong to."""

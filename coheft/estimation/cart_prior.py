@@ -8,9 +8,6 @@ import numpy as np
 from coheft.estimation.cart_model import CartBody
 from coheft.estimation.spatial import Array
 
-LIGHTEST, LEAST_INERTIA = 0.5, 0.02
-"""There is no cart below [kg, kg·m²]."""
-
 
 class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How wrong the first guess of a cart may be, and how fast and how suddenly a cart may change.
@@ -20,6 +17,7 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         com: Standard deviation per axis [m].
         inertia: Standard deviation as a share of the guess.
         friction: Standard deviation as a share of the guess.
+        least: No cart has less mass, or moment of inertia, than this share of the guess.
         drift: Standard deviation of the change in one second, as a share of the first standard deviation.
         slip: Of the wheels, sideways [m/s].
         slow: Unless the cart is surely faster than this, parameters are not corrected: friction is not viscous [m/s].
@@ -35,6 +33,7 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     com: float = 0.15
     inertia: float = 0.6
     friction: float = 1.0
+    least: float = 0.25
     drift: float = 1e-4
     slip: float = 1e-3
     slow: float = 0.05
@@ -65,8 +64,8 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return result
 
 
-def nearest_possible(phi: Array) -> Array:
-    """``phi`` (4,) with mass and moment of inertia raised to what a cart has at least."""
-    mass = max(float(phi[0]), LIGHTEST)
+def nearest_possible(phi: Array, least_mass: float, least_inertia: float) -> Array:
+    """``phi`` (4,) with mass, and moment of inertia about the centre of mass, raised to what a cart has at least."""
+    mass = max(float(phi[0]), least_mass)
     _, x, y, turning = phi.tolist()
-    return np.array([mass, x, y, max(turning, (x * x + y * y) / mass + LEAST_INERTIA)])
+    return np.array([mass, x, y, max(turning, (x * x + y * y) / mass + least_inertia)])

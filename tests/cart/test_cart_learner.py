@@ -118,9 +118,9 @@ def test_noise_of_the_wrench_does_not_make_the_cart_look_heavier() -> None:
 
 @pytest.mark.parametrize("phi", [[-3.0, 0.0, 0.0, 1.0], [20.0, 6.0, 3.0, 1.0], [20.0, 6.0, 3.0, -4.0]])
 def test_there_is_a_cart_near_every_estimate(phi: list[float]) -> None:
-    body = CartBody.of(nearest_possible(np.array(phi)), 0.0)
-    assert body.mass > 0.0
-    assert body.inertia > 0.0
+    body = CartBody.of(nearest_possible(np.array(phi), 4.0, 0.5), 0.0)
+    assert body.mass >= 4.0
+    assert body.inertia >= 0.5 - 1e-12
 
 
 def test_smoothed_states_are_those_of_least_squares() -> None:
