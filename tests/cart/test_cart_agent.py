@@ -17,6 +17,8 @@ from physics_server.cart import CartSimulation
 
 DURATION = 13.0
 
+pytestmark = pytest.mark.timeout(600)
+
 
 @cache
 def run(pushers: int) -> CartRun:
