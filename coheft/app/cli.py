@@ -12,7 +12,7 @@ from typing import Annotated
 import cyclopts
 from cyclopts import Parameter
 
-from coheft.app import cli_control, cli_faults, cli_keys, cli_study
+from coheft.app import cli_cart, cli_control, cli_faults, cli_keys, cli_study
 from coheft.app.cli_base import (
     EXIT_CONVERGED,
     EXIT_ERROR,
@@ -211,6 +211,7 @@ __all__ = [
     "EXIT_ERROR",
     "EXIT_USAGE",
     "app",
+    "cli_cart",
     "cli_control",
     "cli_faults",
     "cli_keys",

@@ -1,0 +1,192 @@
+"""One pusher of a cart in a process of its own: the pure core with its links.
+
+``python -m agents.cart_process`` reads a ``CartAgentProcessConfig`` from stdin.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import deque
+from contextlib import ExitStack
+from typing import NoReturn
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded: small products, many processes
+
+import zenoh
+from msgspec import structs
+
+from agents.cart import CartAgent
+from agents.cart_sums import CHANNELS
+from coheft.errors import LinkError, MessageError
+from coheft.wire.cart import CartAgentProcessConfig, CartMeasurement, CartMessage
+from coheft.wire.codec import check_array, check_field
+from coheft.wire.inbox import Event, Inbox, LinkChange, Received, Refused
+from coheft.wire.messages import Hello, Message, Ready, Stop
+from coheft.wire.problem_log import ProblemLog
+from coheft.wire.supervised import supervised_main
+from coheft.wire.transport import Keys, Sender, open_session
+
+_HELLO_PERIOD = 0.05
+_SERVER = "the server"
+
+
+class _Stopped(Exception):  # noqa: N818
+    """The server has said that the run is over."""
+
+
+class CartAgentProcess:
+    """A pusher and its links: one session per plane, one inbox for all of them.
+
+    At sample k the pusher steps with its measurement k and its neighbours' messages k - 1.
+    """
+
+    def __init__(
+        self,
+        config: CartAgentProcessConfig,
+        robot_plane: zenoh.Session,
+        neighbour_plane: zenoh.Session,
+        observer_plane: zenoh.Session,
+    ) -> None:
+        self._config = config.agent
+        self._agent = CartAgent(config.agent)
+        self._block = 0
+        self._measurements: deque[CartMeasurement] = deque()
+        self._next_measurement = 0
+        self._messages: dict[int, dict[str, CartMessage]] = {}
+        self._heard: set[str] = set()
+        self._heard_by: set[str] = set()
+
+        name, keys = config.agent.name, Keys(config.run)
+        self._ready = Sender(robot_plane, keys.robot(name, "ready"), may_drop=False)
+        self._push = Sender(robot_plane, keys.robot(name, "reference"), may_drop=False)
+        self._hello = Sender(neighbour_plane, keys.agent(name, "hello"), may_drop=False)
+        self._message = Sender(neighbour_plane, keys.agent(name, "block"), may_drop=False)
+        self._estimate = Sender(observer_plane, keys.observe_agent(name, "estimate"), may_drop=True)
+        self._problems = ProblemLog(name, Sender(observer_plane, keys.observe_agent(name, "problem"), may_drop=True))
+        self._inbox = Inbox()
+        self._inbox.watch_links(robot_plane, _SERVER)
+        self._inbox.listen(
+            robot_plane, _SERVER, {keys.robot(name, "measurements"): CartMeasurement, keys.robot(name, "stop"): Stop}
+        )
+        for other in config.agent.neighbours:
+            self._inbox.listen(
+                neighbour_plane, other, {keys.agent(other, "hello"): Hello, keys.agent(other, "block"): CartMessage}
+            )
+
+    def run(self) -> None:
+        """Meet the neighbours, then answer sample after sample until the server says stop.
+
+        Raises:
+            LinkError: The link with the server is lost.
+        """
+        try:
+            self._meet()
+            while True:
+                self._answer()
+        except _Stopped:
+            return
+
+    def _meet(self) -> None:
+        """Say hello until all neighbours hear us, then ready, both until the first sample comes."""
+        next_hello = time.monotonic()
+        while not self._measurements:
+            wait = next_hello - time.monotonic()
+            if wait > 0.0:
+                self._handle(self._inbox.receive(wait))
+                continue
+            self._hello.send(Hello(sender=self._config.name, heard=sorted(self._heard)))
+            if self._heard_by.issuperset(self._config.neighbours):
+                self._ready.send(Ready(robot=self._config.name))
+            next_hello = time.monotonic() + _HELLO_PERIOD
+
+    def _answer(self) -> None:
+        """Wait for all that belongs to one sample, step, and say what came of it."""
+        expected = set(self._config.neighbours) if self._block > 0 else set()
+        while not self._measurements or expected - self._messages.get(self._block - 1, {}).keys():
+            self._handle(self._inbox.receive())
+        heard = self._messages.pop(self._block - 1, {})
+        outbox = self._agent.step(self._measurements.popleft(), list(heard.values()))
+        self._block += 1
+        self._message.send(outbox.message)
+        self._push.send(outbox.push)
+        if outbox.estimate is not None:
+            self._estimate.send(structs.replace(outbox.estimate, problems=self._problems.count))
+
+    def _handle(self, event: Event | None) -> None:
+        """Take in whatever came.
+
+        Raises:
+            LinkError: The link with the server is lost.
+            _Stopped: The server said so.
+        """
+        match event:
+            case Received(source, message):
+                try:
+                    self._take(source, message)
+                except MessageError as error:
+                    self._problems.tell(f"refused from {source}: {error}")
+            case Refused(source, error):
+                self._problems.tell(f"refused from {source}: {error}")
+            case LinkChange(source, links=0):
+                raise LinkError(f"{self._config.name} lost its link with {source} at sample {self._block}")
+
+    def _take(self, source: str, message: Message) -> None:
+        """Put a message where it is waited for.
+
+        Raises:
+            MessageError: Nobody waits for it.
+            _Stopped: It says stop.
+        """
+        match message:
+            case CartMeasurement():
+                check_field("robot", message.robot, self._config.name)
+                check_field("block", message.block, self._next_measurement)
+                check_array(message.motion, (6,), "motion")
+                check_array(message.wrench, (3,), "wrench")
+                check_array(message.hand, (2,), "hand")
+                self._measurements.append(message)
+                self._next_measurement += 1
+            case CartMessage():
+                self._check_message(source, message)
+                self._messages.setdefault(message.block, {})[source] = message
+            case Hello():
+                check_field("sender", message.sender, source)
+                self._heard.add(source)
+                if self._config.name in message.heard:
+                    self._heard_by.add(source)
+            case Stop():
+                raise _Stopped
+
+    def _check_message(self, source: str, message: CartMessage) -> None:
+        check_field("sender", message.sender, source)
+        # A neighbour needs our message of a sample to get past the next one, so it is at most one ahead.
+        expected = [b for b in (self._block - 1, self._block) if b >= 0 and source not in self._messages.get(b, {})]
+        if message.block not in expected:
+            raise MessageError(f"block is {message.block} but expected one of {expected}")
+        rounds = len(message.valid)
+        check_array(message.valid, (rounds,), "valid")
+        check_array(message.stages, (rounds, 1, CHANNELS), "stages")
+
+
+def run_agent(config: CartAgentProcessConfig) -> None:
+    """Run a pusher until the server says stop.
+
+    Raises:
+        LinkError: Somebody listens at one of its endpoints already, or the link with the server is lost.
+    """
+    dialled = [neighbour.endpoint for neighbour in config.neighbours if neighbour.endpoint is not None]
+    with ExitStack() as stack:
+        robot_plane = stack.enter_context(open_session(connect=[config.server]))
+        neighbour_plane = stack.enter_context(open_session(listen=[config.listen], connect=dialled))
+        observer_plane = stack.enter_context(open_session(listen=[config.observe]))
+        CartAgentProcess(config, robot_plane, neighbour_plane, observer_plane).run()
+
+
+def main() -> NoReturn:
+    """Run the pusher whose configuration comes on stdin."""
+    supervised_main(CartAgentProcessConfig, run_agent)
+
+
+if __name__ == "__main__":
+    main()

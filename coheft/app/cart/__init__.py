@@ -1,0 +1,1 @@
+"""The command ``coheft cart``: pushers who find out what cart they push."""

@@ -1,0 +1,128 @@
+"""Many runs with carts: tests, seeds, with and without the estimator, on as many cores as there are."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+import numpy as np
+
+from coheft.app.cart.inprocess import CartRun, run_in_process
+from coheft.app.cart.judge import CartReport, judge, tracking_errors
+from coheft.app.cart.table_one import table_one
+from coheft.errors import MissingPackageError
+from coheft.estimation.spatial import Array
+from coheft.wire.cart import CartScenario
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run to be done.
+
+    Attributes:
+        test: Number in Table I.
+        seed: Of the noise.
+        learns: With the estimator, or without.
+        pushers: How many.
+        friction_guess: See ``table_one``.
+    """
+
+    test: int
+    seed: int
+    learns: bool = True
+    pushers: int = 1
+    friction_guess: float | None = None
+
+    @property
+    def scenario(self) -> CartScenario:
+        """What to run."""
+        return table_one(
+            self.test,
+            seed=self.seed,
+            learns=self.learns,
+            pushers=self.pushers,
+            friction_guess=self.friction_guess,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """One run, judged, and what is drawn of it.
+
+    Attributes:
+        case: What was run.
+        report: How it was.
+        times: Of the tracking errors [s], shape (samples,).
+        tracking_errors: Distance from where the cart should be [m], shape (samples,).
+        masses: Times [s], the first pusher's estimates and their standard deviations [kg], shape (estimates, 3).
+        true_masses: Of the cart at ``times`` [kg], shape (samples,).
+    """
+
+    case: Case
+    report: CartReport
+    times: Array
+    tracking_errors: Array
+    masses: Array
+    true_masses: Array
+
+
+Run = Callable[[CartScenario], CartRun]
+
+
+def run_cases(
+    cases: Sequence[Case],
+    *,
+    jobs: int = 1,
+    run: Run = run_in_process,
+    on_progress: Callable[[int], None] = lambda done: None,
+) -> list[Outcome]:
+    """Run and judge cases; outcomes come in their order.
+
+    Args:
+        cases: What to run.
+        jobs: Number of processes that do so.
+        run: What runs a scenario, where there is one job.
+        on_progress: Told the number of runs that are done.
+
+    Raises:
+        MissingPackageError: More than one process is asked for, but the package for it is not installed.
+        SimulationError: A cart has gone out of sight.
+    """
+    found: dict[Case, Outcome] = {}
+    for done, outcome in enumerate(_outcomes(cases, jobs, run), start=1):
+        found[outcome.case] = outcome
+        on_progress(done)
+    return [found[case] for case in cases]
+
+
+def usual_jobs() -> int:
+    """As many as there are cores; one if the package for more is not installed."""
+    return (os.cpu_count() or 1) if find_spec("joblib") else 1
+
+
+def _outcomes(cases: Sequence[Case], jobs: int, run: Run) -> Iterable[Outcome]:
+    if jobs == 1:
+        return (_outcome(case, run) for case in cases)
+    try:
+        import joblib
+    except ImportError as error:
+        raise MissingPackageError("joblib", "study") from error
+    parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
+    outcomes: Iterable[Outcome] = parallel(joblib.delayed(_outcome)(case, run_in_process) for case in cases)
+    return outcomes
+
+
+def _outcome(case: Case, run: Run) -> Outcome:
+    done = run(case.scenario)
+    times, errors = tracking_errors(done)
+    first = done.estimates[done.scenario.names[0]]
+    return Outcome(
+        case=case,
+        report=judge(done, case.test),
+        times=times,
+        tracking_errors=errors,
+        masses=np.array([(e.time, e.cart.mass, np.sqrt(e.covariance[0, 0])) for e in first]),
+        true_masses=np.array([truth.cart.mass for truth in done.truths]),
+    )

@@ -1,0 +1,91 @@
+"""Figures 4 to 6 of Aguilera et al., drawn anew."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from coheft.app.cart.campaign import Outcome
+from coheft.errors import CoheftError, MissingPackageError
+
+_NOISELESS = range(1, 9)
+_SIZE = (7.0, 4.2)
+
+
+def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
+    """Draw the figures into a folder; of each test, its first run.
+
+    Raises:
+        CoheftError: The folder cannot be made.
+        MissingPackageError: The package that draws is not installed.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CoheftError(f"cannot make the folder {folder}: {error.strerror}") from error
+    learned: dict[int, Outcome] = {}
+    fixed: dict[int, Outcome] = {}
+    for outcome in outcomes:
+        (learned if outcome.case.learns else fixed).setdefault(outcome.case.test, outcome)
+    quiet = [learned[test] for test in _NOISELESS if test in learned]
+    rest = [outcome for test, outcome in learned.items() if test not in _NOISELESS]
+    paths = [_draw_tracking(learned, fixed, folder / "fig4-tracking.png")]
+    if quiet:
+        paths.append(_draw_masses(quiet, folder / "fig5-mass.png", (5.0, 32.0)))
+    if rest:
+        paths.append(_draw_masses(rest, folder / "fig6-mass-noise-and-changes.png", (5.0, 45.0)))
+    return paths
+
+
+def _draw_tracking(learned: dict[int, Outcome], fixed: dict[int, Outcome], path: Path) -> Path:
+    figure = _figure()
+    axes = figure.subplots()
+    for test, outcome in fixed.items():
+        label = "without the estimator" if test == min(fixed) else None
+        axes.plot(outcome.times, outcome.tracking_errors, color="0.7", linestyle="--", linewidth=1, label=label)
+    axes.set_prop_cycle(color=_colours())  # the grey lines have used some up
+    for test, outcome in learned.items():
+        axes.plot(outcome.times, outcome.tracking_errors, linewidth=1, label=f"test {test}")
+    axes.set_ylim(0.0, 0.5)
+    axes.set_ylabel("distance from the path [m]")
+    axes.legend(ncols=3, fontsize="small")
+    return _save(figure, path)
+
+
+def _draw_masses(outcomes: Sequence[Outcome], path: Path, limits: tuple[float, float]) -> Path:
+    figure = _figure()
+    axes = figure.subplots()
+    for outcome in outcomes:
+        times, masses, deviations = outcome.masses.T
+        (line,) = axes.plot(times, masses, linewidth=1, label=f"test {outcome.case.test}")
+        axes.fill_between(times, masses - 2 * deviations, masses + 2 * deviations, color=line.get_color(), alpha=0.15)
+        axes.plot(outcome.times, outcome.true_masses, color="black", linewidth=0.8, linestyle=":")
+    axes.set_ylim(*limits)
+    axes.set_ylabel("mass [kg]; shaded: ± 2 own std")
+    axes.legend(ncols=2, fontsize="small")
+    return _save(figure, path)
+
+
+def _colours() -> Any:
+    """One for each test."""
+    from matplotlib import colormaps
+
+    colours: Any = colormaps["tab20"]
+    return colours.colors[::2] + colours.colors[1::2]
+
+
+def _figure() -> Any:
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingPackageError("matplotlib", "study") from error
+    return Figure(figsize=_SIZE, layout="constrained")
+
+
+def _save(figure: Any, path: Path) -> Path:
+    for axes in figure.axes:
+        axes.set_xlabel("time [s]")
+        axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=130)
+    return path

@@ -1,0 +1,60 @@
+"""A run with a cart in one process: the same cores as in processes of their own, the same numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from agents.cart import CartAgent
+from coheft.wire.cart import CartEstimate, CartMessage, CartPush, CartScenario, CartTruth, agent_config
+from coheft.wire.scenario import Graph
+from consensus.graph import build_graph
+from physics_server.cart import CartSimulation
+
+
+@dataclass(frozen=True, eq=False)
+class CartRun:
+    """What happened in a run.
+
+    Attributes:
+        scenario: What was run.
+        truths: Of every sample.
+        estimates: Of every pusher, by name, ten a second.
+    """
+
+    scenario: CartScenario
+    truths: list[CartTruth]
+    estimates: dict[str, list[CartEstimate]]
+
+
+def neighbours_of(scenario: CartScenario) -> dict[str, tuple[str, ...]]:
+    """Who talks with whom: along the handle, each with the next."""
+    if scenario.pushers == 1:
+        return {scenario.names[0]: ()}
+    return build_graph(Graph(kind="line"), scenario.names)
+
+
+def run_in_process(scenario: CartScenario) -> CartRun:
+    """Run a scenario to its end.
+
+    Raises:
+        SimulationError: The cart has gone out of sight.
+    """
+    graph = neighbours_of(scenario)
+    simulation = CartSimulation(scenario)
+    agents = {name: CartAgent(agent_config(scenario, name, graph[name])) for name in scenario.names}
+    pushes: dict[int, dict[str, CartPush]] = {}
+    messages: dict[str, CartMessage] = {}
+    run = CartRun(scenario, [], {name: [] for name in scenario.names})
+    for block in range(scenario.blocks):
+        sample = simulation.advance(pushes.pop(block, {}))
+        run.truths.append(sample.truth)
+        told: dict[str, CartMessage] = {}
+        for name, agent in agents.items():
+            inbox = [messages[other] for other in graph[name] if other in messages]
+            outbox = agent.step(sample.measurements[name], inbox)
+            told[name] = outbox.message
+            pushes.setdefault(outbox.push.block, {})[name] = outbox.push
+            if outbox.estimate is not None:
+                run.estimates[name].append(outbox.estimate)
+        messages = told
+    return run

@@ -1,0 +1,164 @@
+"""What a run with a cart shows, in a few numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+
+from coheft.app.cart.inprocess import CartRun
+from coheft.estimation.cart_observability import QUANTITIES
+from coheft.estimation.cart_trajectory import TRAJECTORIES
+from coheft.estimation.spatial import Array
+from coheft.wire.cart import CartEstimate, CartLoad
+
+MASS_AT = 10.0
+"""When the mass is judged [s]: the paper says that it has converged by then."""
+SETTLED = 5.0
+"""From when on tracking is judged [s]."""
+RECOVERED = 0.5
+"""Mass error below which the pushers have got over a load change [kg]."""
+_LOST = 1.0
+"""Errors above which an estimator has diverged, at the end [kg, and m off the path]."""
+
+
+class LoadRecovery(msgspec.Struct, frozen=True):
+    """A load came or went.
+
+    Attributes:
+        at_s: When [s].
+        mass_kg: How much.
+        recovered_after_s: From when on all pushers' mass was right within 0.5 kg, until the next change [s]; None if
+            never.
+    """
+
+    at_s: float
+    mass_kg: float
+    recovered_after_s: float | None
+
+
+class CartReport(msgspec.Struct, frozen=True):
+    """One run, judged; of several pushers, the worst.
+
+    Attributes:
+        test: Number in Table I.
+        seed: Of the noise.
+        pushers: How many.
+        learns: With the estimator, or without.
+        mass_error_kg: At 10 s.
+        mass_std_kg: What the pusher itself says of it.
+        com_error_mm: At the end.
+        com_known: Whether the pushers say that they know all of the centre of mass.
+        com_std_mm: Root of the sum of both variances, as they say.
+        inertia_error_kg_m2: About the centre of mass, at the end.
+        not_known: What they do not know at the end.
+        largest_tracking_error_m: Distance from where the cart should be, after 5 s.
+        first_tracking_error_m: The same, before.
+        mean_effort_n: Of all hands, see ``CartTruth``.
+        slip_m_s: Largest sideways velocity of the wheels.
+        jumps: Sudden changes noticed.
+        loads: How the pushers got over load changes.
+        diverged: The estimate or the cart is lost at the end.
+    """
+
+    test: int
+    seed: int
+    pushers: int
+    learns: bool
+    mass_error_kg: float
+    mass_std_kg: float
+    com_error_mm: float
+    com_known: bool
+    com_std_mm: float
+    inertia_error_kg_m2: float
+    not_known: list[str]
+    largest_tracking_error_m: float
+    first_tracking_error_m: float
+    mean_effort_n: float
+    slip_m_s: float
+    jumps: int
+    loads: list[LoadRecovery]
+    diverged: bool
+
+
+def tracking_errors(run: CartRun) -> tuple[Array, Array]:
+    """Times [s] and distances from where the cart should be [m], each of shape (samples,)."""
+    trajectory = TRAJECTORIES[run.scenario.trajectory]
+    errors = [np.hypot(*(truth.motion[:2] - trajectory.at(truth.time).pose[:2])) for truth in run.truths]
+    return np.array([truth.time for truth in run.truths]), np.array(errors)
+
+
+def mass_errors(run: CartRun, name: str) -> tuple[Array, Array]:
+    """Times [s] and mass errors [kg] of a pusher, each of shape (estimates,)."""
+    by_block = {truth.block: truth for truth in run.truths}
+    told = [estimate for estimate in run.estimates[name] if estimate.block in by_block]
+    errors = [estimate.cart.mass - by_block[estimate.block].cart.mass for estimate in told]
+    return np.array([estimate.time for estimate in told]), np.array(errors)
+
+
+def judge(run: CartRun, test: int) -> CartReport:
+    """Judge a run that has come to its end."""
+    last = {name: estimates[-1] for name, estimates in run.estimates.items()}
+    truth = run.truths[-1].cart
+    com_errors = {name: float(np.hypot(*np.subtract(e.cart.com, truth.com))) for name, e in last.items()}
+    worst = last[max(com_errors, key=lambda name: com_errors[name])]
+    at_time = {name: _newest(estimates, MASS_AT) for name, estimates in run.estimates.items()}
+    mass_then = _newest_truth(run, MASS_AT)
+    farthest = max(at_time.values(), key=lambda estimate: abs(estimate.cart.mass - mass_then))
+    times, errors = tracking_errors(run)
+    com = slice(QUANTITIES.index("d_x"), QUANTITIES.index("d_y") + 1)
+    last_mass_error = max(abs(estimate.cart.mass - truth.mass) for estimate in last.values())
+    return CartReport(
+        test=test,
+        seed=run.scenario.seed,
+        pushers=run.scenario.pushers,
+        learns=run.scenario.learns,
+        mass_error_kg=farthest.cart.mass - mass_then,
+        mass_std_kg=float(np.sqrt(farthest.covariance[0, 0])),
+        com_error_mm=1e3 * max(com_errors.values()),
+        com_known=not {"d_x", "d_y"} & worst.not_known.keys(),
+        com_std_mm=1e3 * float(np.sqrt(np.trace(worst.covariance[com, com]))),
+        inertia_error_kg_m2=worst.cart.inertia - truth.inertia,
+        not_known=sorted(worst.not_known),
+        largest_tracking_error_m=float(errors[times >= SETTLED].max()),
+        first_tracking_error_m=float(errors[times < SETTLED].max()),
+        mean_effort_n=float(np.mean([truth.effort for truth in run.truths])),
+        slip_m_s=max(abs(truth.slip) for truth in run.truths),
+        jumps=max(estimate.jumps for estimate in last.values()),
+        loads=_recoveries(run),
+        diverged=run.scenario.learns and not (last_mass_error < _LOST and errors[-1] < _LOST),
+    )
+
+
+def _newest(estimates: Sequence[CartEstimate], time: float) -> CartEstimate:
+    """The last one at a time, or the first there is."""
+    return max((e for e in estimates if e.time <= time), key=lambda e: e.time, default=estimates[0])
+
+
+def _newest_truth(run: CartRun, time: float) -> float:
+    """Mass at a time."""
+    return max((truth for truth in run.truths if truth.time <= time), key=lambda truth: truth.time).cart.mass
+
+
+def _recoveries(run: CartRun) -> list[LoadRecovery]:
+    loads: list[CartLoad] = sorted(run.scenario.loads, key=lambda load: load.at)
+    ends = [load.at for load in loads[1:]] + [run.scenario.duration] * bool(loads)
+    return [
+        LoadRecovery(load.at, load.mass, _recovered_after(run, load.at, end))
+        for load, end in zip(loads, ends, strict=True)
+    ]
+
+
+def _recovered_after(run: CartRun, begin: float, end: float) -> float | None:
+    """From when on all masses were right [s], counted from ``begin``; None if they were not."""
+    longest = 0.0
+    for name in run.estimates:
+        times, errors = mass_errors(run, name)
+        during = (times >= begin) & (times < end)
+        wrong = np.abs(errors[during]) > RECOVERED
+        if wrong[-1]:
+            return None
+        since = times[during][np.flatnonzero(wrong)[-1] + 1] if wrong.any() else begin
+        longest = max(longest, float(since) - begin)
+    return longest

@@ -1,0 +1,120 @@
+"""A run with a cart in real processes: one for its physics, one for each pusher."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from coheft.app.cart.inprocess import CartRun, neighbours_of
+from coheft.app.hosts import free_ports
+from coheft.app.processes import Processes
+from coheft.errors import LinkError
+from coheft.wire.cart import (
+    CartAgentProcessConfig,
+    CartEstimate,
+    CartScenario,
+    CartServerConfig,
+    CartTruth,
+    agent_config,
+)
+from coheft.wire.config import Neighbour
+from coheft.wire.inbox import Inbox, Received, Refused
+from coheft.wire.messages import Problem
+from coheft.wire.transport import Keys, open_session
+
+_POLL = 0.05
+_SILENCE = 60.0
+_LAST_WORDS = 1.0
+
+
+def make_configs(scenario: CartScenario, run: str) -> tuple[CartServerConfig, dict[str, CartAgentProcessConfig]]:
+    """Configurations of all processes of a run; ``run`` is the prefix of its keys.
+
+    Raises:
+        LinkError: There are not enough free ports.
+    """
+    names, graph = scenario.names, neighbours_of(scenario)
+    endpoints = iter([f"tcp/127.0.0.1:{port}" for port in free_ports(3 * len(names) + 1)])
+    observe = next(endpoints)
+    robots = {name: next(endpoints) for name in names}
+    listen = {name: next(endpoints) for name in names}
+    agents = {
+        name: CartAgentProcessConfig(
+            agent=agent_config(scenario, name, graph[name]),
+            run=run,
+            server=robots[name],
+            listen=listen[name],
+            observe=next(endpoints),
+            neighbours=tuple(
+                Neighbour(name=other, endpoint=listen[other] if names.index(other) < names.index(name) else None)
+                for other in graph[name]
+            ),
+        )
+        for name in names
+    }
+    return CartServerConfig(scenario=scenario, run=run, robots=robots, observe=observe), agents
+
+
+def run_in_processes(
+    scenario: CartScenario, make_folder: Callable[[str], Path], on_problem: Callable[[str], object]
+) -> CartRun:
+    """Run a scenario to its end.
+
+    Args:
+        scenario: What to run.
+        make_folder: Makes a folder for the logs of the run of that name.
+        on_problem: Told what processes have refused.
+
+    Raises:
+        ProcessError: A process failed; the others have been stopped.
+        LinkError: The processes did not find each other.
+    """
+    server, agents = make_configs(scenario, f"cart-{secrets.token_hex(4)}")
+    keys, folder = Keys(server.run), make_folder(server.run)
+    run = CartRun(scenario, [], {name: [] for name in agents})
+    inbox = Inbox()
+    observed = [server.observe, *(agent.observe for agent in agents.values())]
+    with Processes(folder) as processes, open_session(connect=observed) as session:
+        truth, problem = keys.observe_server("truth"), keys.observe_server("problem")
+        inbox.listen(session, "server", {truth: CartTruth, problem: Problem})
+        for name in agents:
+            estimate, problem = keys.observe_agent(name, "estimate"), keys.observe_agent(name, "problem")
+            inbox.listen(session, name, {estimate: CartEstimate, problem: Problem})
+        processes.start("server", "physics_server.cart_server", server)
+        for name, agent in agents.items():
+            processes.start(name, "agents.cart_process", agent)
+        news = time.monotonic()
+        while not processes.all_done_but("server"):
+            processes.check()
+            if _collect(inbox, run, on_problem, _POLL):
+                news = time.monotonic()
+            elif time.monotonic() > news + _SILENCE:
+                raise LinkError(f"nothing was heard of the run for {_SILENCE:g} s; see the logs in {folder}")
+        processes.check()
+        deadline = time.monotonic() + _LAST_WORDS
+        while len(run.truths) < scenario.blocks and time.monotonic() < deadline:
+            _collect(inbox, run, on_problem, _POLL)
+        _collect(inbox, run, on_problem, 0.0)
+    return run
+
+
+def _collect(inbox: Inbox, run: CartRun, on_problem: Callable[[str], object], seconds: float) -> bool:
+    """Take in what has come; say whether there was anything."""
+    event = inbox.receive(seconds)
+    is_news = event is not None
+    while event is not None:
+        match event:
+            case Received(_, CartTruth() as truth):
+                run.truths.append(truth)
+            case Received(name, CartEstimate() as estimate):
+                run.estimates[name].append(estimate)
+            case Received(_, Problem() as problem):
+                on_problem(f"{problem.source}: {problem.text}")
+            case Refused(source, error):
+                on_problem(f"{source}: {error}")
+            case _:
+                pass
+        event = inbox.receive(0.0)
+    return is_news

@@ -1,0 +1,119 @@
+"""The results beside what the paper claims, for the terminal and for documents."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import msgspec
+
+from coheft.app.cart.judge import CartReport
+from coheft.app.cart.table_one import TESTS
+
+HEADER = (
+    "test",
+    "mass at 10 s, kg",
+    "CoM at 30 s, mm",
+    "path after 5 s, cm",
+    "without, cm",
+)
+CLAIMS = (
+    "paper",
+    "converged",
+    "smaller, not converged",
+    "below 3",
+    "above 20",
+)
+"""What Aguilera et al. say of their simulations in words; they print no numbers per test."""
+
+MASS_LIMIT, NOISY_MASS_LIMIT, COM_LIMIT = 0.1, 0.3, 10.0
+TRACKING_LIMIT, WITHOUT_LIMIT = 0.03, 0.20
+_QUIET_TESTS = range(1, 9)
+_WITHOUT_TESTS = (1, 4)
+_RECOVERY_LIMIT = 1.0
+
+
+class CartStudy(msgspec.Struct, frozen=True):
+    """Results of the command ``coheft cart``.
+
+    Attributes:
+        reports: One per run.
+        missed: What is not as good as it should be, in words.
+    """
+
+    reports: list[CartReport]
+    missed: list[str]
+
+
+def missed(reports: Iterable[CartReport]) -> list[str]:
+    """What is not as good as it should be; there are no expectations of tests that are not in Table I."""
+    found = []
+    for report in reports:
+        if report.test not in TESTS:
+            continue
+        name = f"test {report.test}, seed {report.seed}"
+        if not report.learns:
+            if report.test in _WITHOUT_TESTS and report.largest_tracking_error_m < WITHOUT_LIMIT:
+                found.append(f"{name}, without the estimator: {100 * report.largest_tracking_error_m:.1f} cm only")
+            continue
+        limit = MASS_LIMIT if report.test in _QUIET_TESTS else NOISY_MASS_LIMIT
+        if report.diverged:
+            found.append(f"{name}: diverged")
+        if abs(report.mass_error_kg) > limit:
+            found.append(f"{name}: mass off by {report.mass_error_kg:.2f} kg at 10 s")
+        if report.com_known and report.com_error_mm > COM_LIMIT:
+            found.append(f"{name}: centre of mass off by {report.com_error_mm:.1f} mm, but said to be known")
+        if report.test in _QUIET_TESTS and report.largest_tracking_error_m > TRACKING_LIMIT:
+            found.append(f"{name}: {100 * report.largest_tracking_error_m:.1f} cm off the path")
+        for load in report.loads:
+            if load.recovered_after_s is None or load.recovered_after_s > _RECOVERY_LIMIT:
+                found.append(f"{name}: not over the load change at {load.at_s:g} s after {_RECOVERY_LIMIT:g} s")
+    return found
+
+
+def rows(reports: Sequence[CartReport]) -> list[tuple[str, ...]]:
+    """One row per test: the worst of its runs."""
+    result: list[tuple[str, ...]] = []
+    for test in sorted({report.test for report in reports}):
+        learned = [report for report in reports if report.test == test and report.learns]
+        without = [report for report in reports if report.test == test and not report.learns]
+        known = [report.com_error_mm for report in learned if report.com_known]
+        unknown = [report for report in learned if not report.com_known]
+        com = f"{max(known):.1f}" if known else ""
+        if unknown:
+            told = sorted({name for report in unknown for name in report.not_known if name.startswith("d_")})
+            com += f"{' ' if com else ''}({', '.join(told)} not known)"
+        result.append(
+            (
+                str(test),
+                f"{max(abs(report.mass_error_kg) for report in learned):.3f}" if learned else "",
+                com,
+                f"{100 * max(report.largest_tracking_error_m for report in learned):.1f}" if learned else "",
+                f"{100 * max(report.largest_tracking_error_m for report in without):.0f}" if without else "",
+            )
+        )
+    return result
+
+
+def sentences(reports: Sequence[CartReport]) -> list[str]:
+    """What the table does not say."""
+    learned = [report for report in reports if report.learns]
+    found = []
+    loads = [load for report in learned for load in report.loads]
+    if loads:
+        slowest = [load.recovered_after_s for load in loads]
+        late = slowest.count(None)
+        times = [time for time in slowest if time is not None]
+        found.append(
+            f"{len(loads)} load changes: mass within 0.5 kg again after at most {max(times, default=0.0):.1f} s"
+            + (f"; never in {late}" if late else "")
+            + "."
+        )
+    diverged = sum(report.diverged for report in learned)
+    found.append(f"{diverged} of {len(learned)} runs diverged.")
+    return found
+
+
+def markdown(reports: Sequence[CartReport]) -> str:
+    """The table for a document."""
+    lines = [HEADER, ("---",) * len(HEADER), CLAIMS, *rows(reports)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines) + "\n"

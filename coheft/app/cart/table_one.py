@@ -1,0 +1,75 @@
+"""The tests of Aguilera et al., Table I, and what the paper leaves open in them."""
+
+from __future__ import annotations
+
+from coheft.estimation.cart_prior import CartPrior
+from coheft.wire.cart import CartGuess, CartLoad, CartScenario, TrajectoryName
+
+MASS, INERTIA, FRICTION = 20.0, 2.0, 5.0
+"""Of the cart in every test; the paper gives the mass only [kg, kg·m², N·s/m]."""
+GUESSED_COM = (0.3, 0.0)
+
+_Row = tuple[TrajectoryName, float, tuple[float, float], float, bool]
+_ROWS: dict[int, _Row] = {
+    1: ("straight", 16.0, (0.3, 0.0), 0.005, False),
+    2: ("straight", 24.0, (0.3, 0.0), 0.005, False),
+    3: ("straight", 16.0, (0.3, 0.15), 0.005, True),
+    4: ("curves", 16.0, (0.3, 0.0), 0.005, False),
+    5: ("curves", 16.0, (0.3, 0.15), 0.005, False),
+    6: ("curves", 16.0, (0.3, -0.15), 0.005, True),
+    7: ("curves", 16.0, (0.1, 0.0), 0.005, True),
+    8: ("curves", 10.0, (0.3, 0.15), 0.005, False),
+    9: ("curves", 16.0, (0.3, 0.15), 0.05, True),
+    10: ("curves", 16.0, (0.3, 0.15), 0.2, True),
+    11: ("curves", 16.0, (0.3, 0.0), 0.005, True),
+}
+"""Trajectory, first guess of the mass [kg], true centre of mass [m], noise, whether the contact point varies."""
+
+TESTS = tuple(_ROWS)
+REVERSAL = 12
+"""Number of a test that is not in Table I: pushed and pulled with casters that turn round, and 3 N of force noise."""
+
+MASS_CHANGES = (
+    CartLoad(at=10.5, mass=5.0, place=(0.3, 0.0)),
+    CartLoad(at=18.5, mass=5.0, place=(0.3, 0.0)),
+    CartLoad(at=28.5, mass=-10.0, place=(0.3, 0.0)),
+)
+"""Of test 11, where the paper does not say when and how much: put on in curves, taken off while braking."""
+
+
+def table_one(
+    number: int, *, seed: int = 1, learns: bool = True, pushers: int = 1, friction_guess: float | None = None
+) -> CartScenario:
+    """A test of Table I, or the one that is modelled on the paper's hardware experiment 5.
+
+    Args:
+        number: 1 to 12.
+        seed: Of the noise.
+        learns: With the estimator, or without.
+        pushers: How many; the paper has one.
+        friction_guess: What the pushers take the friction for, as a share of what it is; None if they know it, as in
+            the paper.
+    """
+    row: _Row = ("there and back", 16.0, (0.3, 0.15), 0.005, False) if number == REVERSAL else _ROWS[number]
+    trajectory, guessed_mass, com, noise, slides = row
+    return CartScenario(
+        name=f"test {number}",
+        cart=CartGuess(mass=MASS, com=com, inertia=INERTIA, friction=FRICTION),
+        # For want of anything better the moment of inertia is guessed as that of a box of 1 m by 0.6 m.
+        guess=CartGuess(
+            mass=guessed_mass,
+            com=GUESSED_COM,
+            inertia=guessed_mass * (1.0 + 0.36) / 12.0,
+            friction=FRICTION * (friction_guess or 1.0),
+        ),
+        prior=CartPrior(friction=0.0 if friction_guess is None else 1.0),
+        trajectory=trajectory,
+        noise=noise,
+        force_noise=3.0 if number == REVERSAL else 0.0,
+        casters=number == REVERSAL,
+        slides=slides,
+        learns=learns,
+        loads=MASS_CHANGES if number == 11 else (),
+        seed=seed,
+        pushers=pushers,
+    )

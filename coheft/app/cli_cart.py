@@ -1,0 +1,101 @@
+"""The command that pushes a cart."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from coheft.app.cli_base import EXIT_CONVERGED, EXIT_NOT_CONVERGED, Count, Flag, Positive, ReportTarget, app
+
+
+@app.command
+def cart(
+    *,
+    test: Annotated[int | None, Parameter(validator=Number(gte=1, lte=12))] = None,
+    all_tests: Annotated[bool, Parameter(name="--all", negative=(), show_default=False)] = False,
+    seeds: Count = 1,
+    first_seed: Annotated[int, Parameter(validator=Number(gte=0))] = 1,
+    pushers: Count = 1,
+    friction_guess: Positive | None = None,
+    processes: Flag = False,
+    jobs: Count | None = None,
+    json: ReportTarget = None,
+    figures: Path | None = None,
+    quiet: Flag = False,
+) -> int:
+    """Push a cart of unknown mass along a trajectory, with and without learning what it is.
+
+    Repeats the simulations of Aguilera et al., "Modeling and Inertial Parameter Estimation of Cart-like Nonholonomic
+    Systems Using a Mobile Manipulator", Table I, and compares. Exit status 3 if something is worse than it should be.
+
+    Parameters
+    ----------
+    test:
+        Number in Table I, 1 to 11; or 12, which is none of theirs: push and pull, with casters that turn round.
+    all_tests:
+        All tests of Table I, as if no test were named.
+    seeds:
+        Runs of each test; without the estimator each is run once.
+    first_seed:
+        Of the first run's noise; the others count on from there.
+    pushers:
+        How many push, side by side; each knows its own wrench only.
+    friction_guess:
+        What they take the friction for, as a share of what it is, for instance 0.5 or 2; they know it otherwise.
+    processes:
+        One process per pusher and one for the cart, linked by Zenoh, instead of all in this one.
+    jobs:
+        Number of processes for runs side by side, instead of one per core; more than one takes coheft[study]. Not with
+        --processes.
+    json:
+        Write the results to this file; - for standard output.
+    figures:
+        Folder for the paper's figures 4 to 6, drawn anew; takes coheft[study].
+    quiet:
+        Show nothing but errors.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from coheft.app.cart.campaign import Case, run_cases, usual_jobs
+    from coheft.app.cart.figures import draw
+    from coheft.app.cart.inprocess import run_in_process
+    from coheft.app.cart.launch import run_in_processes
+    from coheft.app.cart.table import CartStudy, missed
+    from coheft.app.cart.table_one import TESTS
+    from coheft.app.cart.terminal import print_study
+    from coheft.app.report import write_report
+    from coheft.app.run_folder import make_run_folder
+
+    chosen = TESTS if all_tests or test is None else (test,)
+    cases = [
+        Case(number, seed, pushers=pushers, friction_guess=friction_guess)
+        for number in chosen
+        for seed in range(first_seed, first_seed + seeds)
+    ]
+    cases += [Case(number, first_seed, learns=False, friction_guess=friction_guess) for number in chosen]
+    console = Console(stderr=json == "-")
+    columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, disable=quiet) as progress:
+        bar = progress.add_task("runs", total=len(cases))
+        outcomes = run_cases(
+            cases,
+            jobs=1 if processes else jobs or min(len(cases), usual_jobs()),
+            run=partial(run_in_processes, make_folder=make_run_folder, on_problem=progress.console.print)
+            if processes
+            else run_in_process,
+            on_progress=lambda done: progress.update(bar, completed=done),
+        )
+    reports = [outcome.report for outcome in outcomes]
+    study = CartStudy(reports, missed(reports))
+    if json is not None:
+        write_report(study, json)
+    if figures is not None:
+        draw(outcomes, figures)
+    if not quiet:
+        print_study(console, study)
+    return EXIT_NOT_CONVERGED if study.missed else EXIT_CONVERGED

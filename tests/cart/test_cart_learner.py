@@ -1,0 +1,158 @@
+"""What is found out about a cart, and whether what is said of it can be believed."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from msgspec import structs
+from scipy.stats import chi2
+
+from coheft.app.cart.inprocess import CartRun, run_in_process
+from coheft.app.cart.table_one import table_one
+from coheft.estimation.cart_filter import Belief, Prediction, Push, Sighting, Update, predict, smooth, update
+from coheft.estimation.cart_learner import CartLearner
+from coheft.estimation.cart_model import UNICYCLE, CartBody
+from coheft.estimation.cart_observability import not_known
+from coheft.estimation.cart_prior import CartPrior, nearest_possible
+from coheft.estimation.spatial import Array
+
+PERIOD = 0.01
+
+pytestmark = pytest.mark.timeout(600)
+
+
+@cache
+def run(test: int, seed: int, duration: float = 30.0, friction_guess: float | None = None) -> CartRun:
+    scenario = table_one(test, seed=seed, friction_guess=friction_guess)
+    return run_in_process(structs.replace(scenario, duration=duration))
+
+
+def errors_in_deviations(found: CartRun) -> Array:
+    """Errors of ``(m, d_x, d_y, I)`` at the end, whitened, shape (4,)."""
+    last, truth = found.estimates["p1"][-1], found.truths[-1].cart
+    error = np.array([last.cart.mass, *last.cart.com, last.cart.inertia])
+    error -= [truth.mass, *truth.com, truth.inertia]
+    whitened: Array = np.linalg.solve(np.linalg.cholesky(last.covariance[:4, :4]), error)
+    return whitened
+
+
+def test_errors_are_as_large_as_it_says() -> None:
+    """Over five runs the normalised errors squared add up to a chi-square variable."""
+    total = sum(float(np.sum(errors_in_deviations(run(5, seed, 13.0)) ** 2)) for seed in range(1, 6))
+    assert chi2.ppf(1e-4, 20) < total < chi2.isf(1e-4, 20)
+
+
+def test_covariances_stay_what_they_are() -> None:
+    for estimate in run(11, 1).estimates["p1"]:
+        np.testing.assert_allclose(estimate.covariance, estimate.covariance.T, atol=1e-12)
+        scale = np.sqrt(np.diag(estimate.covariance)[:4])
+        assert np.linalg.eigvalsh(estimate.covariance[:4, :4] / np.outer(scale, scale)).min() > 0.0
+
+
+def test_friction_that_is_guessed_wrong_by_a_factor_of_two_costs_little() -> None:
+    for factor in (0.5, 2.0):
+        estimates = run(5, 1, 13.0, factor).estimates["p1"]
+        at_ten = next(e for e in estimates if e.time >= 10.0)
+        assert abs(at_ten.cart.mass - 20.0) < 0.1
+        assert estimates[-1].cart.friction == pytest.approx(5.0, abs=0.05)
+
+
+def test_on_a_straight_line_it_says_what_it_cannot_know() -> None:
+    straight, curves = run(1, 1, 13.0).estimates["p1"][-1], run(5, 1, 13.0).estimates["p1"][-1]
+    assert "drive a curve" in straight.not_known["d_x"]
+    assert not {"mass", "d_y"} & straight.not_known.keys()
+    assert not curves.not_known
+
+
+def test_before_the_first_push_nothing_is_known() -> None:
+    prior = CartPrior()
+    guess = CartBody(16.0, (0.3, 0.0), 1.8, 5.0)
+    learner = CartLearner(guess, Sighting(np.zeros(6), 2.5e-5 * np.eye(6)), prior)
+    assert set(not_known(learner.body_covariance())) == {"mass", "d_x", "d_y", "inertia", "friction"}
+    deviations = np.sqrt(np.diag(learner.body_covariance()))
+    np.testing.assert_allclose(deviations, [9.6, 0.15, 0.15, 1.08, 5.0], rtol=1e-9)
+
+
+def test_nothing_is_learned_from_a_cart_that_creeps() -> None:
+    """Static friction holds it back; below 0.05 m/s that is no news of its mass."""
+    guess = CartBody(16.0, (0.3, 0.0), 1.8, 5.0)
+    sighting = Sighting(np.zeros(6), 2.5e-5 * np.eye(6))
+    learner = CartLearner(guess, sighting, CartPrior())
+    before = learner.body_covariance()
+    for _ in range(50):
+        wrench = np.array([3.0, 0.0, 0.0])
+        learner.step(sighting, Push(wrench, np.zeros((3, 3)), PERIOD, wrench))
+    np.testing.assert_allclose(learner.body.phi, guess.phi, rtol=1e-12)
+    np.testing.assert_allclose(learner.body_covariance(), before, rtol=1e-2, atol=1e-9)
+
+
+def test_load_changes_are_noticed_and_got_over_within_a_second() -> None:
+    found = run(11, 1)
+    estimates = found.estimates["p1"]
+    assert estimates[-1].jumps == len(found.scenario.loads)
+    for load in found.scenario.loads:
+        for estimate in estimates:
+            if load.at + 1.0 <= estimate.time < load.at + 1.5:
+                assert abs(estimate.cart.mass - found.truths[estimate.block].cart.mass) < 0.5
+
+
+def test_an_unchanged_cart_is_not_taken_for_another() -> None:
+    assert all(run(5, seed, 13.0).estimates["p1"][-1].jumps == 0 for seed in range(1, 6))
+
+
+def test_casters_that_turn_round_are_no_change_of_the_cart() -> None:
+    """15 N that nobody measures, for almost a second, twice, and 3 N of noise on the wrench."""
+    found = run(12, 1)
+    late = [e for e in found.estimates["p1"] if e.time > 5.0]
+    assert max(abs(e.cart.mass - 20.0) for e in late) < 1.0
+    assert late[-1].jumps == 0
+
+
+def test_noise_of_the_wrench_does_not_make_the_cart_look_heavier() -> None:
+    """With slopes at the measured wrench it gained a kilogram in seven seconds at an even speed."""
+    scenario = structs.replace(table_one(1), force_noise=3.0, duration=15.0)
+    estimates = run_in_process(scenario).estimates["p1"]
+    even = [e.cart.mass for e in estimates if e.time > 5.0]
+    assert max(even) - min(even) < 0.1
+
+
+@pytest.mark.parametrize("phi", [[-3.0, 0.0, 0.0, 1.0], [20.0, 6.0, 3.0, 1.0], [20.0, 6.0, 3.0, -4.0]])
+def test_there_is_a_cart_near_every_estimate(phi: list[float]) -> None:
+    body = CartBody.of(nearest_possible(np.array(phi), 4.0, 0.5), 0.0)
+    assert body.mass >= 4.0
+    assert body.inertia >= 0.5 - 1e-12
+
+
+def test_smoothed_states_are_those_of_least_squares() -> None:
+    """Of a short linear chain: prior, three measurements, three steps, all about one point."""
+    rng = np.random.default_rng(2)
+    body = CartBody(20.0, (0.3, 0.1), 2.0, 5.0)
+    point = np.concatenate([[0.0, 0.0, 0.2, 1.0, 0.2, 0.3], body.phi, [5.0]])
+    root = 0.1 * rng.standard_normal((11, 11))
+    belief = Belief(point, root @ root.T)
+    wrench = np.array([20.0, 0.0, -2.0])
+    push = Push(wrench, np.diag([4.0, 4.0, 0.1]), 0.1, wrench)
+    steps: list[tuple[Update, Prediction]] = []
+    sightings = [Sighting(point[:6] + 0.05 * rng.standard_normal(6), 0.01 * np.eye(6)) for _ in range(3)]
+    for sighting in sightings:
+        updated = update(belief, sighting, 0.1, point, UNICYCLE, corrects_cart=True)
+        prediction = predict(updated.belief, push, 1e-3 * np.eye(5), point, UNICYCLE)
+        steps.append((updated, prediction))
+        belief = prediction.belief
+    # The last measurement tells of the state before as well: condition their joint distribution on all measurements.
+    first = steps[0][0].belief
+    transition = steps[0][1].transition
+    joint = np.block(
+        [
+            [first.covariance, first.covariance @ transition.T],
+            [transition @ first.covariance, steps[0][1].belief.covariance],
+        ]
+    )
+    mean = np.concatenate([first.mean, steps[0][1].belief.mean])
+    later = smooth(steps)[1]
+    # Smoothing the first state from the second one, smoothed with the update undone (Rauch, Tung, Striebel).
+    gain = joint[:11, 11:] @ np.linalg.pinv(joint[11:, 11:], rcond=1e-13)
+    np.testing.assert_allclose(smooth(steps)[0], mean[:11] + gain @ (later - mean[11:]), atol=1e-6)
+    np.testing.assert_allclose(smooth(steps)[-1], steps[-1][0].belief.mean, atol=1e-12)

@@ -1,0 +1,114 @@
+"""Analytic derivatives against finite differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from coheft.estimation.cart_filter import Belief, Push, Sighting, predict, update
+from coheft.estimation.cart_linearisation import STATE_SIZE, linearise
+from coheft.estimation.cart_model import UNICYCLE, CartBody, Constraints
+from coheft.estimation.spatial import Array
+from tests.cart.carts import angles, bodies, constraints, vectors
+
+_STEP = 1e-5
+
+
+def differences(function, at: Array) -> Array:  # type: ignore[no-untyped-def]
+    return np.array([(function(at + step) - function(at - step)) / (2.0 * _STEP) for step in _STEP * np.eye(len(at))]).T
+
+
+@given(bodies, angles, vectors(3, 2.0), vectors(3, 50.0), constraints)
+def test_the_derivatives_of_the_dynamics(
+    body: CartBody, theta: float, rates: Array, wrench_b: Array, wheels: Constraints
+) -> None:
+    """Also where wheels slip, as the filter's states do a little."""
+    state = np.concatenate([[1.0, -2.0, theta], rates, body.phi, [body.friction]])
+    found = linearise(state, wrench_b, wheels)
+    by_state = differences(lambda x: linearise(x, wrench_b, wheels).rate, state)
+    by_wrench = differences(lambda u: linearise(state, u, wheels).rate, wrench_b)
+    np.testing.assert_allclose(found.by_state, by_state, atol=1e-5 * (1.0 + np.abs(by_state).max()))
+    np.testing.assert_allclose(found.by_wrench, by_wrench, atol=1e-7 * (1.0 + np.abs(by_wrench).max()))
+
+
+@given(bodies, angles, vectors(3, 2.0), vectors(3, 50.0))
+def test_one_step_is_of_second_order(body: CartBody, theta: float, rates: Array, wrench_b: Array) -> None:
+    """Two half steps differ from a whole one by a share of the third power of its duration."""
+    state = np.concatenate([[1.0, -2.0, theta], rates, body.phi, [body.friction]])
+
+    def after(duration: float, steps: int) -> Array:
+        belief = Belief(state, np.zeros((STATE_SIZE, STATE_SIZE)))
+        for _ in range(steps):
+            push = Push(wrench_b, np.zeros((3, 3)), duration / steps, wrench_b)
+            belief = predict(belief, push, np.zeros((5, 5)), belief.mean, UNICYCLE).belief
+        return belief.mean
+
+    def error(duration: float) -> float:
+        return float(np.abs(after(duration, 1) - after(duration, 2)).max())
+
+    assert error(0.002) < error(0.004) / 5.0 + 1e-12
+
+
+@given(bodies, angles, vectors(3, 2.0), vectors(3, 50.0))
+def test_the_derivative_of_one_step(body: CartBody, theta: float, rates: Array, wrench_b: Array) -> None:
+    state = np.concatenate([[1.0, -2.0, theta], rates, body.phi, [body.friction]])
+    push = Push(wrench_b, np.zeros((3, 3)), 0.01, wrench_b)
+    none = np.zeros((STATE_SIZE, STATE_SIZE))
+
+    def step(x: Array) -> Array:
+        return predict(Belief(x, none), push, np.zeros((5, 5)), x, UNICYCLE).belief.mean
+
+    found = predict(Belief(state, none), push, np.zeros((5, 5)), state, UNICYCLE).transition
+    # The transition leaves out how F itself depends on the state: a share of the step squared.
+    scale = np.abs(linearise(state, wrench_b).by_state).max()
+    np.testing.assert_allclose(found, differences(step, state), atol=1e-3 * (1.0 + scale))
+
+
+def test_a_step_about_another_point_is_the_tangent_there() -> None:
+    state = np.concatenate([[0.0, 0.0, 0.2, 1.0, 0.2, 0.3], CartBody(20.0, (0.3, 0.1), 2.0, 5.0).phi, [5.0]])
+    moved = state + np.linspace(-0.1, 0.2, STATE_SIZE)
+    none = np.zeros((STATE_SIZE, STATE_SIZE))
+    planned, measured = np.array([20.0, 1.0, -2.0]), np.array([24.0, -3.0, 1.0])
+
+    def after(mean: Array, wrench_b: Array) -> Array:
+        push = Push(wrench_b, np.zeros((3, 3)), 0.01, planned)
+        return predict(Belief(mean, none), push, np.zeros((5, 5)), state, UNICYCLE).belief.mean
+
+    middle = 0.5 * (after(state, planned) + after(moved, measured))
+    np.testing.assert_allclose(after(0.5 * (state + moved), 0.5 * (planned + measured)), middle, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_update_is_least_squares_and_josephs_form_holds(seed: int) -> None:
+    """Mean and covariance as from the normal equations of prior, measurement and wheels."""
+    rng = np.random.default_rng(seed)
+    state = np.concatenate([[0.0, 0.0, 0.2, 1.0, 0.2, 0.3], CartBody(20.0, (0.3, 0.1), 2.0, 5.0).phi, [5.0]])
+    root = rng.standard_normal((STATE_SIZE, STATE_SIZE))
+    prior = Belief(state, root @ root.T)
+    sighting = Sighting(state[:6] + 0.1 * rng.standard_normal(6), 0.01 * np.eye(6))
+    done = update(prior, sighting, 0.05, state, UNICYCLE, corrects_cart=True).belief
+
+    def wheels(x: Array) -> Array:
+        return UNICYCLE.rows(float(x[2])) @ x[3:6]
+
+    by_wheels = differences(wheels, state)
+    by_state = np.vstack([np.eye(6, STATE_SIZE), by_wheels])
+    certainty = np.diag([100.0] * 6 + [400.0])
+    information = np.linalg.inv(prior.covariance) + by_state.T @ certainty @ by_state
+    innovation = np.append(sighting.motion - state[:6], -wheels(state))
+    expected = state + np.linalg.solve(information, by_state.T @ certainty @ innovation)
+    np.testing.assert_allclose(done.mean, expected, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(done.covariance, np.linalg.inv(information), rtol=1e-4, atol=1e-6)
+
+
+def test_parameters_that_are_only_considered_stay_and_keep_their_covariance() -> None:
+    state = np.concatenate([[0.0, 0.0, 0.2, 1.0, 0.2, 0.3], CartBody(20.0, (0.3, 0.1), 2.0, 5.0).phi, [5.0]])
+    root = np.random.default_rng(1).standard_normal((STATE_SIZE, STATE_SIZE))
+    prior = Belief(state, root @ root.T)
+    sighting = Sighting(state[:6] + 0.1, 0.01 * np.eye(6))
+    done = update(prior, sighting, 0.05, state, UNICYCLE, corrects_cart=False).belief
+    np.testing.assert_array_equal(done.mean[6:], state[6:])
+    np.testing.assert_allclose(done.covariance[6:, 6:], prior.covariance[6:, 6:], atol=1e-12)
+    assert np.linalg.eigvalsh(done.covariance).min() > 0.0
+    assert (np.diag(done.covariance)[:6] < np.diag(prior.covariance)[:6]).all()

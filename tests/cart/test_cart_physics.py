@@ -1,0 +1,132 @@
+"""The cart in the engine: against the model of the estimators, which shares nothing with it, and against physics."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from msgspec import structs
+from scipy.integrate import solve_ivp
+
+from coheft.app.cart.table_one import table_one
+from coheft.errors import SimulationError
+from coheft.estimation.cart_model import forward_dynamics, mass_matrix
+from coheft.estimation.spatial import Array
+from coheft.wire.cart import CartLoad, CartPush, CartScenario
+from physics_server.cart import CartSimulation, Casters, with_load
+
+QUIET = structs.replace(table_one(5), noise=0.0)
+
+
+def push(
+    block: int, wrench: tuple[float, float, float], hand: tuple[float, float] = (-0.25, 0.1)
+) -> dict[str, CartPush]:
+    return {"p1": CartPush(robot="p1", block=block, answers=block - 2, wrench=np.array(wrench), hand=np.array(hand))}
+
+
+def drive(scenario: CartScenario, samples: int) -> list[Array]:
+    """True motions under a push that turns and changes."""
+    simulation = CartSimulation(scenario)
+    return [
+        simulation.advance(push(k, (30.0, 5.0 * np.sin(0.02 * k), 2.0 * np.cos(0.05 * k)))).truth.motion
+        for k in range(samples)
+    ]
+
+
+def test_it_moves_as_the_model_says() -> None:
+    simulation = CartSimulation(QUIET)
+    body, motion = QUIET.cart.body, np.zeros(6)
+    for k in range(200):
+        truth = simulation.advance(push(k, (30.0, 5.0 * np.sin(0.02 * k), 2.0 * np.cos(0.05 * k)))).truth
+        np.testing.assert_allclose(truth.motion, motion, atol=2e-5)
+
+        def rate(_: float, state: Array, wrench: Array = truth.wrench) -> Array:
+            moved = forward_dynamics(body.phi, body.friction, state[2], state[3:], wrench)
+            return np.concatenate([state[3:], moved.accelerations])
+
+        motion = solve_ivp(rate, (0.0, 0.01), motion, rtol=1e-9, atol=1e-12).y[:, -1]
+
+
+def test_the_engine_has_the_same_mass_matrix() -> None:
+    simulation = CartSimulation(QUIET)
+    simulation.data.qpos[:] = 0.4, -1.0, 0.7
+    mujoco.mj_forward(simulation.model, simulation.data)
+    found = np.empty((3, 3))
+    mujoco.mj_fullM(simulation.model, simulation.data, found)
+    np.testing.assert_allclose(found, mass_matrix(QUIET.cart.body.phi, 0.7), atol=1e-12)
+
+
+def test_wheels_do_not_slip() -> None:
+    for motion in drive(QUIET, 1000):
+        assert abs(np.cos(motion[2]) * motion[4] - np.sin(motion[2]) * motion[3]) < 2e-6
+
+
+def test_equal_runs_are_equal_and_other_seeds_are_not() -> None:
+    def measured(seed: int) -> Array:
+        simulation = CartSimulation(table_one(5, seed=seed))
+        return np.array([simulation.advance(push(k, (30.0, 0.0, 1.0))).measurements["p1"].motion for k in range(50)])
+
+    np.testing.assert_array_equal(measured(3), measured(3))
+    assert np.abs(measured(3) - measured(4)).max() > 0.005
+
+
+def test_noise_is_as_large_as_the_scenario_says() -> None:
+    simulation = CartSimulation(structs.replace(QUIET, noise=0.02, force_noise=3.0))
+    found = [simulation.advance({}).measurements["p1"] for _ in range(2000)]
+    np.testing.assert_allclose(np.std([m.motion for m in found], axis=0), 0.02, rtol=0.1)
+    np.testing.assert_allclose(np.std([m.wrench for m in found], axis=0), [3.0, 3.0, 0.3], rtol=0.1)
+
+
+def test_what_is_dropped_on_it_takes_momentum_and_what_is_taken_off_does_not() -> None:
+    place = (0.5, 0.1)
+    loads = (CartLoad(at=2.0, mass=8.0, place=place), CartLoad(at=3.0, mass=-8.0, place=place))
+    simulation = CartSimulation(structs.replace(QUIET, loads=loads))
+    before = None
+    for k in range(302):
+        sample = simulation.advance(push(k, (30.0, 0.0, 1.0)))
+        motion = sample.truth.motion
+        moving = np.array([np.hypot(motion[3], motion[4]), motion[5]])
+        if k == 200:
+            assert before is not None
+            heavier = with_load(QUIET.cart.body, loads[0])
+            assert sample.truth.cart.mass == 28.0
+
+            def momentum(phi: Array, moving: Array) -> Array:
+                m, _, b, j = phi
+                return np.array([m * moving[0] - b * moving[1], j * moving[1] - b * moving[0]])
+
+            np.testing.assert_allclose(momentum(heavier.phi, moving), momentum(QUIET.cart.body.phi, before), atol=0.5)
+            assert moving[0] < 0.85 * before[0]
+        if k == 300:
+            assert before is not None
+            assert sample.truth.cart.mass == pytest.approx(20.0)
+            np.testing.assert_allclose(sample.truth.cart.com, QUIET.cart.com, atol=1e-12)
+            np.testing.assert_allclose(moving, before, atol=0.02)
+        before = moving
+
+
+def test_friction_alone_stops_it() -> None:
+    """``m v' = -sigma v`` straight ahead."""
+    centred = structs.replace(QUIET, cart=structs.replace(QUIET.cart, com=(0.3, 0.0)))
+    simulation = CartSimulation(centred)
+    simulation.data.qvel[0] = 2.0
+    for _ in range(401):
+        sample = simulation.advance({})
+    assert sample.truth.motion[3] == pytest.approx(2.0 * np.exp(-5.0 / 20.0 * 4.0), rel=1e-5)
+
+
+def test_casters_drag_only_while_they_turn_round() -> None:
+    casters = Casters()
+    ahead = [casters.drag(0.5, 0.002) for _ in range(1000)]
+    assert np.abs(ahead).max() == 0.0
+    back = [casters.drag(-0.5, 0.002) for _ in range(1000)]
+    assert max(back) > 10.0  # against the motion
+    assert min(back) > -1e-12
+    assert back[-1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_cart_that_is_gone_is_told() -> None:
+    simulation = CartSimulation(QUIET)
+    simulation.data.qvel[0] = 1e5
+    with pytest.raises(SimulationError, match="out of sight"):
+        simulation.advance({})
