@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.efficient import EfficientEstimator
 from agents.estimator import EstimatorFactory
-from agents.motion import Excitation
+from agents.motion import make_motion
 from agents.seed import SeedEstimator
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.config import AgentConfig
@@ -46,7 +46,7 @@ class Agent:
         self.config = config
         self._gossip = Gossip(config.name, config.neighbours)
         self._estimator = ESTIMATORS[config.estimator](config, self._gossip)
-        self._motion = Excitation(config.motion, config.seed, config.rate, config.block)
+        self._motion = make_motion(config.motion, config.seed, config.rate, config.block)
         self._report_every = max(1, round(_REPORT_INTERVAL * config.rate / config.block))
         self._next = 0
 

@@ -149,7 +149,7 @@ class InertiaModel:
             covariance = wrench_covariance + spatial @ acceleration_covariance @ spatial.T
         self.residual_covariance = covariance
         size = self.unknowns + 1
-        coefficients = _coefficients(with_offset)
+        coefficients = regressor_coefficients(with_offset)
         self.regressor_coefficients = coefficients[:, :, :-1]
         # Entry [k, i, l, j]: what the product of features k and l adds to entry (i, j) of the information.
         flat = coefficients.transpose(1, 0, 2).reshape(6, FEATURES * size)
@@ -198,7 +198,7 @@ def products_wrench(spatial: Array) -> Array:
     return result
 
 
-def _coefficients(with_offset: bool) -> Array:
+def regressor_coefficients(with_offset: bool) -> Array:
     """Shape (19, 6, u + 1): features times these add up to ``[regressor | wrench]``."""
     size = INERTIA_SIZE + (OFFSET_SIZE if with_offset else 0) + 1
     result = np.zeros((FEATURES, 6, size))

@@ -11,6 +11,7 @@ from msgspec import Meta
 from coheft.estimation.measurement import Positive, SensorNoise
 from coheft.estimation.rigid_body import Inertia, combined
 from coheft.estimation.spatial import Pose, rotation_exp
+from coheft.wire.encoders import EncoderErrors
 
 PHYSICS_RATE = 1000
 """Physics steps per second."""
@@ -43,15 +44,43 @@ class Box(Section, frozen=True):
         return Inertia.of_box(self.mass, self.size, self.pose())
 
 
-class Payload(Section, frozen=True):
-    """The thing that is held: boxes fixed to each other, and the number of loads that can lie on it at a time."""
+class MassProperties(Section, frozen=True):
+    """A payload of which no more is known than how it moves.
 
-    boxes: Annotated[tuple[Box, ...], Meta(min_length=1)]
+    Attributes:
+        mass: [kg].
+        com: Centre of mass in the payload's frame [m].
+        principal: Principal moments of inertia at the centre of mass [kg·m²].
+        axes_deg: Rotation vector from the payload's axes to the principal ones [degrees].
+    """
+
+    mass: Positive
+    com: Vector
+    principal: Lengths
+    axes_deg: Vector = (0.0, 0.0, 0.0)
+
+    def inertia(self) -> Inertia:
+        """The same in the payload's frame."""
+        at_com = Inertia(self.mass, np.zeros(3), np.diag(np.array(self.principal, dtype=np.float64)))
+        return at_com.carried(pose_of(self.com, self.axes_deg))
+
+
+class Payload(Section, frozen=True):
+    """The thing that is held: boxes fixed to each other, or mere mass properties.
+
+    Attributes:
+        boxes: What it is made of, or
+        properties: what it weighs.
+        load_slots: Number of loads that can lie on it at a time.
+    """
+
+    boxes: tuple[Box, ...] = ()
+    properties: MassProperties | None = None
     load_slots: Annotated[int, Meta(ge=0, le=64)] = 4
 
     def inertia(self) -> Inertia:
         """Mass properties in the payload's frame, without loads."""
-        return combined(box.inertia() for box in self.boxes)
+        return self.properties.inertia() if self.properties else combined(box.inertia() for box in self.boxes)
 
 
 class Grasp(Section, frozen=True):
@@ -87,13 +116,14 @@ class Robots(Section, frozen=True):
     Attributes:
         grasps: One per robot, or
         perimeter: a rule that places them.
-        stiffness: Of every arm: translation [N/m], rotation [N·m/rad].
+        stiffness: Of every arm: translation [N/m], rotation [N·m/rad]. Without stiffness and damping in rotation the
+            wrist is a gimbal: its torque is exactly zero.
         damping: Translation [N·s/m], rotation [N·m·s/rad].
     """
 
     grasps: tuple[Grasp, ...] = ()
     perimeter: Perimeter | None = None
-    stiffness: tuple[Positive, Positive] = (800.0, 30.0)
+    stiffness: tuple[Positive, NotNegative] = (800.0, 30.0)
     damping: tuple[NotNegative, NotNegative] = (70.0, 3.0)
 
 
@@ -130,6 +160,7 @@ class Sensors(Section, frozen=True):
         noise: Standard deviations per sample.
         noise_scale: Multiplies all of ``noise``. A file cannot say 0: estimators weigh samples by their noise.
         offset: Constant errors.
+        encoders: How exactly recordings tell where the robots hold the payload; None: they do not.
     """
 
     rate: Literal[100, 125, 200, 250, 500, 1000] = 500
@@ -137,10 +168,31 @@ class Sensors(Section, frozen=True):
     noise: SensorNoise = SensorNoise()
     noise_scale: Positive = 1.0
     offset: SensorOffset = SensorOffset()
+    encoders: EncoderErrors | None = None
+
+
+class ViaPoints(Section, frozen=True):
+    """Random via points in the range of ``Motion.translation`` and ``axes``, straight lines between them.
+
+    Attributes:
+        holds: Before them, so many random points are held still, by all robots at the same times,
+        hold_time: each for so long [s],
+        hold_transit: reached in so long [s].
+        count: Number of via points; then they start anew.
+        transit: Range of the random time from one to the next [s].
+        dwell: Range of the random time spent there [s].
+    """
+
+    holds: Annotated[int, Meta(ge=0)] = 6
+    hold_time: Positive = 8.0
+    hold_transit: Positive = 2.0
+    count: Annotated[int, Meta(ge=2)] = 80
+    transit: tuple[Positive, Positive] = (0.8, 2.0)
+    dwell: tuple[NotNegative, NotNegative] = (0.2, 0.8)
 
 
 class Motion(Section, frozen=True):
-    """Reference motion of every robot: two sinusoids per axis, drawn by each robot alone.
+    """Reference motion of every robot, drawn by each robot alone: two sinusoids per axis, or via points.
 
     Attributes:
         translation: Amplitude per axis [m].
@@ -148,6 +200,7 @@ class Motion(Section, frozen=True):
         frequency: Range from which frequencies are drawn [Hz].
         ramp: Time from rest to full amplitude [s].
         axes: Share of the amplitude per axis of the robot's home frame: rotation about x, y, z, translation along them.
+        via_points: Instead of sinusoids.
     """
 
     translation: NotNegative = 0.06
@@ -155,6 +208,7 @@ class Motion(Section, frozen=True):
     frequency: tuple[Positive, Positive] = (0.4, 1.6)
     ramp: NotNegative = 2.0
     axes: tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative] = (1.0,) * 6
+    via_points: ViaPoints | None = None
 
 
 class LoadChange(Section, frozen=True):
