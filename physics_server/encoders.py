@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from coheft.estimation.batch.calibration import gimbal_angles, gimbal_rotations
 from coheft.estimation.spatial import Array
 from coheft.wire.encoders import EncoderErrors
 from coheft.wire.scenario import Scenario
@@ -84,18 +85,6 @@ class Encoders:
             rotations=gimbal_rotations(told),
             forces=self.force_scale * exact.forces + self.force_offset + self._force_noise * noise[..., 6:],
         )
-
-
-def gimbal_angles(rotations: Array) -> Array:
-    """``(a, b, c)`` [rad] of ``R_x(a) R_y(b) R_z(c)``, shape (..., 3, 3) to (..., 3)."""
-    angles: Array = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_euler("XYZ")
-    return angles.reshape(rotations.shape[:-1])
-
-
-def gimbal_rotations(angles: Array) -> Array:
-    """Inverse of ``gimbal_angles``."""
-    rotations: Array = Rotation.from_euler("XYZ", angles.reshape(-1, 3)).as_matrix()
-    return rotations.reshape(*angles.shape, 3)
 
 
 def _direction(rng: np.random.Generator) -> Array:

@@ -175,20 +175,20 @@ class ViaPoints(Section, frozen=True):
     """Random via points in the range of ``Motion.translation`` and ``axes``, straight lines between them.
 
     Attributes:
-        holds: Before them, so many random points are held still, by all robots at the same times,
-        hold_time: each for so long [s],
-        hold_transit: reached in so long [s].
-        count: Number of via points; then they start anew.
+        count: Number of via points.
         transit: Range of the random time from one to the next [s].
         dwell: Range of the random time spent there [s].
+        holds: After them, so many random points are held still, by all robots at the same times,
+        hold_time: each for so long [s],
+        hold_transit: reached in so long [s].
     """
 
-    holds: Annotated[int, Meta(ge=0)] = 6
-    hold_time: Positive = 8.0
-    hold_transit: Positive = 2.0
     count: Annotated[int, Meta(ge=2)] = 80
     transit: tuple[Positive, Positive] = (0.8, 2.0)
     dwell: tuple[NotNegative, NotNegative] = (0.2, 0.8)
+    holds: Annotated[int, Meta(ge=0)] = 6
+    hold_time: Positive = 8.0
+    hold_transit: Positive = 2.0
 
 
 class Motion(Section, frozen=True):

@@ -23,10 +23,15 @@ def sandwich(derivative: Array, scores: Array, rate: float) -> Array:
     Returns:
         Shape (u, u).
     """
-    length = max(1, round(SPAN * rate))
-    starts = np.arange(0, len(scores), length)
-    sums = np.add.reduceat(scores, starts, axis=0)
     inverse = np.linalg.inv(derivative)
-    degrees = max(len(sums) - scores.shape[1] / 2.0, 1.0)
-    covariance: Array = inverse @ (sums.T @ sums * len(sums) / degrees) @ inverse.T
+    covariance: Array = inverse @ batch_scatter(scores, rate) @ inverse.T
     return covariance
+
+
+def batch_scatter(scores: Array, rate: float) -> Array:
+    """Covariance of the sum of consecutive scores (n, u), shape (u, u)."""
+    sums = np.add.reduceat(scores, np.arange(0, len(scores), max(1, round(SPAN * rate))), axis=0)
+    # The solution takes up some of the scatter.
+    degrees = max(len(sums) - scores.shape[1] / 2.0, 1.0)
+    scatter: Array = sums.T @ sums * (len(sums) / degrees)
+    return scatter
