@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.batch.body import regressor
-from coheft.estimation.batch.statistics import sandwich
+from coheft.estimation.batch.statistics import batch_scatter
 from coheft.estimation.rigid_body import inertia_operator
 from coheft.estimation.spatial import Array, skew
 
@@ -64,9 +64,8 @@ def fit_parameters(motions: Array, wrench: Array, rate: float) -> LinearFit:
     Returns:
         u = 10.
     """
-    count = len(motions)
     regressors = np.array([regressor(motion) for motion in motions])
-    instruments = (regressors.sum(axis=0) - regressors) / (count - 1)
+    instruments = others(regressors)
     weight = np.ones(6)
     for _ in range(_REWEIGHTINGS):
         fit = instrumental_fit(regressors, wrench, instruments, weight, rate)
@@ -74,7 +73,17 @@ def fit_parameters(motions: Array, wrench: Array, rate: float) -> LinearFit:
     return fit
 
 
-def instrumental_fit(regressors: Array, output: Array, instruments: Array, weight: Array, rate: float) -> LinearFit:
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known of the unknowns beforehand: ``mean`` (u,), and independent information on each of them (u,)."""
+
+    mean: Array
+    information: Array
+
+
+def instrumental_fit(
+    regressors: Array, output: Array, instruments: Array, weight: Array, rate: float, prior: Prior | None = None
+) -> LinearFit:
     """Solve ``sum over robots and samples of Z^T W (y - X theta) = 0``; with ``Z = X``, least squares.
 
     Args:
@@ -83,10 +92,21 @@ def instrumental_fit(regressors: Array, output: Array, instruments: Array, weigh
         instruments: ``Z`` for each of them, same shape as the regressors.
         weight: ``W``'s diagonal, shape (rows,).
         rate: Samples per second.
+        prior: Of the unknowns; then ``W`` has to be what the residuals deserve, and not only in proportion.
     """
+    prior = prior or Prior(np.zeros(regressors.shape[-1]), np.zeros(regressors.shape[-1]))
     weighted = instruments * weight[:, None]
-    matrix = np.einsum("ikru,ikrv->uv", weighted, regressors, optimize=True)
-    solution = np.linalg.solve(matrix, np.einsum("ikru,kr->u", weighted, output, optimize=True))
+    matrix = np.einsum("ikru,ikrv->uv", weighted, regressors, optimize=True) + np.diag(prior.information)
+    vector = np.einsum("ikru,kr->u", weighted, output, optimize=True) + prior.information * prior.mean
+    solution = np.linalg.solve(matrix, vector)
     residuals = output - regressors @ solution
     scores = np.einsum("ikru,ikr->ku", weighted, residuals, optimize=True)
-    return LinearFit(solution, sandwich(matrix, scores, rate), residuals.mean(axis=0))
+    inverse = np.linalg.inv(matrix)
+    covariance = inverse @ (batch_scatter(scores, rate) + np.diag(prior.information)) @ inverse.T
+    return LinearFit(solution, covariance, residuals.mean(axis=0))
+
+
+def others(views: Array) -> Array:
+    """For each of N views (N, ...) of the same thing, the mean of all the others."""
+    result: Array = (views.sum(axis=0) - views) / (len(views) - 1)
+    return result
