@@ -86,7 +86,7 @@ def holds_of(recording: Recording, tolerance: float = TOLERANCE, duration: float
     """The recording's holds, found where it does not name them.
 
     Raises:
-        RecordingError: Poses or wrenches are missing.
+        RecordingError: Wrenches are missing, or both poses and accelerations.
     """
     wrench, time = recording.stacked("wrench"), recording.time
     if recording.holds is None:
@@ -94,8 +94,11 @@ def holds_of(recording: Recording, tolerance: float = TOLERANCE, duration: float
     else:
         borders = np.searchsorted(time, np.array(recording.holds).reshape(-1, 2))
         spans = [(int(start), int(end)) for start, end in borders if end > start]
-    rotations, _ = smooth_poses(recording.stacked("pose"), recording.rate)
-    down = recording.gravity @ rotations
+    if recording.has("pose"):
+        rotations, _ = smooth_poses(recording.stacked("pose"), recording.rate)
+        down = recording.gravity @ rotations
+    else:  # at rest an accelerometer reads gravity alone, upwards
+        down = -recording.stacked("acceleration")
     means, scatters = [], []
     for start, end in spans:
         part = wrench[:, start:end]

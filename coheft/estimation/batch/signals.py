@@ -21,6 +21,9 @@ CUTOFF = 5.0
 """Of the low-pass filter [Hz]."""
 EDGE = 2.0
 """Dropped at both ends [s]."""
+_OVERSAMPLING = 6.0
+"""Samples that are kept per period of the cutoff."""
+_FEWEST = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,8 +145,10 @@ def signals_of(recording: Recording, cutoff: float = CUTOFF, edge: float = EDGE)
     else:
         raise RecordingError("found neither 'pose' nor 'acceleration' of all robots: nothing tells where down is")
     wrench = low_pass(recording.stacked("wrench"), rate, cutoff, axis=1)[:, inner] if recording.has("wrench") else None
-    kept = (time >= recording.time[0] + edge) & (time <= recording.time[-1] - edge)
-    if np.count_nonzero(kept) < rate:
+    inner_time = (time >= recording.time[0] + edge) & (time <= recording.time[-1] - edge)
+    # What is left has nothing above the cutoff: fewer samples say the same.
+    kept = np.flatnonzero(inner_time)[:: max(1, int(rate / (_OVERSAMPLING * cutoff)))]
+    if len(kept) < _FEWEST:
         raise RecordingError(f"found samples from {recording.span}, but {edge:g} s are dropped at both ends")
     return Signals(
         time=time[kept],
