@@ -64,7 +64,9 @@ class Encoders:
         self._force_noise = scenario.noise.force
         seeds = np.random.SeedSequence((scenario.seed, _STREAM)).spawn(len(robots))
         self._streams = [np.random.default_rng(seed) for seed in seeds]
-        own = [np.random.default_rng(seed) for seed in np.random.SeedSequence(errors.calibration_seed).spawn(len(robots))]
+        own = [
+            np.random.default_rng(seed) for seed in np.random.SeedSequence(errors.calibration_seed).spawn(len(robots))
+        ]
         self.zero = np.radians([errors.misalignment_deg * rng.uniform(-1, 1) * _direction(rng) for rng in own])
         self.angle_scale = np.array([1.0 + errors.angle_scale * rng.uniform(-1, 1, 3) for rng in own])
         self.position_scale = np.array([1.0 + errors.position_scale * rng.uniform(-1, 1, 1) for rng in own])

@@ -63,6 +63,7 @@ def run(
     json: ReportTarget = None,
     history: Flag = False,
     quiet: Flag = False,
+    save_data: Path | None = None,
     logs: Path | None = None,
     write_configs: Path | None = None,
 ) -> int:
@@ -94,6 +95,8 @@ def run(
         Add the errors of every second to the report.
     quiet:
         Show nothing but errors.
+    save_data:
+        Save what all robots measured, for 'coheft identify': an .npz file, or, without suffix, a folder of CSV files.
     logs:
         Folder for the processes' logs, instead of a new one among your runs.
     write_configs:
@@ -117,7 +120,7 @@ def run(
         estimator=estimator,
         sensor_rate=sensor_rate,
     )
-    plan = make_plan(chosen, "realtime" if realtime else "lockstep")
+    plan = make_plan(chosen, "realtime" if realtime else "lockstep", save_data)
     if write_configs is not None:
         for path in plan.write(write_configs):
             print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")

@@ -62,8 +62,8 @@ class Plan:
         return paths
 
 
-def make_plan(scenario: Scenario, clock: Clock = "lockstep") -> Plan:
-    """Draw the graph, find ports, give the run a name of its own.
+def make_plan(scenario: Scenario, clock: Clock = "lockstep", save_data: Path | None = None) -> Plan:
+    """Draw the graph, find ports, give the run a name of its own; the server saves all measurements if told where.
 
     Along an edge the robot that comes first listens, and the other one dials.
 
@@ -78,7 +78,15 @@ def make_plan(scenario: Scenario, clock: Clock = "lockstep") -> Plan:
     robots = {name: next(endpoints) for name in names}
     listen = {name: next(endpoints) for name in names}
     return Plan(
-        server=ServerConfig(scenario=scenario, run=run, robots=robots, observe=observe, neighbours=graph, clock=clock),
+        server=ServerConfig(
+            scenario=scenario,
+            run=run,
+            robots=robots,
+            observe=observe,
+            neighbours=graph,
+            clock=clock,
+            save_data=None if save_data is None else str(save_data.absolute()),
+        ),
         agents={
             name: AgentProcessConfig(
                 agent=agent_config(scenario, name, graph[name]),

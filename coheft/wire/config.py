@@ -79,6 +79,7 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         observe: Where observers dial in.
         neighbours: The graph, for observers only.
         clock: ``lockstep`` waits for every agent, ``realtime`` for nobody.
+        save_data: File for what all robots measured, see ``coheft.wire.data_file``; None: nothing is kept.
     """
 
     scenario: Scenario
@@ -87,6 +88,7 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     observe: str
     neighbours: dict[str, tuple[str, ...]]
     clock: Literal["lockstep", "realtime"] = "lockstep"
+    save_data: str | None = None
 
 
 def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> AgentConfig:

@@ -50,7 +50,9 @@ class StaticEstimate:
     covariance: Array
 
 
-def find_holds(forces: Array, time: Array, tolerance: float = TOLERANCE, duration: float = DURATION) -> list[tuple[int, int]]:
+def find_holds(
+    forces: Array, time: Array, tolerance: float = TOLERANCE, duration: float = DURATION
+) -> list[tuple[int, int]]:
     """Stretches of samples in which no force of any robot changes.
 
     Args:

@@ -135,8 +135,10 @@ def identify_batch(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Identi
         payload=make_payload(of_central_numbers(numbers), covariance, team.poses),
         loops=tuple(loops),
         holds=holds,
-        remarks=("Least squares takes noise of accelerations for motion: inertias come out too small, and nothing here "
-                 "says by how much. Compare with --method instruments.",),
+        remarks=(
+            "Least squares takes noise of accelerations for motion: inertias come out too small, and nothing here "
+            "says by how much. Compare with --method instruments.",
+        ),
         time=signals.time,
         residual=tensor.residual,
     )

@@ -130,9 +130,7 @@ def _fit(
     centre = centre_of(poses)
     fit = fit_calibrated(signals, [centre.inverse() @ pose for pose in poses], tolerances, gravity)
     true_centre = Pose(centre.rotation, fit.scale * centre.translation)
-    numbers, covariance = at_first_grasp(
-        fit.parameters, fit.covariance[:INERTIA_SIZE, :INERTIA_SIZE], true_centre
-    )
+    numbers, covariance = at_first_grasp(fit.parameters, fit.covariance[:INERTIA_SIZE, :INERTIA_SIZE], true_centre)
     return fit, numbers, covariance
 
 
@@ -145,7 +143,11 @@ def _unknowns(count: int, part: slice) -> Array:
 def _given_errors(grasps: HandEye) -> Array:
     """Covariance of all grasps' perturbations if the errors were known, shape (6 N, 6 N)."""
     count = len(grasps.homes)
-    return _conditional(grasps.covariance, _unknowns(count, slice(6, 12)), np.eye(len(grasps.covariance))[_unknowns(count, slice(12, None))])
+    return _conditional(
+        grasps.covariance,
+        _unknowns(count, slice(6, 12)),
+        np.eye(len(grasps.covariance))[_unknowns(count, slice(12, None))],
+    )
 
 
 def _conditional(covariance: Array, kept: Array, known: Array) -> Array:
@@ -178,7 +180,15 @@ def _findings(
     count = len(names)
     spread = np.sqrt(np.diag(fit.covariance))[INERTIA_SIZE + 1 :]
     common = 1.0 / fit.scale
-    labels = ["zero of angle a", "zero of angle b", "zero of angle c", "scale of angle a", "scale of angle b", "scale of angle c", "position scale"]
+    labels = [
+        "zero of angle a",
+        "zero of angle b",
+        "zero of angle c",
+        "scale of angle a",
+        "scale of angle b",
+        "scale of angle c",
+        "position scale",
+    ]
     units = ["deg"] * 3 + ["%"] * 4
     sizes = np.repeat([np.degrees(1.0), 100.0], [3, 4])
     before = tolerances.pose_errors()
@@ -191,11 +201,17 @@ def _findings(
             CalibrationFinding(name, *row)
             for row in zip(labels, units, sizes * values, sizes * stds, sizes * before, strict=True)
         ]
-        found.append(CalibrationFinding(name, "force scale", "%", 100 * fit.force_scale[k], 100 * spread[k], 100 * tolerances.force_scale))
+        found.append(
+            CalibrationFinding(
+                name, "force scale", "%", 100 * fit.force_scale[k], 100 * spread[k], 100 * tolerances.force_scale
+            )
+        )
         for axis in range(3):
             std = spread[count + 3 * k + axis]
             value = float(fit.force_offset[k, axis])
-            found.append(CalibrationFinding(name, f"force offset {'xyz'[axis]}", "N", value, std, tolerances.force_offset))
+            found.append(
+                CalibrationFinding(name, f"force offset {'xyz'[axis]}", "N", value, std, tolerances.force_offset)
+            )
     return tuple(found)
 
 

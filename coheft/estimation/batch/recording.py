@@ -45,11 +45,16 @@ class Truth:
 
     Attributes:
         poses: Of all grasp frames in the first one.
-        inertia: Of the load, in the first grasp frame.
+        loads: From when on what was held [s], in the first grasp frame.
     """
 
     poses: tuple[Pose, ...]
-    inertia: Inertia
+    loads: tuple[tuple[float, Inertia], ...]
+
+    def load_between(self, start: float, end: float) -> Inertia | None:
+        """What was held all the time from start to end; None if it changed meanwhile."""
+        before = [inertia for since, inertia in self.loads if since <= start]
+        return None if any(start < since < end for since, _ in self.loads) or not before else before[-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +115,9 @@ class Recording:
         if np.count_nonzero(kept) < 2:
             raise RecordingError(f"no samples from {start:g} s to {end:g} s: they are from {self.span}")
         robots = {
-            name: RobotRecord(robot.time[kept], **{c: None if (x := getattr(robot, c)) is None else x[kept] for c in _WIDTHS})
+            name: RobotRecord(
+                robot.time[kept], **{c: None if (x := getattr(robot, c)) is None else x[kept] for c in _WIDTHS}
+            )
             for name, robot in self.robots.items()
         }
         return replace(self, robots=robots)
