@@ -12,7 +12,7 @@ from typing import Annotated
 import cyclopts
 from cyclopts import Parameter
 
-from coheft.app import cli_control, cli_study
+from coheft.app import cli_control, cli_identify, cli_study
 from coheft.app.cli_base import (
     EXIT_CONVERGED,
     EXIT_ERROR,
@@ -182,4 +182,13 @@ def _start_by_hand(module: str, config: Path) -> int:
     return run_in_foreground(module, config)
 
 
-__all__ = ["EXIT_CONVERGED", "EXIT_ERROR", "EXIT_USAGE", "app", "cli_control", "cli_study", "run_command_line"]
+__all__ = [
+    "EXIT_CONVERGED",
+    "EXIT_ERROR",
+    "EXIT_USAGE",
+    "app",
+    "cli_control",
+    "cli_identify",
+    "cli_study",
+    "run_command_line",
+]
