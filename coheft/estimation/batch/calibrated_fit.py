@@ -40,6 +40,7 @@ class CalibratedFit:
         force_offset: Of each robot, in its home frame's axes, shape (N, 3) [N].
         covariance: Of ``(theta, scale, force_scale, force_offset)``, shape (11 + 4 N, 11 + 4 N).
         residual: Of the total wrench, shape (n, 6).
+        weight: Of the six components of its residual, shape (6,).
     """
 
     parameters: Array
@@ -48,9 +49,12 @@ class CalibratedFit:
     force_offset: Array
     covariance: Array
     residual: Array
+    weight: Array
 
 
-def fit_calibrated(signals: Signals, poses: Sequence[Pose], tolerances: Tolerances, gravity: Array) -> CalibratedFit:
+def fit_calibrated(
+    signals: Signals, poses: Sequence[Pose], tolerances: Tolerances, gravity: Array, start: CalibratedFit | None = None
+) -> CalibratedFit:
     """Fit inertia and calibration, every robot's motion with all others' as instruments.
 
     Args:
@@ -58,6 +62,7 @@ def fit_calibrated(signals: Signals, poses: Sequence[Pose], tolerances: Toleranc
         poses: Of the grasp frames in the body frame, in measured lengths.
         tolerances: How well the robots are calibrated.
         gravity: In the home frames, shape (3,) [m/s²].
+        start: A fit with nearly the same poses: only one step is taken from there, with its weights.
     """
     if signals.wrench is None or signals.rotation is None:
         raise ValueError("expected signals with wrenches and rotations")
@@ -79,20 +84,21 @@ def fit_calibrated(signals: Signals, poses: Sequence[Pose], tolerances: Toleranc
     )
     information = np.concatenate([np.zeros(INERTIA_SIZE), 1.0 / np.maximum(spread, 1e-9) ** 2])
     stretch = 1.0  # gravity's size in measured lengths, relative
-    parameters = np.zeros(INERTIA_SIZE)
-    weight = np.ones(6)
-    for step in range(_STEPS):
+    parameters, weight = np.zeros(INERTIA_SIZE), np.ones(6)
+    if start is not None:
+        stretch, parameters, weight = 1.0 / start.scale, start.parameters / _power(start.scale), start.weight
+    for step in range(_STEPS if start is None else 1):
         stretched = moving + (stretch - 1.0) * resting
         columns = np.concatenate([stretched, (resting @ parameters)[..., None], forces], axis=-1)
         mean = np.zeros(columns.shape[-1])
         mean[_GRAVITY] = 1.0 - stretch
-        if step == 0:  # the parameters are not known yet, and so not what a stretch would do
+        if step == 0 and start is None:  # the parameters are not known yet, and so not what a stretch would do
             columns[..., _GRAVITY] = 0.0
         fit = instrumental_fit(columns, output, others(columns), weight, signals.rate, Prior(mean, information))
         parameters = fit.solution[:INERTIA_SIZE]
         stretch += float(fit.solution[_GRAVITY])
-        weight = _deserved_weight(fit.residual, signals.rate)
-    return _in_true_lengths(fit, stretch, count, tolerances.force_scale)
+        used, weight = weight, _deserved_weight(fit.residual, signals.rate)
+    return _in_true_lengths(fit, stretch, count, tolerances.force_scale, used)
 
 
 def _force_columns(signals: Signals, poses: Sequence[Pose]) -> Array:
@@ -122,9 +128,16 @@ def _deserved_weight(residual: Array, rate: float) -> Array:
     return result
 
 
-def _in_true_lengths(fit: LinearFit, stretch: float, count: int, force_scale: float) -> CalibratedFit:
+def _power(scale: float) -> Array:
+    """What turns ``(m', (m h)', I_o')`` in measured lengths into ``theta`` in true ones, shape (10,)."""
+    return np.repeat([1.0 / scale, 1.0, scale], [1, 3, 6])
+
+
+def _in_true_lengths(
+    fit: LinearFit, stretch: float, count: int, force_scale: float, weight: Array
+) -> CalibratedFit:
     scale = 1.0 / stretch
-    power = np.repeat([scale**-1.0, 1.0, scale], [1, 3, 6])
+    power = _power(scale)
     parameters = power * fit.solution[:INERTIA_SIZE]
     derivative = np.eye(len(fit.solution))
     derivative[:INERTIA_SIZE, :INERTIA_SIZE] = np.diag(power)
@@ -144,4 +157,5 @@ def _in_true_lengths(fit: LinearFit, stretch: float, count: int, force_scale: fl
         force_offset=rest[count:].reshape(count, 3),
         covariance=covariance,
         residual=fit.residual,
+        weight=weight,
     )

@@ -21,16 +21,16 @@ from coheft.estimation.batch.identify import (
     CUTOFF,
     CalibrationFinding,
     Identification,
-    at_first_grasp,
     centre_of,
     grasps_from_twists,
     parameters_fit,
 )
-from coheft.estimation.batch.payload import derivative_by_poses, make_payload, of_central_numbers
+from coheft.estimation.batch.payload import central_numbers, derivative_by_poses, make_payload, of_central_numbers
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.signals import Signals, signals_of
 from coheft.estimation.inertia import INERTIA_SIZE
-from coheft.estimation.inertia_derivatives import seen_inertia_derivative
+from coheft.estimation.inertia_derivatives import barycentric_derivative, seen_inertia_derivative
+from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
 
@@ -89,7 +89,7 @@ def _with_doubts(recording: Recording, grasps: HandEye, tolerances: Tolerances, 
     signals = signals_of(corrected(recording, grasps.errors), cutoff)
     fit, numbers, covariance = _fit(signals, grasps.team.poses, tolerances, recording.gravity)
     by_poses = derivative_by_poses(
-        lambda moved: _fit(signals, moved, tolerances, recording.gravity)[1], grasps.team.poses
+        lambda moved: _fit(signals, moved, tolerances, recording.gravity, fit)[1], grasps.team.poses
     )
     covariance = covariance + by_poses @ _given_errors(grasps) @ by_poses.T
     # A wrong zero of the first robot's gimbal turns the frame that everything is given in.
@@ -124,14 +124,23 @@ def corrected(recording: Recording, errors: Array) -> Recording:
 
 
 def _fit(
-    signals: Signals, poses: Sequence[Pose], tolerances: Tolerances, gravity: Array
+    signals: Signals,
+    poses: Sequence[Pose],
+    tolerances: Tolerances,
+    gravity: Array,
+    start: CalibratedFit | None = None,
 ) -> tuple[CalibratedFit, Array, Array]:
     """The fit, its ``(m, h, J)`` in the first robot's frame and in true lengths, and their covariance."""
     centre = centre_of(poses)
-    fit = fit_calibrated(signals, [centre.inverse() @ pose for pose in poses], tolerances, gravity)
-    true_centre = Pose(centre.rotation, fit.scale * centre.translation)
-    numbers, covariance = at_first_grasp(fit.parameters, fit.covariance[:INERTIA_SIZE, :INERTIA_SIZE], true_centre)
-    return fit, numbers, covariance
+    fit = fit_calibrated(signals, [centre.inverse() @ pose for pose in poses], tolerances, gravity, start)
+    about_centre = Inertia.from_barycentric(fit.parameters)
+    # By theta and the scale: the centre, too, lies as far away as the scale says.
+    derivative = np.zeros((INERTIA_SIZE, INERTIA_SIZE + 1))
+    derivative[:, :INERTIA_SIZE] = np.linalg.inv(barycentric_derivative(about_centre))
+    derivative[1:4, INERTIA_SIZE] = centre.translation
+    known = fit.covariance[: INERTIA_SIZE + 1, : INERTIA_SIZE + 1]
+    numbers = central_numbers(about_centre.carried(Pose(centre.rotation, fit.scale * centre.translation)))
+    return fit, numbers, derivative @ known @ derivative.T
 
 
 def _unknowns(count: int, part: slice) -> Array:

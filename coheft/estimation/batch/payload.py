@@ -63,6 +63,8 @@ class PrincipalInertia:
     def of(tensor: Array, covariance: Array | None = None) -> PrincipalInertia:
         """Of an inertia (3, 3), the covariance of which, packed, is (6, 6): ``d moment = u^T dJ u`` to first order."""
         moments, axes = np.linalg.eigh(tensor)
+        # Their signs mean nothing: let the largest components of the first two be positive.
+        axes *= np.sign(axes[np.argmax(np.abs(axes), axis=0), range(3)])
         axes[:, 2] *= np.sign(np.linalg.det(axes))
         std = np.zeros(3)
         if covariance is not None:
