@@ -12,7 +12,7 @@ from typing import Annotated
 import cyclopts
 from cyclopts import Parameter
 
-from coheft.app import cli_control, cli_identify, cli_study
+from coheft.app import cli_control, cli_identify, cli_mocobots, cli_study
 from coheft.app.cli_base import (
     EXIT_CONVERGED,
     EXIT_ERROR,
@@ -189,6 +189,7 @@ __all__ = [
     "app",
     "cli_control",
     "cli_identify",
+    "cli_mocobots",
     "cli_study",
     "run_command_line",
 ]

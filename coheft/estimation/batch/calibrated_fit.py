@@ -133,9 +133,7 @@ def _power(scale: float) -> Array:
     return np.repeat([1.0 / scale, 1.0, scale], [1, 3, 6])
 
 
-def _in_true_lengths(
-    fit: LinearFit, stretch: float, count: int, force_scale: float, weight: Array
-) -> CalibratedFit:
+def _in_true_lengths(fit: LinearFit, stretch: float, count: int, force_scale: float, weight: Array) -> CalibratedFit:
     scale = 1.0 / stretch
     power = _power(scale)
     parameters = power * fit.solution[:INERTIA_SIZE]
