@@ -75,7 +75,7 @@ class Encoders:
 
     def measure(self, exact: WristSamples) -> WristSamples:
         """One block of samples; draws the noise of the robots' next B samples."""
-        samples, count = exact.positions.shape[:2]
+        samples = len(exact.positions)
         noise = np.stack([stream.standard_normal((samples, 9)) for stream in self._streams], axis=1)
         errors = self._errors
         angles = gimbal_angles(exact.rotations) + np.radians(errors.vibration_deg) * noise[..., :3]

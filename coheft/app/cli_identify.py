@@ -32,10 +32,11 @@ def identify(
     Parameters
     ----------
     recording:
-        An .npz file, or a folder with a CSV file per robot, see docs/data-format.md; 'coheft run --save-data' makes both.
+        An .npz file, or a folder with a CSV file per robot, see docs/data-format.md; 'coheft run --save-data' makes
+        both.
     method:
-        batch: the paper's least squares; instruments: without their bias; pose: without differentiating poses where they
-        matter most; likelihood: for sensors of known noise. Without it: what suits the recording best.
+        batch: the paper's least squares; instruments: without their bias; pose: grasps from poses, with nothing
+        differentiated; likelihood: for sensors of known noise. Without it: what suits the recording best.
     calibrate:
         The robots are not well calibrated; estimate what is wrong with them as well (method pose).
     from_:

@@ -56,7 +56,7 @@ def write_recording(recording: Recording, path: Path) -> None:
     try:
         if path.suffix:
             with path.open("wb") as file:
-                np.savez_compressed(file, **_arrays(recording))
+                np.savez_compressed(file, allow_pickle=False, **_arrays(recording))
         else:
             _write_folder(recording, path)
     except OSError as error:

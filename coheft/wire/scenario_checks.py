@@ -27,7 +27,7 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
             f"{origin}: key 'payload': found {_both_or_neither(bool(payload.boxes), 'boxes', 'properties')}, "
             f"expected exactly one of them"
         )
-    if not np.all(np.linalg.eigvalsh(payload.inertia().pseudo_inertia()) > 0.0):
+    if payload.properties is not None and not np.all(np.linalg.eigvalsh(payload.inertia().pseudo_inertia()) > 0.0):
         raise ScenarioError(
             f"{origin}: key 'payload.properties.principal': found {payload.properties.principal}, but no body has a "
             f"moment of inertia larger than the sum of the two others"

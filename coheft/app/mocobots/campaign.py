@@ -16,6 +16,7 @@ from coheft.errors import MissingPackageError
 from coheft.estimation.batch.identify import Identification
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.body_motion import perturbation_between
+from coheft.estimation.spatial import Array
 from coheft.wire.encoders import EncoderErrors
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import load_scenario
@@ -52,9 +53,7 @@ class Mocobots(msgspec.Struct, frozen=True):
     trials: list[Trial]
     experiments: int
 
-    def rows(
-        self, configuration: str, noise: Noise, method: Method
-    ) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    def rows(self, configuration: str, noise: Noise, method: Method) -> Array:
         """Errors, shape (experiments, 11)."""
         return np.array(
             [

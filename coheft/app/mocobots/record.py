@@ -66,10 +66,8 @@ def record_sphere(scenario: Scenario) -> Recording:
     via = scenario.motion.via_points or ViaPoints()
     holds = msgspec.structs.replace(via, count=2)
     moving = msgspec.structs.replace(scenario.motion, via_points=holds)
-    rest = (
-        SPHERE_TIME + 2 * (np.mean(via.transit) + np.mean(via.dwell)) + via.holds * (via.hold_transit + via.hold_time)
-    )
-    shifted = msgspec.structs.replace(scenario, motion=moving, duration=float(rest) + 2.0)
+    rest = 2 * (np.mean(via.transit) + np.mean(via.dwell)) + via.holds * (via.hold_transit + via.hold_time)
+    shifted = msgspec.structs.replace(scenario, motion=moving, duration=SPHERE_TIME + float(rest) + 2.0)
     block_rate = scenario.sensors.rate / scenario.sensors.block
     first = round(SPHERE_TIME * block_rate)
     after = agents_references(shifted)
@@ -121,4 +119,5 @@ def circumcentre(points: Array) -> Array:
     a, b = points[0] - points[2], points[1] - points[2]
     normal = np.cross(a, b)
     lever: Array = np.cross((a @ a) * b - (b @ b) * a, normal) / (2.0 * normal @ normal)
-    return lever + points[2]
+    centre: Array = lever + points[2]
+    return centre

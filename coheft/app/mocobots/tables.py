@@ -9,6 +9,7 @@ import numpy as np
 from coheft.app.identify.methods import Method
 from coheft.app.mocobots.campaign import Mocobots, Noise
 from coheft.app.mocobots.paper import PAPER, ROWS
+from coheft.estimation.spatial import Array
 
 _TABLES = (
     ("Table II: rotations, degrees", slice(0, 3)),
@@ -45,7 +46,7 @@ def markdown(found: Mocobots) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def typical(errors: np.ndarray[tuple[int], np.dtype[np.float64]], row: int) -> float:
+def typical(errors: Array, row: int) -> float:
     """What compares with the paper's number: the mean, of inertias the root mean square."""
     return float(np.sqrt(np.mean(errors**2)) if row >= 8 else np.mean(np.abs(errors)))
 

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from coheft.estimation.batch.calibration import (
@@ -123,7 +124,7 @@ def fit_hand_eye(wrists: WristPoses, start: Sequence[Pose], tolerances: Toleranc
             break
     inverse = np.linalg.inv(matrix)
     scatter = batch_scatter(equations.scores[:, free], wrists.rate) + np.diag(prior[free])
-    covariance = np.zeros((len(free), len(free)))
+    covariance = np.zeros((count * UNKNOWNS, count * UNKNOWNS))
     covariance[np.ix_(free, free)] = inverse @ scatter @ inverse
     spread = np.sqrt(np.diag(covariance)).reshape(count, UNKNOWNS)
     grasps = np.concatenate([np.arange(k * UNKNOWNS, k * UNKNOWNS + 12)[_GRASP] for k in range(count)])
@@ -139,15 +140,15 @@ def fit_hand_eye(wrists: WristPoses, start: Sequence[Pose], tolerances: Toleranc
     )
 
 
-def _prior(count: int, tolerances: Tolerances | None) -> tuple[Array, Array]:
-    """Information on all unknowns before the data, (19 N,), and which of them are fitted at all."""
+def _prior(count: int, tolerances: Tolerances | None) -> tuple[Array, npt.NDArray[np.intp]]:
+    """Information on all unknowns before the data, (19 N,), and indices of those that are fitted at all."""
     prior = np.zeros((count, UNKNOWNS))
     free = np.ones((count, UNKNOWNS), dtype=np.bool_)
     free[0, :12] = False
     spread = np.zeros(POSE_ERRORS) if tolerances is None else tolerances.pose_errors()
     free[:, _ERRORS] = spread > 0.0
     prior[:, _ERRORS] = np.where(spread > 0.0, 1.0 / np.maximum(spread, 1e-12) ** 2, 0.0)
-    return prior.ravel(), free.ravel()
+    return prior.ravel(), np.flatnonzero(free)
 
 
 def _start(wrists: WristPoses, grasps: Sequence[Pose]) -> _Guess:
@@ -236,7 +237,7 @@ def _normal_equations(wrists: WristPoses, guess: _Guess, noise: tuple[float, flo
     parts = []
     for first in range(0, len(guess.rotations), _CHUNK):
         parts.append(_chunk(wrists, guess, noise, slice(first, first + _CHUNK)))
-    seen = np.mean([part.noise for part in parts], axis=0, dtype=np.float64)
+    seen: Array = np.array([part.noise for part in parts]).mean(axis=0)
     return _NormalEquations(
         matrix=np.sum([part.matrix for part in parts], axis=0),
         scores=np.concatenate([part.scores for part in parts]),

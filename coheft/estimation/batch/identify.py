@@ -24,7 +24,7 @@ from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.signals import Signals, signals_of
 from coheft.estimation.inertia_derivatives import barycentric_derivative
 from coheft.estimation.observability import PoseEstimate
-from coheft.estimation.rigid_body import Inertia, unpack_symmetric
+from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
 
@@ -168,7 +168,7 @@ def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> I
 
 @dataclass(frozen=True, eq=False)
 class ParametersFit:
-    """``(m, h, J)`` (10,) in the first robot's frame, its covariance given the poses, and the residual wrench (n, 6)."""
+    """``(m, h, J)`` (10,) in the first robot's frame, its covariance given poses, and the residual wrench (n, 6)."""
 
     numbers: Array
     covariance: Array
@@ -229,8 +229,3 @@ def _wrench(signals: Signals) -> Array:
     if signals.wrench is None:
         raise RecordingError("'wrench' is missing of some robot: mass and inertia need the forces of all")
     return signals.wrench
-
-
-def tensor_of(numbers: Array) -> Array:
-    """Inertia (3, 3) of ``(m, h, J)`` (10,)."""
-    return unpack_symmetric(numbers[4:])

@@ -66,5 +66,6 @@ def pair_pose(
     derivative[3:, :3] = np.einsum("kab,kbc->ac", skew(z), skew(turned_v))
     derivative[3:, 3:] = np.einsum("kab,kbc->ac", skew(z), skew(w_i))
     covariance = sandwich(derivative, scores, rate)
-    seen = seen_information(np.linalg.inv(covariance), limits or Visibility())
+    information: Array = np.linalg.inv(covariance).astype(np.float64)
+    seen = seen_information(information, limits or Visibility())
     return PoseEstimate(Pose(rotation, position), covariance, seen.unseen())

@@ -94,7 +94,7 @@ def make_payload(measured: Inertia, covariance: Array, poses: Sequence[Pose]) ->
     places = np.array([pose.translation for pose in poses])
     length = float(np.sqrt(np.square(places - places.mean(axis=0)).sum(axis=1).mean()))
     derivative = barycentric_derivative(measured)
-    information = np.linalg.inv(derivative @ covariance @ derivative.T)
+    information: Array = np.linalg.inv(derivative @ covariance @ derivative.T).astype(np.float64)
     possible = nearest_possible(measured.barycentric(), information, length)
     unseen = tuple(f"{u.what}: {u.remedy}" for u in unseen_quantities(covariance, abs(measured.mass), length))
     return Payload(Inertia.from_barycentric(possible), measured, covariance, unseen)
