@@ -7,6 +7,8 @@ from rich.table import Table
 
 from coheft.app.identify.report import IdentifyReport
 
+_UNSEEN = "not seen"
+
 
 def print_identification(console: Console, report: IdentifyReport) -> None:
     """Print tables of what was found, how sure it is, and what is not known."""
@@ -38,6 +40,9 @@ def _poses(report: IdentifyReport) -> Table:
         table.add_column("error, deg")
         table.add_column("error, mm")
     for name, pose in report.poses.items():
+        if _is_unseen(report, f"pose of {name}"):
+            table.add_row(name, _UNSEEN)
+            continue
         row = [
             name,
             " ".join(f"{x:.3f}" for x in pose.rotation_vector_deg),
@@ -55,37 +60,32 @@ def _poses(report: IdentifyReport) -> Table:
 def _payload(report: IdentifyReport) -> Table:
     payload, errors = report.payload, report.errors
     table = Table("quantity", "estimate", "std", title="Load", title_justify="left")
-    mass, com, principal = ["", "", ""] if errors is None else [_mass(errors.mass_kg), _mm(errors.com_mm), ""]
-    moments = (
-        [""] * 3 if errors is None or errors.principal_pct is None else [f"{e:.2f} %" for e in errors.principal_pct]
-    )
+    moments = ["", "", ""]
     if errors is not None:
         table.add_column("error")
-    rows = [
-        ["mass, kg", f"{payload.mass_kg:.4f}", f"{payload.mass_std_kg:.4f}", mass],
-        [
-            "centre of mass, m",
-            " ".join(f"{x:.4f}" for x in payload.com_m),
-            " ".join(f"{x:.4f}" for x in payload.com_std_m),
-            com,
-        ],
-        *(
-            [f"principal inertia {k + 1}, kg·m²", f"{value:.4f}", f"{std:.4f}", error]
-            for k, (value, std, error) in enumerate(zip(payload.principal, payload.principal_std, moments, strict=True))
-        ),
-        ["principal axes, deg", " ".join(f"{x:.2f}" for x in payload.axes_deg), "", principal],
-    ]
-    for row in rows:
-        table.add_row(*(row if errors is not None else row[:3]))
+        moments = [f"{error:.2f} %" for error in errors.principal_pct or []] or moments
+
+    def add(quantity: str, label: str, *cells: str) -> None:
+        cells = (_UNSEEN,) if _is_unseen(report, quantity) else cells
+        table.add_row(label, *cells[: len(table.columns) - 1])
+
+    mass_error, com_error = (None, None) if errors is None else (errors.mass_kg, errors.com_mm)
+    add("mass", "mass, kg", f"{payload.mass_kg:.4f}", f"{payload.mass_std_kg:.4f}", _text(mass_error, "kg", 4))
+    com, com_std = (" ".join(f"{x:.4f}" for x in numbers) for numbers in (payload.com_m, payload.com_std_m))
+    add("centre of mass", "centre of mass, m", com, com_std, _text(com_error, "mm", 2))
+    rows = zip(payload.principal, payload.principal_std, moments, strict=True)
+    for k, (value, std, error) in enumerate(rows, 1):
+        add("inertia", f"principal inertia {k}, kg·m²", f"{value:.4f}", f"{std:.4f}", error)
+    add("inertia", "principal axes, deg", " ".join(f"{x:.2f}" for x in payload.axes_deg), "", "")
     return table
 
 
-def _mass(error: float | None) -> str:
-    return "" if error is None else f"{error:.4f} kg"
+def _is_unseen(report: IdentifyReport, quantity: str) -> bool:
+    return any(what.startswith(quantity) for what in report.not_observable)
 
 
-def _mm(error: float | None) -> str:
-    return "" if error is None else f"{error:.2f} mm"
+def _text(error: float | None, unit: str, digits: int) -> str:
+    return "" if error is None else f"{error:.{digits}f} {unit}"
 
 
 def _calibration(report: IdentifyReport) -> Table:

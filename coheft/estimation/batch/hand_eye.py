@@ -13,21 +13,22 @@ What may be wrong with the robots' calibration is fitted along, held by how wron
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from coheft.errors import RecordingError
 from coheft.estimation.batch.calibration import (
     ANGLE_SCALE,
     POSE_ERRORS,
     POSITION_SCALE,
     ZERO,
     Tolerances,
-    corrected_poses,
     gimbal_angles,
     gimbal_axes,
+    gimbal_rotations,
 )
 from coheft.estimation.batch.statistics import batch_scatter
 from coheft.estimation.body_motion import perturbed
@@ -37,12 +38,16 @@ from coheft.estimation.team_registration import TeamPoses
 
 _STEPS = 15
 _CLOSE = 1e-7
+_DAMPING = 1e-2
+"""Information on each step of a pose [1/rad², 1/m²]."""
 _SETTLED = 0.01
 """Relative change of the noise that is seen, when it counts as known."""
 _CHUNK = 4000
 """Samples at a time: their derivatives take 3 kB each and robot."""
 _HOME, _GRASP = slice(0, 6), slice(6, 12)
 _ERRORS = slice(12, 12 + POSE_ERRORS)
+_LARGEST_TILT = 70.0
+"""Of the gimbal's second angle [degrees]; at 90 the two others turn about the same axis."""
 UNKNOWNS = 12 + POSE_ERRORS
 """Per robot: perturbations of home and grasp ``(rotation, translation)``, then the errors of its calibration."""
 _ANGLE_NOISE, _POSITION_NOISE = 1e-3, 1e-3
@@ -51,17 +56,54 @@ _ANGLE_NOISE, _POSITION_NOISE = 1e-3, 1e-3
 
 @dataclass(frozen=True, eq=False)
 class WristPoses:
-    """What encoders measured: gimbal angles (N, n, 3) [rad], positions (N, n, 3) [m], at so many samples a second."""
+    """What encoders measured.
+
+    Attributes:
+        angles: Of the gimbals, shape (N, n, 3) [rad].
+        positions: In the home frames, shape (N, n, 3) [m].
+        zeros: Orientations in the home frames where the angles are zero, shape (N, 3, 3).
+        rate: Samples per second.
+    """
 
     angles: Array
     positions: Array
+    zeros: Array
     rate: float
 
     @staticmethod
-    def of(poses: Array, rate: float) -> WristPoses:
-        """From poses ``x y z qx qy qz qw`` in the home frames, shape (N, n, 7)."""
-        rotations = Rotation.from_quat(poses[..., 3:].reshape(-1, 4)).as_matrix()
-        return WristPoses(gimbal_angles(rotations.reshape(*poses.shape[:2], 3, 3)), poses[..., :3], rate)
+    def of(poses: Array, rate: float, *, at_home: bool) -> WristPoses:
+        """From poses ``x y z qx qy qz qw`` in the home frames, shape (N, n, 7).
+
+        Args:
+            poses: As recorded.
+            rate: Samples per second.
+            at_home: Whether the angles shall be those of real gimbals, which are zero at home. Otherwise they count
+                from the middle of the motion: no robot's angles are singular there.
+
+        Raises:
+            RecordingError: Real gimbals would be near their singularity.
+        """
+        rotations = Rotation.from_quat(poses[..., 3:].reshape(-1, 4)).as_matrix().reshape(*poses.shape[:2], 3, 3)
+        zeros = np.tile(np.eye(3), (len(poses), 1, 1))
+        if not at_home:
+            zeros = np.array([Rotation.from_matrix(own).mean().as_matrix() for own in rotations])
+        angles = gimbal_angles(zeros[:, None].swapaxes(-1, -2) @ rotations)
+        largest = float(np.degrees(np.abs(angles[..., 1]).max()))
+        if largest > _LARGEST_TILT:
+            raise RecordingError(
+                f"gimbals turn by {largest:.0f}° about their second axis, but only up to {_LARGEST_TILT:g}° can be "
+                f"told from poses: give poses relative to a home in the middle of the motion"
+            )
+        return WristPoses(angles, poses[..., :3], zeros, rate)
+
+    def some(self, rows: slice) -> WristPoses:
+        """Only some samples."""
+        return replace(self, angles=self.angles[:, rows], positions=self.positions[:, rows])
+
+    def rotations(self, robot: int) -> Array:
+        """Orientations of a grasp frame in its home frame as measured, shape (n, 3, 3)."""
+        result: Array = self.zeros[robot] @ gimbal_rotations(self.angles[robot])
+        return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +184,12 @@ def fit_hand_eye(wrists: WristPoses, start: Sequence[Pose], tolerances: Toleranc
 
 def _prior(count: int, tolerances: Tolerances | None) -> tuple[Array, npt.NDArray[np.intp]]:
     """Information on all unknowns before the data, (19 N,), and indices of those that are fitted at all."""
-    prior = np.zeros((count, UNKNOWNS))
+    prior = np.full((count, UNKNOWNS), _DAMPING)
     free = np.ones((count, UNKNOWNS), dtype=np.bool_)
     free[0, :12] = False
     spread = np.zeros(POSE_ERRORS) if tolerances is None else tolerances.pose_errors()
     free[:, _ERRORS] = spread > 0.0
+    # Poses are not held anywhere: this only keeps steps finite where nothing is seen.
     prior[:, _ERRORS] = np.where(spread > 0.0, 1.0 / np.maximum(spread, 1e-12) ** 2, 0.0)
     return prior.ravel(), np.flatnonzero(free)
 
@@ -154,10 +197,10 @@ def _prior(count: int, tolerances: Tolerances | None) -> tuple[Array, npt.NDArra
 def _start(wrists: WristPoses, grasps: Sequence[Pose]) -> _Guess:
     """The load's poses as the first robot tells them, and homes that fit on average."""
     errors = np.zeros((len(grasps), POSE_ERRORS))
-    rotations, positions = corrected_poses(wrists.angles[0], wrists.positions[0], errors[0])
+    rotations, positions = wrists.rotations(0), wrists.positions[0]
     homes = [Pose.identity()]
-    for angles, told, grasp in zip(wrists.angles[1:], wrists.positions[1:], grasps[1:], strict=True):
-        own, _ = corrected_poses(angles, told, errors[0])
+    for robot, (told, grasp) in enumerate(zip(wrists.positions[1:], grasps[1:], strict=True), 1):
+        own = wrists.rotations(robot)
         home = Rotation.from_matrix(rotations @ grasp.rotation @ own.swapaxes(-1, -2)).mean().as_matrix()
         homes.append(Pose(home, np.mean(rotations @ grasp.translation + positions - told @ home.T, axis=0)))
     return _Guess(tuple(homes), tuple(grasps), errors, rotations, positions)
@@ -193,12 +236,13 @@ def residuals_and_derivatives(
     arm = rotations @ grasp.translation
     reach = arm + positions - home.translation
     place = reach @ home.rotation
-    angles = gimbal_angles(to_home @ rotations @ grasp.rotation)
+    to_zero = wrists.zeros[robot].T @ to_home
+    angles = gimbal_angles(to_zero @ rotations @ grasp.rotation)
     angle_scale, scale = 1.0 + errors[ANGLE_SCALE], 1.0 + float(errors[POSITION_SCALE][0])
     residual = np.empty((len(angles), 6))
-    residual[:, :3] = wrists.angles[robot] - angle_scale * angles - errors[ZERO]
+    residual[:, :3] = _between_half_turns(wrists.angles[robot] - angle_scale * angles - errors[ZERO])
     residual[:, 3:] = wrists.positions[robot] - scale * place
-    turned = -angle_scale[:, None] * np.linalg.inv(gimbal_axes(angles)) @ to_home
+    turned = -angle_scale[:, None] * np.linalg.inv(gimbal_axes(angles)) @ to_zero
     moved = -scale * to_home
     by_load = np.zeros((len(angles), 6, 6))
     by_load[:, :3, :3] = turned
@@ -212,6 +256,11 @@ def residuals_and_derivatives(
     derivative[:, :3, 15:18] = -angles[:, :, None] * np.eye(3)
     derivative[:, 3:, 18] = -place
     return residual, derivative, by_load
+
+
+def _between_half_turns(angles: Array) -> Array:
+    result: Array = (angles + np.pi) % (2.0 * np.pi) - np.pi
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +299,7 @@ def _normal_equations(wrists: WristPoses, guess: _Guess, noise: tuple[float, flo
 def _chunk(wrists: WristPoses, guess: _Guess, noise: tuple[float, float], rows: slice) -> _NormalEquations:
     """Of some samples; ``noise`` of the result are variances."""
     count = len(guess.grasps)
-    some = WristPoses(wrists.angles[:, rows], wrists.positions[:, rows], wrists.rate)
+    some = wrists.some(rows)
     samples = some.angles.shape[1]
     weight = np.repeat([noise[0] ** -2, noise[1] ** -2], 3)
     size = count * UNKNOWNS

@@ -33,6 +33,8 @@ PAPER_CUTOFF = 5.0
 CUTOFF = 3.0
 """Of the filter for unbiased methods: above, there is hardly any motion [Hz]."""
 
+_ALL_DIRECTIONS = 6
+
 
 @dataclass(frozen=True, eq=False)
 class CalibrationFinding:
@@ -91,14 +93,15 @@ class Identification:
     @property
     def unseen(self) -> tuple[str, ...]:
         """What the motion does not show, in words."""
-        count = len(self.names)
-        pairs = [(0, j) for j in range(1, count)]
-        poses = [
-            f"pose of {self.names[j]}, {direction}: turn the load about other axes as well"
-            for i, j in pairs
-            for direction in self.team.relative(i, j).unseen
-        ]
-        return (*poses, *self.payload.unseen)
+        sentences = []
+        for k, name in enumerate(self.names[1:], 1):
+            directions = self.team.relative(0, k).unseen
+            if len(directions) == _ALL_DIRECTIONS:
+                sentences.append(f"pose of {name}: the load has to move and turn")
+            elif directions:
+                parts = ", ".join(str(direction) for direction in directions)
+                sentences.append(f"pose of {name}, {parts}: turn the load about other axes as well")
+        return (*sentences, *self.payload.unseen)
 
 
 def identify_batch(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Identification:

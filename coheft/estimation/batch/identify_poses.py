@@ -58,7 +58,7 @@ def identify_poses(
         RecordingError: Something is missing.
     """
     check_recording(recording)
-    wrists = WristPoses.of(recording.stacked("pose"), recording.rate)
+    wrists = WristPoses.of(recording.stacked("pose"), recording.rate, at_home=tolerances is not None)
     recording.stacked("wrench")
     start, loops = grasps_from_twists(signals_of(recording, cutoff), with_instruments=True)
     grasps = fit_hand_eye(wrists, start.poses, tolerances)

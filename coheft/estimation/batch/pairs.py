@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.batch.statistics import sandwich
+from coheft.estimation.batch.statistics import sandwich_information
 from coheft.estimation.observability import PoseEstimate, Visibility, seen_information
 from coheft.estimation.spatial import Array, Pose, skew
+
+_SINGULAR = 1e-12
+"""Share of the largest singular value below which a direction of positions is not seen, and left zero."""
 
 
 def kabsch(w_i: Array, w_j: Array) -> Array:
@@ -38,7 +41,7 @@ def position_between(rotation: Array, w_i: Array, v_i: Array, v_j: Array, instru
     # p x w = -[w]x p, and [z]x^T = -[z]x.
     matrix = np.trace(products := instrument.T @ w_i) * np.eye(3) - products.T
     vector = np.cross(instrument, v_i - v_j @ rotation.T).sum(axis=0)
-    result: Array = np.linalg.solve(matrix, vector)
+    result: Array = np.linalg.lstsq(matrix, vector, rcond=_SINGULAR)[0]
     return result
 
 
@@ -65,7 +68,5 @@ def pair_pose(
     derivative[:3, :3] = np.einsum("kab,kbc->ac", skew(w_i), skew(turned_w))
     derivative[3:, :3] = np.einsum("kab,kbc->ac", skew(z), skew(turned_v))
     derivative[3:, 3:] = np.einsum("kab,kbc->ac", skew(z), skew(w_i))
-    covariance = sandwich(derivative, scores, rate)
-    information: Array = np.linalg.inv(covariance).astype(np.float64)
-    seen = seen_information(information, limits or Visibility())
-    return PoseEstimate(Pose(rotation, position), covariance, seen.unseen())
+    seen = seen_information(sandwich_information(derivative, scores, rate), limits or Visibility())
+    return PoseEstimate(Pose(rotation, position), seen.inverse(), seen.unseen())

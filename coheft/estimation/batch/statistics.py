@@ -8,12 +8,16 @@ from coheft.estimation.spatial import Array
 
 SPAN = 1.0
 """Scores are summed over so long [s]: much longer than filtered noise is correlated."""
+_EXACT = 1e-9
+"""No unknown is known better than this, in its own unit."""
+_SINGULAR = 1e-12
 
 
-def sandwich(derivative: Array, scores: Array, rate: float) -> Array:
-    """Covariance of the solution of ``sum of scores = 0`` (Huber 1967), for correlated samples.
+def sandwich_information(derivative: Array, scores: Array, rate: float) -> Array:
+    """Information on the solution of ``sum of scores = 0``: inverse of its covariance (Huber 1967).
 
     The scatter of the scores is taken from their sums over ``SPAN``, which hardly depend on each other (batch means).
+    What the data do not show at all has no information, which is no error.
 
     Args:
         derivative: Of the summed scores by the unknowns, shape (u, u).
@@ -23,9 +27,12 @@ def sandwich(derivative: Array, scores: Array, rate: float) -> Array:
     Returns:
         Shape (u, u).
     """
-    inverse = np.linalg.inv(derivative)
-    covariance: Array = inverse @ batch_scatter(scores, rate) @ inverse.T
-    return covariance
+    scatter = batch_scatter(scores, rate) + _EXACT**2 * derivative @ derivative.T
+    balance = 1.0 / np.sqrt(np.maximum(np.diag(scatter), np.finfo(np.float64).tiny))
+    balanced = scatter * balance[:, None] * balance + _SINGULAR * np.eye(len(scatter))
+    half = balance[:, None] * derivative
+    information: Array = half.T @ np.linalg.solve(balanced, half)
+    return information
 
 
 def batch_scatter(scores: Array, rate: float) -> Array:
