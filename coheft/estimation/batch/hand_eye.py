@@ -100,6 +100,17 @@ class WristPoses:
         """Only some samples."""
         return replace(self, angles=self.angles[:, rows], positions=self.positions[:, rows])
 
+    def averaged(self, rate: float) -> WristPoses:
+        """Means of neighbouring samples, about ``rate`` of them a second, slow as things move beside that."""
+        length = max(1, int(self.rate / rate))
+        count = self.angles.shape[1] // length
+
+        def mean(samples: Array) -> Array:
+            result: Array = samples[:, : count * length].reshape(len(samples), count, length, 3).mean(axis=2)
+            return result
+
+        return replace(self, angles=mean(self.angles), positions=mean(self.positions), rate=self.rate / length)
+
     def rotations(self, robot: int) -> Array:
         """Orientations of a grasp frame in its home frame as measured, shape (n, 3, 3)."""
         result: Array = self.zeros[robot] @ gimbal_rotations(self.angles[robot])

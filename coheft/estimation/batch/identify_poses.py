@@ -34,6 +34,7 @@ from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
 
+_POSES_PER_SECOND = 25.0
 _IDENTIFIABLE = (
     "Seen from poses: zeros of each gimbal's first two angles, all angle scales, ratios of position scales. Seen from "
     "forces: ratios of force scales, offsets across gravity, and the common position scale by comparing accelerations "
@@ -61,7 +62,7 @@ def identify_poses(
     wrists = WristPoses.of(recording.stacked("pose"), recording.rate, at_home=tolerances is not None)
     recording.stacked("wrench")
     start, loops = grasps_from_twists(signals_of(recording, cutoff), with_instruments=True)
-    grasps = fit_hand_eye(wrists, start.poses, tolerances)
+    grasps = fit_hand_eye(wrists.averaged(_POSES_PER_SECOND), start.poses, tolerances)
     if tolerances is None:
         found = _without_doubts(recording, grasps, cutoff)
     else:
