@@ -9,7 +9,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_NOT_CONVERGED, run_command_line
+from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.cli_base import EXIT_NOT_CONVERGED
 from coheft.app.identify.methods import Bounds, Method, identify
 from coheft.app.inprocess import run_in_process
 from coheft.app.mocobots.campaign import errors_of, scenario_of
@@ -142,6 +143,14 @@ def test_without_holds_the_papers_method_says_what_is_missing(ring6: tuple[Recor
         identify(ring6[0], "batch")
 
 
+def test_a_load_that_changed_is_suspected() -> None:
+    scenario = load_scenario("ring6")
+    change = msgspec.structs.replace(scenario.load_changes[0], at=3.0)
+    recording = record(msgspec.structs.replace(scenario, duration=6.0, load_changes=(change,)))
+    assert "did the load change" in identify(recording).remarks[0]
+    assert "did the load change" not in identify(recording.between(3.0, 6.0)).remarks[0]
+
+
 def test_a_load_that_hardly_moves_is_not_weighed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scenario = msgspec.structs.replace(load_scenario("quiet"), duration=10.0)
     write_recording(record(scenario), tmp_path / "quiet.npz")
@@ -171,3 +180,9 @@ def test_the_command_line_reports(miscalibrated: Recording, tmp_path: Path, caps
 def test_the_command_line_says_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command_line(["identify", str(tmp_path / "nothing.npz")]) == EXIT_ERROR
     assert "nothing.npz: cannot be read" in capsys.readouterr().err
+
+
+def test_data_cannot_be_saved_where_there_is_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "no" / "run.npz"
+    assert run_command_line(["run", "mocobot_a", "--save-data", str(target)]) == EXIT_USAGE
+    assert "there is no folder" in " ".join(capsys.readouterr().err.replace("│", " ").split())

@@ -19,6 +19,7 @@ from coheft.app.cli_base import (
     EXIT_INTERRUPTED,
     EXIT_NOT_CONVERGED,
     EXIT_USAGE,
+    DataTarget,
     Flag,
     ReportTarget,
     app,
@@ -63,7 +64,7 @@ def run(
     json: ReportTarget = None,
     history: Flag = False,
     quiet: Flag = False,
-    save_data: Path | None = None,
+    save_data: DataTarget = None,
     logs: Path | None = None,
     write_configs: Path | None = None,
 ) -> int:

@@ -10,6 +10,9 @@ from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.centralised import estimate_centralised
 
+_TOO_LARGE = 1.3
+"""Residuals are suspicious from this share of what noise explains on."""
+
 
 def identify_sensors(recording: Recording, with_offset: bool = False) -> Identification:
     """What a central computer finds with the noise that the recording names (``coheft.estimation.centralised``).
@@ -28,8 +31,10 @@ def identify_sensors(recording: Recording, with_offset: bool = False) -> Identif
     samples = np.concatenate(channels, axis=-1).swapaxes(0, 1)
     found = estimate_centralised(samples, recording.noise, recording.rate, with_offset)
     estimate = found.payload
-    size = float(np.mean(np.square(found.residual) / np.diag(found.expected)))
-    remarks = (f"Residuals of the total wrench are {np.sqrt(size):.2f} times as large as the sensors' noise explains.",)
+    size = float(np.sqrt(np.mean(np.square(found.residual) / np.diag(found.expected))))
+    remark = f"Residuals of the total wrench are {size:.2f} times as large as the sensors' noise explains"
+    if size > _TOO_LARGE:
+        remark += ": did the load change (--from and --to choose a part), or are the sensors worse than 'noise' says?"
     return Identification(
         method="likelihood",
         names=recording.names,
@@ -40,7 +45,7 @@ def identify_sensors(recording: Recording, with_offset: bool = False) -> Identif
             covariance=found.covariance,
             unseen=tuple(f"{unseen.what}: {unseen.remedy}" for unseen in estimate.unseen),
         ),
-        remarks=remarks,
+        remarks=(remark,),
         time=recording.time,
         residual=found.residual,
     )
