@@ -8,7 +8,7 @@ INSTALLED := $(VENV)/installed
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format clean
+.PHONY: help setup demo test fuzz check format clean
 
 help: ## Say what can be made
 	@sed -n 's/^\([a-z]*\):.*## /make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -20,6 +20,12 @@ demo: setup ## Six robots find out what they are holding
 
 test: setup ## Run all tests
 	$(BIN)/python -m pytest
+
+fuzz: setup ## Give the decoders of messages and scenarios ten thousands of malformed ones, some minutes
+	$(BIN)/python -m pytest tests/fuzz --hypothesis-profile=fuzz --timeout=0
+
+faults: setup ## Let things go wrong in 500 simulated runs, and check that the promises are kept
+	$(BIN)/coheft faults --seeds 500
 
 check: setup ## Check format, lint and types
 	$(BIN)/ruff format --check

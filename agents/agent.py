@@ -6,33 +6,40 @@ simulated network in one process; equal inputs give equal outputs, bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from agents.efficient import EfficientEstimator
 from agents.estimator import EstimatorFactory
+from agents.inbox import NeighbourInbox
 from agents.motion import make_motion
 from agents.seed import SeedEstimator
+from agents.sensor_check import SensorCheck
+from agents.status import StatusKeeper
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages import Estimate, NeighbourMessage, PoseEstimate, Reference
+from coheft.wire.messages import Estimate, NeighbourMessage, Reference
 from consensus.gossip import Gossip
 
 ESTIMATORS: dict[str, EstimatorFactory] = {"efficient": EfficientEstimator, "seed": SeedEstimator}
 
-_REPORT_INTERVAL = 0.1
-"""Time between reports to observers [s]."""
+_SILENT = 2
+"""A neighbour of which so many messages in a row are missing is silent."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outbox:
-    """What an agent sends after a block: to all its neighbours, to the server, and now and then to observers."""
+    """What an agent sends after a block: to all its neighbours, to the server, and now and then to observers.
+
+    ``problems`` is what it refused in this step, in words.
+    """
 
     message: NeighbourMessage
     reference: Reference
     estimate: Estimate | None
+    problems: tuple[str, ...] = ()
 
 
 class Agent:
@@ -40,31 +47,44 @@ class Agent:
 
     Args:
         config: All that it is told.
+        incarnation: Larger than that of any agent of the same name before.
     """
 
-    def __init__(self, config: AgentConfig) -> None:
+    def __init__(self, config: AgentConfig, incarnation: int = 0) -> None:
         self.config = config
-        self._gossip = Gossip(config.name, config.neighbours)
+        self._incarnation = incarnation
+        self._gossip = Gossip(config.name, config.neighbours, incarnation)
         self._estimator = ESTIMATORS[config.estimator](config, self._gossip)
         self._motion = make_motion(config.motion, config.seed, config.rate, config.block)
-        self._report_every = max(1, round(_REPORT_INTERVAL * config.rate / config.block))
-        self._next = 0
+        self._inbox = NeighbourInbox(config.neighbours)
+        self._sensors = SensorCheck(config.noise)
+        self._status = StatusKeeper(config)
 
-    def step(self, block: MeasurementBlock | None, inbox: Mapping[str, NeighbourMessage]) -> Outbox:
+    def set_holding(self, holding: bool, from_block: int) -> None:
+        """The robot takes hold of the load, or lets go of it, at a block that lies ahead."""
+        self._gossip.announce_holding(holding, from_block)
+
+    def step(self, index: int, block: MeasurementBlock | None, inbox: Sequence[NeighbourMessage]) -> Outbox:
         """One block.
 
         Args:
-            block: The robot's measurements, None if they are unusable.
-            inbox: What the neighbours sent after the previous block, by name.
+            index: Its number; grows from step to step, by one if nothing was missed. The first one may be any.
+            block: The robot's measurements, None if there are none.
+            inbox: All that has come from neighbours since the last step, whatever it is.
         """
-        index = self._next
-        self._next += 1
-        for name in sorted(inbox):
-            self._gossip.hear(inbox[name].gossip)
-        channels = self._estimator.step(index, block, {name: message.channels for name, message in inbox.items()})
+        heard, gossip, problems = self._inbox.take(index, inbox, self._estimator.fits)
+        self._gossip.hear(gossip)
+        if block is not None and not self._sensors.work(block.samples):
+            block = None
+        channels = self._estimator.step(index, block, {name: message.channels for name, message in heard.items()})
+        self._status.problems += len(problems)
         return Outbox(
             message=NeighbourMessage(
-                sender=self.config.name, block=index, gossip=self._gossip.news(), channels=channels
+                sender=self.config.name,
+                block=index,
+                gossip=self._gossip.news(),
+                channels=channels,
+                incarnation=self._incarnation,
             ),
             reference=Reference(
                 robot=self.config.name,
@@ -73,26 +93,28 @@ class Agent:
                 motion=self._motion.reference(index + self.config.lag),
                 wrench=np.zeros(6),
             ),
-            estimate=self._estimate(index) if self._next % self._report_every == 0 else None,
+            estimate=self._estimate(index),
+            problems=tuple(problems),
         )
 
-    def _estimate(self, index: int) -> Estimate:
+    def _estimate(self, index: int) -> Estimate | None:
+        """A report, if one is due."""
+        doubts = list(self._doubts(index))
+        if not self._status.is_due(index, doubts):
+            return None
         belief = self._estimator.belief()
         graph = self._gossip.graph
-        return Estimate(
-            robot=self.config.name,
-            block=index,
-            time=(index + 1) * self.config.block / self.config.rate,
-            phase=belief.phase,
-            converged=belief.converged,
-            members=0 if graph is None else len(graph),
-            payload=belief.payload,
-            poses={
-                name: PoseEstimate(pose.pose.rotation, pose.pose.translation, pose.covariance)
-                for name, pose in belief.poses.items()
-            },
-            total_block=belief.total_block,
-            total_wrench=belief.total_wrench,
-            not_observable=list(belief.not_observable),
-            load_changes=list(belief.load_changes),
-        )
+        return self._status.report(index, belief, doubts, 0 if graph is None else len(graph))
+
+    def _doubts(self, index: int) -> Iterator[str]:
+        if self._sensors.fault is not None:
+            yield f"own sensors: {self._sensors.fault}"
+        for name in self.config.neighbours:
+            last = self._inbox.last_heard(name)
+            if index - last >= _SILENT:
+                yield f"{name} is silent since {(last + 1) * self.config.block / self.config.rate:.2f} s"
+        yield from self._estimator.doubts()
+        if not self._gossip.own.holding:
+            yield "the robot does not hold the load"
+        elif self._gossip.graph is None:
+            yield "the team is not known: " + ", ".join(self._gossip.unknown() or ["it is not connected"])

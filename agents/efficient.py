@@ -11,20 +11,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
+from agents.body_frame import BodyFrame
 from agents.estimator import Belief, Channels, is_converged
 from agents.team import EARLY, Team
 from coheft.estimation.measurement import KINEMATICS, MeasurementBlock
 from coheft.estimation.observability import PoseEstimate
-from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.twist_registration import TwistMoments, register_twists
+from coheft.estimation.spatial import Array
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
+from coheft.wire.messages import LoadChangeNotice
 from consensus.gossip import Gossip
-from consensus.graph import distances
 
 _DIRECTIONS = 6
+_KINEMATICS_SIZE = 9
+_LOAD_CHANGES = 32
+"""So many load changes of former teams are remembered."""
 _PAIRS_EVERY = 0.1
 """Time between two looks at the neighbours' poses, before the sums begin [s]."""
 
@@ -35,85 +36,115 @@ class EfficientEstimator:
     def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
         self._config = config
         self._gossip = gossip
-        self._pairs = {name: TwistMoments.none() for name in config.neighbours}
-        self._history_length = max(2, round(EARLY * config.rate / config.block))
-        self._look_every = max(1, round(_PAIRS_EVERY * config.rate / config.block))
+        self._body_frame = BodyFrame(config, gossip)
+        self._history_length = self._blocks(EARLY)
+        self._look_every = self._blocks(_PAIRS_EVERY)
         self._history: dict[int, Array] = {}
         self._team: Team | None = None
+        self._team_number = self._frame = 0
+        self._holds: dict[str, int] = {}
+        self._load_changes: list[LoadChangeNotice] = []
 
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
         """See ``Estimator.step``."""
         samples = None if own is None else own.samples
+        if self._team is not None and self._team.must_start_over:
+            self._gossip.announce_holding(True, index)  # as if it had just taken hold: with its pose unknown
+        if self._team is not None and self._gossip.team != self._team_number:
+            self._dissolve(self._team)
         start = self._gossip.start_block
         if self._team is None and start is not None and index >= start:
-            self._team = Team(self._config, self._gossip, start, self._history)
-            self._history = {}
+            self._team = self._assemble(start)
         if self._team is not None:
             return self._team.step(index, samples, inbox)
-        self._update_pairs(self._history.get(index - 1), inbox)
-        if index % self._look_every == 0:
-            self._announce(index)
-        self._history.pop(index - self._history_length, None)
-        if samples is None:
-            return {}
-        self._history[index] = samples
-        return {"kinematics": samples[:, KINEMATICS]}
+        return self._prepare(index, samples, inbox)
 
-    def belief(self) -> Belief:
-        """See ``Estimator.belief``."""
-        poses = {} if self._team is None else self._team.neighbours_poses()
-        if self._team is None or not poses:
-            poses = {name: self._pair(name) for name in self._pairs if self._pairs[name].count > 1.0}
-            return Belief("poses", False, None, _seen(poses), not_observable=_unseen(poses))
-        payload, unseen = self._team.payload()
-        return Belief(
-            phase="inertia",
-            converged=payload is not None and not unseen and is_converged(payload, self._config.converged),
-            payload=payload,
-            poses=_seen(poses),
-            total_block=self._team.total_block,
-            total_wrench=self._team.total_wrench,
-            not_observable=_unseen(poses) + unseen,
-            load_changes=tuple(self._team.load_changes),
-        )
-
-    def _update_pairs(self, previous: Array | None, inbox: Mapping[str, Channels]) -> None:
-        for name, channels in inbox.items():
-            kinematics = channels.get("kinematics")
-            if kinematics is not None and previous is not None:
-                self._pairs[name] += TwistMoments.of(previous[:, :6], kinematics[:, :6])
-
-    def _pair(self, name: str) -> PoseEstimate:
-        return register_twists(self._pairs[name], self._config.noise, self._config.noise)
+    def _prepare(self, index: int, samples: Array | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
+        """A block without sums: find out the own pose in the body frame."""
+        self._body_frame.update_pairs(index - 1, self._history.get(index - 1), inbox)
+        self._body_frame.hear_kept_poses(inbox)
+        self._announce(index)
+        self._history = {block: rows for block, rows in self._history.items() if block > index - self._history_length}
+        told = self._body_frame.channels()
+        if samples is not None:
+            self._history[index] = samples
+            told["kinematics"] = samples[:, KINEMATICS]
+        return told
 
     def _announce(self, index: int) -> None:
         """Once the own pose in the body frame is roughly known, tell it, and a start far enough ahead for all."""
-        graph, name = self._gossip.graph, self._config.name
-        if graph is None or self._gossip.records[name].ready_block >= 0:
+        graph, own = self._gossip.graph, self._gossip.own
+        if graph is None or (own.ready_block >= 0 and own.team == self._gossip.team):
             return
-        pose = self._own_pose(graph)
-        if pose is not None:
-            self._gossip.announce_ready(index + 2 * len(graph), pose)
+        known = self._body_frame.kept_pose()
+        if known is None and index % self._look_every == 0:
+            known = self._body_frame.found_pose()
+        if known is not None:
+            self._gossip.announce_ready(index + 2 * len(graph), *known)
 
-    def _own_pose(self, graph: Mapping[str, tuple[str, ...]]) -> Pose | None:
-        """Own pose in the body frame: through the neighbour that is next on the way to the reference robot."""
-        name, reference = self._config.name, min(graph)
-        if name == reference:
-            return Pose.identity()
-        hops = distances(graph, reference)
-        parent = min(other for other in graph[name] if hops[other] == hops[name] - 1)
-        parents_pose = self._gossip.pose(parent)
-        if parents_pose is None or self._pairs[parent].count <= 1.0:
+    def _assemble(self, start: int) -> Team | None:
+        """The team whose sums begin; None if somebody's pose is missing, or in another frame."""
+        graph, frame = self._gossip.graph, self._gossip.frame()
+        poses = {name: self._gossip.pose(name) for name in graph or ()}
+        if graph is None or self._config.name not in graph:
             return None
-        pair = self._pair(parent)
-        limits = self._config.efficient
-        if (
-            pair.unseen
-            or np.degrees(pair.rotation_std) > limits.start_rotation_deg
-            or 1e3 * pair.translation_std > limits.start_translation_mm
-        ):
+        if any(pose is None or self._gossip.records[name].frame != frame for name, pose in poses.items()):
             return None
-        return parents_pose @ pair.pose.inverse()
+        # A load that was held by others weighed otherwise.
+        earliest = max(record.since for record in self._gossip.records.values())
+        history = {block: rows for block, rows in self._history.items() if block >= earliest}
+        self._history = {}
+        self._team_number, self._frame = self._gossip.team, frame
+        self._holds = {name: self._gossip.records[name].since for name in graph}
+        known = {name: pose for name, pose in poses.items() if pose is not None}
+        return Team(self._config, graph, known, start, history)
+
+    def _dissolve(self, team: Team) -> None:
+        """The team is another one now: keep what is known of the poses."""
+        self._body_frame.keep(self._frame, team.poses(), self._holds)
+        self._load_changes = [*self._load_changes, *team.load_changes][-_LOAD_CHANGES:]
+        self._team = None
+
+    def fits(self, channels: Channels) -> bool:
+        """See ``Estimator.fits``."""
+        if self._team is not None:
+            return self._team.fits(channels)
+        rows = channels.get("kinematics")
+        return rows is None or rows.shape == (self._config.block, _KINEMATICS_SIZE)
+
+    def belief(self) -> Belief:
+        """See ``Estimator.belief``."""
+        found = None if self._team is None else self._team.found()
+        if self._team is None or found is None:
+            poses = self._body_frame.neighbours_poses()
+            return Belief(
+                "poses",
+                False,
+                None,
+                _seen(poses),
+                not_observable=_unseen(poses),
+                load_changes=tuple(self._load_changes),
+            )
+        return Belief(
+            phase="inertia",
+            converged=found.payload is not None
+            and not found.unseen
+            and is_converged(found.payload, self._config.converged),
+            payload=found.payload,
+            poses=_seen(found.poses),
+            total_block=self._team.total_block,
+            total_wrench=self._team.total_wrench,
+            not_observable=_unseen(found.poses) + found.unseen,
+            load_changes=(*self._load_changes, *self._team.load_changes),
+            learned_block=found.learned_block,
+        )
+
+    def doubts(self) -> tuple[str, ...]:
+        """See ``Estimator.doubts``."""
+        return ("the team's sums have not begun",) if self._team is None else self._team.doubts()
+
+    def _blocks(self, duration: float) -> int:
+        return max(1, round(duration * self._config.rate / self._config.block))
 
 
 def _seen(poses: Mapping[str, PoseEstimate]) -> dict[str, UncertainPose]:

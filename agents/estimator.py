@@ -26,7 +26,11 @@ Channels = Mapping[str, Array]
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What an estimator believes; fields as in ``coheft.wire.messages.Estimate``."""
+    """What an estimator believes; fields as in ``coheft.wire.messages.Estimate``, and:
+
+    Attributes:
+        learned_block: The newest block that is in it, -1 if there is none.
+    """
 
     phase: Literal["poses", "inertia"]
     converged: bool
@@ -36,6 +40,7 @@ class Belief:
     total_wrench: Array = field(default_factory=lambda: np.zeros(6))
     not_observable: tuple[str, ...] = ()
     load_changes: tuple[LoadChangeNotice, ...] = ()
+    learned_block: int = -1
 
 
 class Estimator(Protocol):
@@ -54,8 +59,16 @@ class Estimator(Protocol):
         """
         ...
 
+    def fits(self, channels: Channels) -> bool:
+        """Whether what a neighbour sent has the shapes that the next step can read."""
+        ...
+
     def belief(self) -> Belief:
         """What is believed after the last step."""
+        ...
+
+    def doubts(self) -> tuple[str, ...]:
+        """Why that may not be true any more, in words; asked for after every step."""
         ...
 
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.acceleration import MotionFusion
-from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.forgetting_window import ForgettingWindow
 from coheft.estimation.inertia import (
     FEATURES,
@@ -29,6 +28,7 @@ from coheft.estimation.inertia import (
 from coheft.estimation.inertia_derivatives import barycentric_derivative, seen_inertia_derivative
 from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, unseen_quantities
 from coheft.estimation.load_change import LoadWindow, Memory
+from coheft.estimation.pose_disturbance import wrench_disturbance
 from coheft.estimation.pose_sensitivity import (
     MOTION_FEATURES,
     REGISTRATION_FEATURES,
@@ -43,15 +43,24 @@ from coheft.wire.messages import PayloadEstimate
 _CROSS_SHAPE = (MOTION_FEATURES.stop, 6)
 _CROSS_SIZE = _CROSS_SHAPE[0] * _CROSS_SHAPE[1]
 _WRENCH_FEATURES = slice(MOTION_FEATURES.stop, FEATURES)
-_COMPARED = 2.0
-_FAR = 5.0
-"""When the poses' step would shift the test of a stretch of the former length [s] by more than the latter [chi-square],
-samples from before it are not compared with each other any more."""
-_TOLERANCE = 3.0
-"""By so many standard deviations, as far as they come from the poses, two stretches may differ without a change."""
+_DISTURBANCE = GRAM_SIZE
+"""Where a block's moments hold the size of the disturbance that poses make, in units of the noise."""
+_CROSS = slice(_DISTURBANCE + 1, _DISTURBANCE + 1 + _CROSS_SIZE)
+_COHERENCE = 1.0
+"""Time for which what the robots push against each other keeps its direction, more or less [s]."""
+_SPOILT = 1.0
+"""Where poses disturb wrenches more than this, samples are not compared: the first fits of few samples are rough."""
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
-_LEAST = 0.5
+_LOOK = 0.1
+"""Time between two solutions for what the load is, to hold what comes against [s]."""
+_RECENT = 0.25
+"""Time over which recent residuals are averaged [s]."""
+_CONTRADICTION = 80.0
+"""Limit of the chi-square of the mean recent residual, six degrees of freedom: 4e-15 by chance."""
+_GIVE_UP = 0.5
+"""After so long a contradiction what is remembered is forgotten: it was of another load [s]."""
+_LEAST = 0.2
 """Least time of samples from which anything is estimated [s]."""
 
 
@@ -87,23 +96,32 @@ class LoadMemory:
         memory = config.efficient.memory
         self._kept = 1.0
         if memory == "window":
-            self._window = LoadWindow(riders=_CROSS_SIZE)
+            self._window = LoadWindow(riders=1 + _CROSS_SIZE, coherence=_COHERENCE * config.rate)
         else:
             blocks = memory * config.rate / config.block
             self._kept = float(np.exp(-1.0 / blocks))
             floor = np.full(INERTIA_SIZE + OFFSET_SIZE * self._offsets, 1e3)
-            self._window = ForgettingWindow(blocks, floor, riders=_CROSS_SIZE)
+            self._window = ForgettingWindow(blocks, floor, riders=1 + _CROSS_SIZE)
         self._last_block = self._changed_at = -1
         self._poses: Sequence[Pose] = ()
         self._sensitivity: PoseSensitivity | None = None
+        self._fusion: MotionFusion | None = None
         self._model: InertiaModel | None = None
         self._told: _Told | None = None
         self._told_left = 1.0
         self._since_told = np.zeros(GRAM_SIZE)
         self._forces = _MeanSquare()
-        self._mean_square_forces: Array | None = None
         self._mean_crosses = np.zeros((robots, *_CROSS_SHAPE))
-        self._tolerance: Array | None = None
+        self._disturbance = np.inf
+        self._disturbance_shape: Array | None = None
+        self._unknowns: Array | None = None
+        self._recent = np.zeros(FEATURES)
+        blocks_per_second = config.rate / config.block
+        self._recent_kept = float(np.exp(-1.0 / (_RECENT * blocks_per_second)))
+        self._give_up_after = max(1, round(_GIVE_UP * blocks_per_second))
+        self._contradicted = 0
+        self._look_every = max(1, round(_LOOK * blocks_per_second))
+        self._pushed = 0
 
     @property
     def changed_at(self) -> int:
@@ -114,16 +132,17 @@ class LoadMemory:
         """All that is remembered, and what comes, is seen with these poses."""
         self._poses = poses
         self._sensitivity = PoseSensitivity.of(poses, self._config.noise)
+        self._fusion = fusion
         parameters = None
         if self._model is not None and self._is_enough():
             parameters = self._estimate(self._model).inertia.barycentric()
         self._model = InertiaModel(
             fusion.wrench_covariance, fusion.acceleration_covariance, parameters, with_offset=self._offsets
         )
+        if self._disturbance_shape is not None:
+            self._model.expect_disturbance(self._disturbance_shape)
 
-    def push(
-        self, block: int, motion: Array, wrench: Array, own_wrench: Array, look_for_change: bool = True
-    ) -> int | None:
+    def push(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> int | None:
         """Take in a block of body motion (B, 12), total wrench (B, 6) and own wrench in ``F_i`` (B, 6).
 
         Args:
@@ -131,40 +150,85 @@ class LoadMemory:
             motion: Of the body frame.
             wrench: Total, in the body frame.
             own_wrench: This robot's share.
-            look_for_change: Whether the poses are known well enough to tell another load from other poses.
 
         Returns:
             The first block of a new load, if a change was found.
         """
         assert self._model is not None
-        moments = _moments(motion, wrench, own_wrench)
+        moments = _moments(motion, wrench, own_wrench, min(self._disturbance, _SPOILT))
         self._window.push(block, moments)
         self._forces.add(own_wrench[:, :3])
         self._last_block = block
         self._told_left *= self._kept
         self._since_told = self._kept * self._since_told + moments[:GRAM_SIZE]
-        if not look_for_change:
+        if self._disturbance > _SPOILT:
             self._window.forget_borders_before(block)  # later, too, these samples cannot be told apart by their load
+            self._look_back(block, moments)
             return None
-        if self._told is not None and self._shift(self._told) > _FAR:
-            return None  # samples before and after the last change of poses cannot be compared before ``correct``
-        change = self._window.review(self._model, self._tolerance)
+        # Until ``correct`` the poses' last step adds up in all samples from before it.
+        change = self._window.review(self._model, is_coherent=self._told is not None)
         if change is None:
+            self._look_back(block, moments)
             return None
-        self._changed_at = change.first_block
+        self._begin(change.first_block)
         return change.first_block
+
+    def surprise(self, motion: Array, wrench: Array) -> float:
+        """Mean square of a block's residuals over what it should be, by what is known of the load; 0 if nothing is."""
+        if self._model is None or self._unknowns is None:
+            return 0.0
+        explained = np.tensordot(features(motion, wrench), self._model.regressor_coefficients @ self._unknowns, 1)
+        residuals = wrench - explained
+        weighted = residuals @ np.linalg.inv(self._model.residual_covariance)
+        return float(np.sum(weighted * residuals) / residuals.size / (1.0 + self._disturbance))
+
+    def _look_back(self, block: int, moments: Array) -> None:
+        """Whether the wrenches of late are those of the load that is remembered; if not for long, forget it."""
+        assert self._model is not None
+        self._recent = self._recent_kept * self._recent + unpacked_gram(moments[:GRAM_SIZE])[0]
+        if self._told is not None:
+            return  # motions are seen with new poses, wrenches with old ones
+        if not self._is_enough():
+            self._unknowns = None
+            return
+        self._pushed += 1
+        if self._unknowns is None or self._pushed % self._look_every == 0:
+            information = self._window.information(self._model)
+            ridge = _SINGULAR * np.diag(np.diag(information.uncompensated))
+            self._unknowns = np.asarray(np.linalg.solve(information.matrix + ridge, information.vector))
+        is_right = self._recent_statistic(self._model, self._unknowns) < _CONTRADICTION
+        self._contradicted = 0 if is_right else self._contradicted + 1
+        if self._contradicted > self._give_up_after:
+            self._window.forget_before(block)
+            self._begin(self._changed_at)
+
+    def _recent_statistic(self, model: InertiaModel, unknowns: Array) -> float:
+        """Chi-square of the mean residual of late: noise averages out, what poses add does not."""
+        count = self._recent[0]
+        mean = self._recent / count
+        residual = mean[_WRENCH_FEATURES] - np.tensordot(mean, model.regressor_coefficients @ unknowns, 1)
+        spread = model.residual_covariance / count
+        if self._disturbance_shape is not None:
+            spread = spread + self._disturbance * self._disturbance_shape
+        return float(residual @ np.linalg.solve(spread, residual))
+
+    def _begin(self, changed_at: int) -> None:
+        """What is remembered is of another load than before."""
+        self._changed_at, self._unknowns = changed_at, None
+        self._recent, self._contradicted = np.zeros(FEATURES), 0
 
     def push_early(self, motion: Array, wrench: Array, own_wrench: Array) -> None:
         """Take in a block from before all others, as ``push``; it is not looked at for changes."""
         if self.changed_at < 0:
-            self._window.push_early(_moments(motion, wrench, own_wrench))
+            self._window.push_early(_moments(motion, wrench, own_wrench, 0.0))
 
     def adopt(self, changed_at: int) -> bool:
         """A neighbour says that the load changed at this block. Returns whether that is news."""
         if changed_at <= self._changed_at:
             return False
-        self._changed_at = changed_at
-        self._window.forget_before(changed_at)
+        self._begin(changed_at)
+        if self._model is not None:
+            self._window.accept(changed_at, self._model)
         return True
 
     def told(self) -> Array:
@@ -176,36 +240,35 @@ class LoadMemory:
         summary = [self._told.changed_at, self._told.count, self._forces.mean]
         return np.concatenate([summary, self._told.cross.ravel()])
 
-    def correct(self, rows: Array | None) -> None:
+    def correct(self, rows: Array | None, team: TeamPoses) -> None:
         """Let the total wrenches be as the newest poses would have carried them.
 
         Args:
             rows: Everybody's ``told``, shape (N, 81); None if not everybody's has been heard.
+            team: The newest poses.
         """
         told, self._told = self._told, None
         if told is None:
             return
-        is_same_load = told.changed_at == self._changed_at
-        if rows is not None and is_same_load and np.all(rows[:, 0] == told.changed_at) and np.all(rows[:, 1] > 0.0):
+        same_load = rows is not None and bool(np.all(np.append(rows[:, 0], self._changed_at) == told.changed_at))
+        if rows is not None and same_load and np.all(rows[:, 1] > 0.0):
             # Each one's mean: not everybody need have missed the same samples.
             self._mean_crosses = rows[:, 3:].reshape(-1, *_CROSS_SHAPE) / rows[:, 1, None, None]
             self._correct_wrenches(told)
-        self._mean_square_forces = None if rows is None else rows[:, 2]
-        if self._shift(told) > _FAR:
+        else:
             self._window.forget_borders_before(told.last_block + 1)
+        if self._disturbance > _SPOILT and not (rows is not None and same_load and np.all(rows[:, 1] == told.count)):
+            self._window.forget_before(told.last_block + 1)  # means will not do for poses that were so rough
+        if rows is not None:
+            self._expect_disturbance(wrench_disturbance(self._poses, team.covariance, rows[:, 2]))
 
-    def _shift(self, told: _Told) -> float:
-        """What the poses' step does to the test of a short stretch, if it is corrected for its mean effect only.
-
-        A robot whose pose moved by ``d`` [m], at its lever arm, shifts the total wrench by ``d`` times what it pushes.
-        """
-        if self._mean_square_forces is None:
-            return np.inf
-        length, noise = self._length(), self._config.noise
-        steps = [perturbation_between(old, new) for old, new in zip(told.old_poses, told.new_poses, strict=True)]
-        moved = [length * np.linalg.norm(step[:3]) + np.linalg.norm(step[3:]) for step in steps]
-        variance = len(steps) * ((noise.force * length) ** 2 + noise.torque**2)
-        return float(_COMPARED * self._config.rate * np.square(moved) @ self._mean_square_forces / variance)
+    def _expect_disturbance(self, covariance: Array) -> None:
+        """From now on samples are spoilt with this covariance (6, 6), beside their noise."""
+        assert self._fusion is not None
+        assert self._model is not None
+        self._disturbance = float(np.trace(np.linalg.solve(self._fusion.wrench_covariance, covariance))) / 6.0
+        self._disturbance_shape = covariance / self._disturbance
+        self._model.expect_disturbance(self._disturbance_shape)
 
     def _correct_wrenches(self, told: _Told) -> None:
         correction = np.zeros((FEATURES, FEATURES))
@@ -234,12 +297,13 @@ class LoadMemory:
 
         def update(sums: Array) -> Array:
             gram = full_map @ unpacked_gram(sums[:, :GRAM_SIZE]) @ full_map.T
-            cross = motion_map @ sums[:, GRAM_SIZE:].reshape(-1, *_CROSS_SHAPE)
-            return np.hstack([repacked_gram(gram), cross.reshape(len(sums), -1)])
+            cross = motion_map @ sums[:, _CROSS].reshape(-1, *_CROSS_SHAPE)
+            return np.hstack([repacked_gram(gram), sums[:, _DISTURBANCE, None], cross.reshape(len(sums), -1)])
 
         self._window.revise(update)
+        self._recent = full_map @ self._recent
         total = self._window.total
-        cross = total[GRAM_SIZE:].reshape(_CROSS_SHAPE)
+        cross = total[_CROSS].reshape(_CROSS_SHAPE)
         motion_gram = unpacked_gram(total[:GRAM_SIZE])[MOTION_FEATURES, MOTION_FEATURES]
         self._told_left = 1.0
         self._since_told = np.zeros(GRAM_SIZE)
@@ -249,6 +313,8 @@ class LoadMemory:
         """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable."""
         if self._model is None or not self._is_enough():
             return None, ()
+        if self._contradicted:
+            return None, ("load: the forces of late do not fit what is remembered of it",)
         estimate = self._estimate(self._model)
         seen_by_own = seen_inertia_derivative(self._poses[own], estimate.inertia)
         to_central = np.linalg.inv(barycentric_derivative(estimate.inertia))
@@ -261,14 +327,6 @@ class LoadMemory:
             return None, tuple(f"{part.what}: {part.remedy}" for part in unseen)
         inertia = estimate.inertia.carried(self._poses[own].inverse())
         return PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, covariance), ()
-
-    def set_tolerance(self, team: TeamPoses) -> None:
-        """How far two stretches of one load may seem to differ, for the poses' errors."""
-        if self._model is None or not self._is_enough():
-            return
-        by_poses = self._by_poses(self._estimate(self._model))
-        tolerance = _TOLERANCE * np.sqrt(np.diag(by_poses @ team.covariance @ by_poses.T))
-        self._tolerance = np.concatenate([tolerance, np.zeros(self._model.unknowns - INERTIA_SIZE)])
 
     def _by_poses(self, estimate: InertiaEstimate) -> Array:
         """Derivative of ``theta`` by all poses, shape (10, 6 N)."""
@@ -300,11 +358,11 @@ class LoadMemory:
         return self._count() >= _LEAST * self._config.rate
 
 
-def _moments(motion: Array, wrench: Array, own_wrench: Array) -> Array:
-    """Packed Gram matrix of a block, and its share of ``C_i``."""
+def _moments(motion: Array, wrench: Array, own_wrench: Array, disturbance: float) -> Array:
+    """Packed Gram matrix of a block, its disturbance, and its share of ``C_i``."""
     rows = features(motion, wrench)
     cross = rows[:, MOTION_FEATURES].T @ own_wrench
-    return np.concatenate([packed_gram(rows), cross.ravel()])
+    return np.concatenate([packed_gram(rows), [len(rows) * disturbance], cross.ravel()])
 
 
 class _MeanSquare:

@@ -48,6 +48,11 @@ _SETTLED = 1.0
 normalised residuals], and the filter has had this long to settle since it started or noticed one [s]."""
 
 
+_KINEMATICS_SIZE = 9
+_LATE = 0.25
+"""After so long without a complete sum what is believed is in doubt [s]."""
+
+
 class SeedEstimator:
     """One robot's share of the seed method. See ``agents.estimator.Estimator``."""
 
@@ -63,19 +68,26 @@ class SeedEstimator:
         self._inertial_phase: _InertialPhase | None = None
         self._started = -1
         """The block after which the sums started last."""
+        self._team = 0
+        self._index = -1
 
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
         """See ``Estimator.step``."""
         previous = self._blocks.get(index - 1)
         heard = {name: channels["kinematics"] for name, channels in inbox.items() if "kinematics" in channels}
+        heard = {name: rows for name, rows in heard.items() if rows.shape == (self._config.block, _KINEMATICS_SIZE)}
         if previous is not None:
             for name, kinematics in heard.items():
                 self._update_pose(name, previous[:, :6], kinematics[:, :6])
         if own is not None:
             self._blocks[index] = own.samples
-        self._blocks.pop(index - self._settings.rounds - 3, None)
+        kept = index - self._settings.rounds - 3
+        self._blocks = {block: rows for block, rows in self._blocks.items() if block > kept}
         sent = {} if own is None else {"kinematics": own.samples[:, KINEMATICS]}
 
+        if self._gossip.team != self._team:  # one of its members started again, let go, or took hold
+            self._team, self._inertial_phase = self._gossip.team, None
+        self._index = index
         start = self._gossip.start_block
         if start is None or index <= start:
             self._announce_poses(index)
@@ -90,6 +102,11 @@ class SeedEstimator:
         if self._inertial_phase.is_broken:
             self._announce_start(index)
         return sent | self._inertial_phase.channels()
+
+    def fits(self, channels: Channels) -> bool:
+        """See ``Estimator.fits``."""
+        rows = channels.get("kinematics")
+        return rows is None or rows.shape == (self._config.block, _KINEMATICS_SIZE)
 
     def belief(self) -> Belief:
         """See ``Estimator.belief``."""
@@ -112,7 +129,18 @@ class SeedEstimator:
             total_wrench=phase.total_wrench,
             not_observable=missing,
             load_changes=tuple(phase.load_changes),
+            learned_block=phase.total_block,
         )
+
+    def doubts(self) -> tuple[str, ...]:
+        """See ``Estimator.doubts``."""
+        phase = self._inertial_phase
+        if phase is None:
+            return ("the team's sums have not begun",)
+        blocks_late = round(_LATE * self._config.rate / self._config.block)
+        if self._index - self._settings.rounds - phase.total_block > blocks_late:
+            return (f"no complete sum of the team since block {phase.total_block}",)
+        return ()
 
     def _update_pose(self, name: str, own: Array, other: Array) -> None:
         if self._config.name < name:
@@ -135,7 +163,8 @@ class SeedEstimator:
 
     def _announce_poses(self, index: int) -> None:
         """Once all poses are known, offer a start."""
-        is_announced = self._gossip.records[self._config.name].ready_block >= 0
+        own = self._gossip.own
+        is_announced = own.ready_block >= 0 and own.team == self._gossip.team
         if not is_announced and all(self._is_known(pose) for pose in self._poses().values()):
             self._announce_start(index)
 

@@ -1,229 +1,340 @@
 """A robot's share of the team's work: exact sums, joint poses, and the load's inertia, all in the body frame.
 
-Poses are fitted again and again, in five steps at blocks that all agents know:
+Poses are fitted again and again (``agents.pose_fits``). When the first block that was carried with new poses leaves the
+sums, the motions of all samples are *mapped* to the new poses, and each robot tells the moments of its own wrench; when
+all have been heard, the total wrenches are *corrected* for the new poses as well. So what was accumulated always is, to
+first order, what the newest poses would have given for all samples so far.
 
-1. *tell*: each tells its score, and a diameter later everybody has heard everybody;
-2. *fit*: the reference robot computes the joint step, and tells all poses. Anybody could, but not everybody need have
-   the same samples, where messages were lost, and must not be of another opinion on the poses for that;
-3. *switch*: a diameter later, samples that enter the sums from now on are carried with the new poses;
-4. *map*: the last block with old poses has left the sums. The motions of all samples are mapped to the new poses, and
-   each tells the moments of its own wrench;
-5. *correct*: a diameter later, the total wrenches are corrected for the new poses as well.
-
-So what was accumulated always is, to first order, what the newest poses would have given for all samples so far.
+What a robot knows of itself goes into the sums unchecked, so all robots watch whether the sums can be true
+(``agents.watch``), learn nothing while they cannot, and say whose sensors contradict them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agents.fit_rounds import FitRound, FitRounds
 from agents.load_memory import LoadMemory
+from agents.pose_fits import PoseFits
+from agents.sums import Entered, TeamSums
+from agents.watch import MISFIT, Watch, block_misfit
 from coheft.estimation.acceleration import (
-    CHANNELS,
     DERIVATIVE_SPAN,
     MotionFusion,
     carried_constants,
     derivative,
     derivative_kernel,
     robot_constants,
-    summands,
 )
+from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.measurement import KINEMATICS, WRENCH
 from coheft.estimation.observability import PoseEstimate
-from coheft.estimation.registration import RegistrationMoments, score_and_information
+from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses, refit_map, register_team
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
-from consensus.flood import Flood
-from consensus.gossip import Gossip
-from consensus.graph import diameter
-from consensus.pipeline import NeighbourStages, Pipeline
+from consensus.flood import Flood, Floods
+from consensus.graph import Neighbours, diameter
 from consensus.schedule import choose_schedule
 
-_SHORTEST_ROUND = 0.2
-"""Shortest time between two fits of the poses [s]."""
-_KNOWN = 4e-3
-"""While poses are less certain, what looks like another load is not taken for one: what the robots push against each
-other, times what the poses are off, must be small beside the noise of forces [rad, and m, per N of that noise]."""
-_SCORE_SIZE, _POSE_SIZE = 6, 12
+_PATIENCE = 0.25
+"""After so long without a complete sum, the load may have changed unnoticed; and when sums are complete again, a change
+in the meantime takes so long to be noticed [s]."""
+_MOVING = 4.0
+"""While a fit moves a pose by more of its standard deviations, it is too far from the optimum for these to be true."""
+_LEFT = 0.25
+"""Share of a fit's last step that may be left to go, because the fit is not linear."""
+_UNTRIED = 2.0
+"""Poses are so much less certain, in variance, as this is of the time of samples that they were fitted to [s]: what is
+left out of their covariance is of second order, and matters when they are new."""
+_JUMP = 30.0
+"""A block whose squared residuals are so many times what they should be is held until the next one has come: a load
+changes for longer than a block."""
+_NONSENSE = 15.0
+"""The same for the motion of the body, which does not change at a sudden: such a block is not used."""
+_BLAMED = 0.6
+"""After so long a contradiction a robot starts over [s]."""
+_MISFIT_TOLD = 0.1
+"""Robots tell each other so often how their sensors fit the team's motion [s]."""
+_LOAD_CHANGES = 32
+"""So many of the newest load changes are remembered."""
+_POSE_FREEDOM = 6
 EARLY = 10.0
 """How far back from their start the sums reach [s]."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Entered:
-    """A block of own samples (B, 15) on its way through the sums, and the own pose that it was carried with."""
+@dataclass(frozen=True)
+class Found:
+    """What a robot knows of its team and the load.
 
-    samples: Array
-    pose: Pose
+    Attributes:
+        poses: ``pose_j_in_i`` of the neighbours.
+        payload: Mass properties in ``F_i``, None while there are none.
+        unseen: What of them is not observable.
+        learned_block: The newest block that is in it.
+    """
+
+    poses: Mapping[str, PoseEstimate]
+    payload: PayloadEstimate | None
+    unseen: tuple[str, ...]
+    learned_block: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """What a complete sum says: body motion (B, 12), total and own wrench (B, 6), moments of the own pose."""
+
+    number: int
+    motion: Array
+    wrench: Array
+    own_wrench: Array
+    moments: RegistrationMoments
 
 
 class Team:
-    """State of one agent since the network's sums began.
+    """State of one agent since the sums of a team began.
 
     Args:
         config: The agent's settings.
-        gossip: Knows the graph, and the poses that everybody starts with.
+        graph: The team's.
+        poses: Of all its members, roughly, by name. That of the first defines the body frame.
         start: Block at which the sums begin, the same for everybody.
         history: Own samples of the blocks before, by number. They follow, one per block, through sums of their own.
 
     Attributes:
+        learned_block: Newest block whose total was learned from, -1 while there is none.
         total_block: Block of the newest total, -1 while there is none.
         total_wrench: Total wrench (6,) about the origin of ``F_i`` at its last sample.
-        load_changes: Noticed so far.
+        load_changes: Noticed so far, the newest ones.
     """
 
-    def __init__(self, config: AgentConfig, gossip: Gossip, start: int, history: Mapping[int, Array]) -> None:
-        graph = gossip.graph
-        poses = tuple(gossip.pose(name) for name in sorted(graph or ()))
-        # Without the graph, and without a pose, nobody would have been ready.
-        assert graph is not None
-        self._poses = tuple(pose for pose in poses if pose is not None)
-        assert len(self._poses) == len(graph)
+    def __init__(
+        self,
+        config: AgentConfig,
+        graph: Neighbours,
+        poses: Mapping[str, Pose],
+        start: int,
+        history: Mapping[int, Array],
+    ) -> None:
         self._config = config
         self._names = sorted(graph)
         self._own = self._names.index(config.name)
+        self._neighbours = graph[config.name]
+        self._poses = tuple(poses[name] for name in self._names)
         schedule = choose_schedule({name: graph[name] for name in self._names})
-        self._scale = schedule.scale
-        self._own_gains = schedule.gains(config.name, config.name)
-        self._gains = {name: schedule.gains(config.name, name) for name in graph[config.name]}
-        self._pipeline = Pipeline(schedule.rounds, config.block, CHANNELS)
-        self._early_pipeline = Pipeline(schedule.rounds, config.block, CHANNELS)
+        self._sums, self._early_sums = (
+            TeamSums(channel, config.name, self._neighbours, schedule, config.block, config.noise)
+            for channel in ("sums", "early")
+        )
         # Everybody goes back equally far; whoever does not have a block any more lets it be left out.
         self._delay = min(start, self._blocks(EARLY))
         self._start = start
+        self._early_end = start + schedule.rounds + self._delay
         self._history = dict(history)
+        self._next = start
         # Whoever is farthest has heard a diameter later; one block more, so that a lost message does no harm.
         self._hearing = diameter(graph) + 1
 
-        self._half_span = max(2, min(config.block, round(DERIVATIVE_SPAN * config.rate)))
-        self._kernel = derivative_kernel(self._half_span, 1.0 / config.rate)
-        self._carrying_pose = self._poses[self._own]
+        half_span = max(2, min(config.block, round(DERIVATIVE_SPAN * config.rate)))
+        self._kernel = derivative_kernel(half_span, 1.0 / config.rate)
+        self._half_span = half_span
         self._fusion = self._fuse()
-        self._moments = RegistrationMoments.none()
+        self._totals: dict[int, tuple[Entered, Array]] = {}
+        self._found_before: Found | None = None
         self._fitted: TeamPoses | None = None
         self._memory = LoadMemory(config, len(self._names), self._own)
         self._memory.set_poses(self._poses, self._fusion)
 
-        self._entered: dict[int, _Entered] = {}
-        self._sums: dict[int, Array] = {}
-        self._learned_block = -1
-        self._rounds = FitRounds(
-            start, schedule.rounds, self._hearing, self._blocks(_SHORTEST_ROUND), config.efficient.refit_share
-        )
-        self._scores = Flood(len(self._names), _SCORE_SIZE + _POSE_SIZE)
-        self._fits = Flood(1, len(self._names) * _POSE_SIZE)
-        self._crosses = Flood(len(self._names), LoadMemory.told_size)
-        self._new: TeamPoses | None = None
+        members = len(self._names)
+        self._fits = PoseFits(config, members, self._own, start, schedule.rounds, self._hearing)
+        # Versions of the poses that the past was mapped to, and corrected for.
+        self._version = self._corrected = 0
+        self._steps: list[Array] = []
+        self._crosses = Flood(members, LoadMemory.told_size)
+        self._misfits = Flood(members, 1)
+        self._floods = Floods({**self._fits.floods, "crosses": self._crosses, "misfits": self._misfits})
+        self._watch = Watch(config.noise, config.rate / config.block)
+        self._misfit_every = self._blocks(_MISFIT_TOLD)
+        self._held: _Block | None = None
+        self._blamed = 0
+        self._rounds = schedule.rounds
+        self._patience = self._blocks(_PATIENCE)
+        self._resumed_block = self._settled_block = -1
         self._noticed_block = -1
-        self._poses_are_known = False
+        self.learned_block = -1
         self.total_block = -1
         self.total_wrench = np.zeros(6)
         self.load_changes: list[LoadChangeNotice] = []
 
     def step(self, index: int, samples: Array | None, inbox: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
         """One block: it enters the sums, and one that entered earlier leaves them."""
-        for channels in inbox.values():
-            self._hear(channels, index)
-        finished = self._pipeline.advance(self._stages(inbox, "sums"), self._own_gains)
-        leaving = index - self._pipeline.rounds
-        fit_round = self._rounds.at(index)
-        self._fit_poses(fit_round, index)
-        if finished is not None:
-            self._take_in(leaving, index, self._scale * finished)
-        self._enter(self._pipeline, index, samples)
-        self._entered.pop(leaving - 3, None)
-        self._sums.pop(leaving - 3, None)
-        early = self._catch_up(index, inbox)
-        told = early | {
-            "sums": self._pipeline.stages.copy(),
-            "sums_valid": self._pipeline.valid.astype(np.float64),
-            "load_change": np.array([float(self._memory.changed_at)]),
-        }
-        if fit_round.tell <= index < fit_round.fit:
-            told["scores"] = self._scores.table
-        if fit_round.fit <= index < fit_round.switch:
-            told["fits"] = self._fits.table
-        if fit_round.map <= index < fit_round.correct:
-            told["crosses"] = self._crosses.table
-        return told
+        if index != self._next:
+            self._sums.clear()
+            self._early_sums.clear()
+        self._next = index + 1
+        for name, channels in inbox.items():
+            self._floods.hear(name, channels)
+            self._hear_of_change(channels.get("load_change"), index)
+        self._fit_poses(index)
+        finished = self._sums.advance(inbox)
+        newest = None if finished is None else self._take_in(*finished, index)
+        self._sums.enter(self._entered(index, samples))
+        told = self._sums.channels()
+        early = None
+        if index < self._early_end:
+            early = self._catch_up(index, inbox)
+            told |= self._early_sums.channels()
+        self._fits.common.add(index, (newest, early))
+        if index % self._misfit_every == 0 and self._fitted is not None:
+            self._misfits.tell(self._own, index, np.array([self._own_misfit(self._fitted)]))
+        self._blamed = self._blamed + 1 if self._contradicting() == self._names[self._own] else 0
+        told["load_change"] = np.array([float(self._memory.changed_at)])
+        return told | self._floods.channels()
 
-    def neighbours_poses(self) -> dict[str, PoseEstimate]:
-        """``pose_j_in_i`` of the neighbours, once poses have been fitted."""
-        if self._fitted is None:
-            return {}
-        return {name: self._fitted.relative(self._own, self._names.index(name)) for name in sorted(self._gains)}
+    def fits(self, channels: Mapping[str, Array]) -> bool:
+        """Whether what a neighbour sent has the shapes of this team."""
+        return self._floods.fit(channels) and self._sums.fit(channels) and self._early_sums.fit(channels)
 
-    def payload(self) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
-        """Mass properties in ``F_i``, None while there are none, and what is not observable."""
-        if self._fitted is None:
-            return None, ()
-        return self._memory.payload(self._own, self._fitted)
+    def poses(self) -> dict[str, Pose]:
+        """Of all members, in the body frame."""
+        return dict(zip(self._names, self._poses, strict=True))
+
+    def found(self) -> Found | None:
+        """What is known of poses and load; None as long as no poses have been fitted.
+
+        While a fit is under way, what was known before: motions are seen with new poses then, wrenches with old ones.
+        """
+        if self._corrected == self._version and self._fitted is not None:
+            payload, unseen = self._memory.payload(self._own, self._fitted)
+            return Found(self._neighbours_poses(self._fitted), payload, unseen, self.learned_block)
+        if self._found_before is not None and self._memory.changed_at > self._found_before.learned_block:
+            return replace(self._found_before, payload=None)
+        return self._found_before
+
+    def _neighbours_poses(self, fitted: TeamPoses) -> dict[str, PoseEstimate]:
+        return {name: fitted.relative(self._own, self._names.index(name)) for name in sorted(self._neighbours)}
+
+    def doubts(self) -> tuple[str, ...]:
+        """Why what is known of the load may not be true any more."""
+        if self.learned_block < 0:
+            return ("the team's sums have just begun",)
+        liar = self._contradicting()
+        if liar is not None:
+            return (f"what {liar} measures contradicts how the load moves",)
+        age = self._next - 1 - self._rounds - self.learned_block
+        if age > self._patience:
+            return (f"no complete sum of the team since {self._time(self.learned_block + 1):.2f} s",)
+        if self._fitted is not None:
+            deviations = np.sqrt(np.diag(self._fitted.covariance)[_POSE_FREEDOM:])
+            if np.any(np.abs(np.concatenate(self._steps[1:])) > _MOVING * deviations):
+                return ("the poses are still being found",)
+        if self.learned_block < self._settled_block:
+            return (f"complete sums of the team again since {self._time(self._resumed_block):.2f} s only",)
+        return ()
+
+    @property
+    def must_start_over(self) -> bool:
+        """Whether this robot's measurements have contradicted the team's motion for too long.
+
+        What was learned before it was noticed may be wrong, and then the contradiction would never end.
+        """
+        return self._blamed > self._blocks(_BLAMED)
+
+    def _own_misfit(self, fitted: TeamPoses) -> float:
+        own = slice(_POSE_FREEDOM * self._own, _POSE_FREEDOM * (self._own + 1))
+        return self._watch.misfit(self._poses[self._own], np.diag(np.diag(fitted.covariance[own, own])))
+
+    def _contradicting(self) -> str | None:
+        """The robot whose measurements contradict the team's motion most, if any do."""
+        table = self._misfits.table
+        worst = int(np.argmax(table[:, 1]))
+        return self._names[worst] if table[worst, 1] > MISFIT else None
 
     # --- sums ---
 
-    def _stages(self, inbox: Mapping[str, Mapping[str, Array]], channel: str) -> list[NeighbourStages]:
-        stages = []
-        for name, gains in self._gains.items():
-            channels = inbox.get(name, {})
-            valid = channels.get(f"{channel}_valid")
-            stages.append(NeighbourStages(None, gains, channels.get(channel), None if valid is None else valid > 0.5))
-        return stages
-
-    def _enter(self, pipeline: Pipeline, block: int, samples: Array | None) -> None:
+    def _entered(self, block: int, samples: Array | None) -> Entered | None:
         if samples is None:
-            pipeline.enter(None)
-            return
-        self._entered[block] = _Entered(samples, self._carrying_pose)
-        own = summands(samples, self._config.noise) @ self._carrying_pose.adjoint().T
-        pipeline.enter(own.reshape(len(samples), CHANNELS))
+            return None
+        return Entered(block, samples, self._fits.carrying_pose(self._poses), self._fits.carried)
 
-    def _catch_up(self, index: int, inbox: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
-        """One block from before the start enters the sums, and another leaves them; what to tell of that."""
-        pipeline = self._early_pipeline
-        entering = index - self._delay
-        if entering >= self._start + pipeline.rounds:
-            return {}
-        finished = pipeline.advance(self._stages(inbox, "early"), self._own_gains)
-        entered = self._entered.pop(entering - pipeline.rounds, None)
-        if finished is not None and entered is not None and self._fusion.derivative_gain is None:
-            sums = (self._scale * finished).reshape(-1, 3, 6)
-            motion = self._fusion.motion(sums)
-            self._moments += RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
-            self._memory.push_early(motion, sums[:, 0], entered.samples[:, WRENCH])
-        self._enter(pipeline, entering, self._history.pop(entering, None) if entering < self._start else None)
-        return {"early": pipeline.stages.copy(), "early_valid": pipeline.valid.astype(np.float64)}
+    def _catch_up(self, index: int, inbox: Mapping[str, Mapping[str, Array]]) -> RegistrationMoments | None:
+        """One block from before the start enters the sums, and another leaves them."""
+        finished = self._early_sums.advance(inbox)
+        block = index - self._delay
+        self._early_sums.enter(self._entered(block, self._history.pop(block, None) if block < self._start else None))
+        if finished is None or self._fusion.derivative_gain is not None or finished[0].version != self._version:
+            return None
+        entered, sums = finished
+        motion = self._fusion.motion(sums)
+        self._memory.push_early(motion, sums[:, 0], entered.samples[:, WRENCH])
+        return RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
 
-    def _take_in(self, block: int, index: int, totals: Array) -> None:
-        """The network's totals of a block, in the body frame."""
-        self._sums[block] = totals.reshape(-1, 3, 6)
+    def _take_in(self, entered: Entered, sums: Array, index: int) -> RegistrationMoments | None:
+        """The team's sums of a block, in the body frame; returns what they say of the own pose."""
+        block = entered.block
+        self._totals[block] = entered, sums
+        self._totals = {number: total for number, total in self._totals.items() if number > block - 3}
         self.total_block = block
-        self.total_wrench = self._entered[block].pose.inverse().adjoint() @ totals[-1, :6]
-        if self._fusion.derivative_gain is None:
-            self._learn(block, index, None)
-            return
-        # The gyros have to fill in, and their slope takes the neighbouring blocks.
-        around = [self._sums[number] for number in (block - 2, block - 1, block) if number in self._sums]
-        if len(around) == 3:
-            w = np.concatenate([self._fusion.angular_velocity(sums) for sums in around])
-            size, half = self._config.block, self._half_span
-            self._learn(block - 1, index, derivative(w[size - half : 2 * size + half], self._kernel))
+        self.total_wrench = entered.pose.inverse().adjoint() @ sums[-1, 0]
+        # Where the gyros have to fill in, their slope takes the neighbouring blocks.
+        return self._look_at(block if self._fusion.derivative_gain is None else block - 1, index)
 
-    def _learn(self, block: int, index: int, w_derivative: Array | None) -> None:
-        if block <= self._learned_block:
-            return  # new poses have made the derivative needless, or needed
-        self._learned_block = block
-        samples, sums = self._entered[block].samples, self._sums[block]
+    def _look_at(self, block: int, index: int) -> RegistrationMoments | None:
+        """Learn from the sums of a block, if they can be true; returns what they say of the own pose."""
+        if block <= self.learned_block or block not in self._totals:
+            return None  # new poses have made the derivative needless, or needed
+        entered, sums = self._totals[block]
+        if entered.version != self._version:
+            self._map_to(entered.version)
+        w_derivative = None
+        if self._fusion.derivative_gain is not None:
+            w_derivative = self._slope(block)
+            if w_derivative is None:
+                return None
         motion = self._fusion.motion(sums, w_derivative)
-        self._moments += RegistrationMoments.of(samples[:, KINEMATICS], motion)
-        changed_at = self._memory.push(block, motion, sums[:, 0], samples[:, WRENCH], self._poses_are_known)
+        moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
+        found = _Block(block, motion, sums[:, 0], entered.samples[:, WRENCH], moments)
+        if self._fitted is None:
+            return self._learn(found, index)
+        self._watch.add(moments)
+        held, self._held = self._held, None
+        if self._contradicting() is not None:
+            return None
+        if block_misfit(moments, self._poses[self._own], self._config.noise) > _NONSENSE:
+            return None
+        if self._memory.surprise(motion, found.wrench) <= _JUMP:
+            return self._learn(found, index)
+        if held is None:
+            self._held = found
+            return None
+        return self._learn(held, index) + self._learn(found, index)
+
+    def _learn(self, found: _Block, index: int) -> RegistrationMoments:
+        if found.number > self.learned_block + self._patience and self.learned_block >= 0:
+            self._resumed_block, self._settled_block = found.number, found.number + self._patience
+        self.learned_block = found.number
+        changed_at = self._memory.push(found.number, found.motion, found.wrench, found.own_wrench)
         if changed_at is not None:
             self._notice(changed_at, index)
+        return found.moments
+
+    def _slope(self, block: int) -> Array | None:
+        """Derivative of the fused ``w`` during a block (B, 3), None if a block beside it is missing."""
+        around = [self._totals.get(number) for number in (block - 1, block, block + 1)]
+        w = [self._fusion.angular_velocity(total[1]) for total in around if total is not None]
+        size, half = self._config.block, self._half_span
+        return derivative(np.concatenate(w)[size - half : 2 * size + half], self._kernel) if len(w) == 3 else None
+
+    # --- load changes ---
+
+    def _hear_of_change(self, changed_at: Array | None, index: int) -> None:
+        if changed_at is None or changed_at.shape != (1,) or changed_at[0] > index:
+            return
+        if self._memory.adopt(int(changed_at[0])):
+            self._notice(int(changed_at[0]), index)
 
     def _notice(self, changed_at: int, index: int) -> None:
         """The load has changed, as this robot or another one has found."""
@@ -233,76 +344,39 @@ class Team:
             notice = LoadChangeNotice(self.load_changes.pop().noticed_at, notice.changed_at)
         else:
             self._noticed_block = index
-        self.load_changes.append(notice)
+        self.load_changes = [*self.load_changes, notice][-_LOAD_CHANGES:]
 
     # --- poses ---
 
-    def _hear(self, channels: Mapping[str, Array], index: int) -> None:
-        if "scores" in channels:
-            self._scores.hear(channels["scores"])
-        if "fits" in channels:
-            self._fits.hear(channels["fits"])
-        if "crosses" in channels:
-            self._crosses.hear(channels["crosses"])
-        if "load_change" in channels:
-            changed_at = int(channels["load_change"][0])
-            if self._memory.adopt(changed_at):
-                self._notice(changed_at, index)
+    def _fit_poses(self, index: int) -> None:
+        self._fits.step(index, self._version, self._poses, self._corrected == self._version)
+        rows = self._crosses.rows(self._version)
+        if self._corrected < self._version and rows is not None:
+            assert self._fitted is not None  # as there is a version
+            self._memory.correct(rows, self._fitted)
+            self._corrected = self._version
 
-    def _fit_poses(self, fit_round: FitRound, index: int) -> None:
-        """Which step of the fit this block is for, if any."""
-        if index == fit_round.tell:
-            own = self._poses[self._own]
-            score, _, _ = score_and_information(self._moments, own, self._config.noise)
-            self._scores.tell(self._own, fit_round.number, np.concatenate([score, own.numbers()]))
-        elif index == fit_round.fit and self._own == 0:
-            rows = self._scores.rows(fit_round.number)
-            if rows is not None:
-                self._fits.tell(0, fit_round.number, self._fit(rows))
-        elif index == fit_round.switch:
-            self._new = self._switch(self._fits.rows(fit_round.number))
-        elif index == fit_round.map + self._lag and self._new is not None:
-            self._map_to(self._new.poses)
-            self._new = None
-            self._crosses.tell(self._own, fit_round.number, self._memory.told())
-        elif index == fit_round.correct:
-            self._memory.correct(self._crosses.rows(fit_round.number))
-            # Only now are the poses in use those that have this covariance.
-            if self._fitted is not None:
-                largest = np.sqrt(np.diag(self._fitted.covariance).max())
-                self._poses_are_known = bool(largest < _KNOWN * self._config.noise.force)
-
-    def _fit(self, rows: Array) -> Array:
-        """All poses (12 N,) after the joint step, from everybody's score and pose (N, 18)."""
-        # What each says of its own pose counts, should somebody have missed an earlier fit.
-        poses = tuple(Pose.of_numbers(numbers) for numbers in rows[:, _SCORE_SIZE:])
-        fitted = register_team(poses, rows[:, :_SCORE_SIZE], self._moments, self._config.noise)
-        return np.concatenate([pose.numbers() for pose in fitted.poses])
-
-    def _switch(self, rows: Array | None) -> TeamPoses | None:
-        """From now on use the poses (1, 12 N) that the reference robot has told; None if that has not been heard."""
-        if rows is None:
-            return None
-        poses = tuple(Pose.of_numbers(numbers) for numbers in rows.reshape(-1, _POSE_SIZE))
-        no_step = np.zeros((len(poses), _SCORE_SIZE))
-        self._fitted = register_team(poses, no_step, self._moments, self._config.noise)
-        self._memory.set_tolerance(self._fitted)
-        self._carrying_pose = self._fitted.poses[self._own]
-        return self._fitted
-
-    @property
-    def _lag(self) -> int:
-        """Blocks that a total has to wait before it can be learned from."""
-        return 0 if self._fusion.derivative_gain is None else 1
-
-    def _map_to(self, poses: tuple[Pose, ...]) -> None:
-        """All samples so far are in: from now on they count as if they had been carried with the new poses."""
+    def _map_to(self, version: int) -> None:
+        """All samples so far count from now on as if they had been carried with the poses of a version."""
+        self._found_before, self._held = self.found(), None
+        poses = self._fits.take_poses(version)
         feature_map = refit_map(self._poses, poses, self._config.noise)
-        self._moments = self._moments.mapped(feature_map)
+        self._fits.map(feature_map)
+        self._watch.map(feature_map)
         self._memory.map_features(feature_map, self._poses, poses)
-        self._poses = poses
+        self._steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
+        self._poses, self._version = poses, version
         self._fusion = self._fuse()
         self._memory.set_poses(poses, self._fusion)
+        self._fitted = self._known(poses)
+        self._crosses.tell(self._own, version, self._memory.told())
+
+    def _known(self, poses: tuple[Pose, ...]) -> TeamPoses:
+        """How well poses are known that have just been fitted: by the samples that they were fitted to."""
+        moments, left = self._fits.told_moments, _LEFT * np.concatenate(self._steps)
+        fitted = register_team(poses, np.zeros((len(poses), _POSE_FREEDOM)), moments, self._config.noise)
+        untried = 1.0 + _UNTRIED * self._config.rate / max(moments.count, 1.0)
+        return replace(fitted, covariance=untried * fitted.covariance + np.outer(left, left))
 
     def _fuse(self) -> MotionFusion:
         constants = robot_constants(self._config.noise)

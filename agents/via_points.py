@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.estimation.spatial import Array
-from coheft.wire.scenario import Motion, ViaPoints
+from coheft.wire.scenario import Motion
+from coheft.wire.via_points import ViaPoints
 
 
 class ViaPointMotion:

@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
+_QUOTED = 400
+"""Longest text from elsewhere that is shown, in characters."""
+
+
+def one_line(text: str) -> str:
+    """Text from elsewhere, made fit for logs and terminals: one line, no control characters, cut short."""
+    text = text if len(text) <= _QUOTED else f"{text[:_QUOTED]}..."
+    return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
+
 
 class CoheftError(Exception):
     """Base class of every error that coheft raises on purpose.
@@ -16,7 +25,13 @@ class ScenarioError(CoheftError):
 
 
 class MessageError(CoheftError):
-    """A message from another process is malformed, of another version, or not what its key promises."""
+    """A message from another process is malformed, of another version, or not what its key promises.
+
+    Its text may quote the message, so it is made fit for a log, see ``one_line``.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(one_line(text))
 
 
 class LoadError(CoheftError):

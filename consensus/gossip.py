@@ -3,16 +3,22 @@
 Nobody is told the team's size or the graph. Each robot tells its neighbours its own link state; everyone hands on what
 is new. A message carries what changed since the last one, and one older record in turn, so that a lost message is made
 up for and the size of messages does not grow with the team.
+
+The **team** is all robots that hold the load. Whenever one of them starts again with an empty memory, lets go or takes
+hold, it is another team, with a number of its own, and everybody has to be ready for that one.
 """
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterable
 
-import msgspec
+from msgspec.structs import replace
 
 from coheft.estimation.spatial import Pose
 from coheft.wire.messages import LinkState
+from coheft.wire.scenario import MAX_ROBOTS
+from consensus.graph import distances
 
 
 class Gossip:
@@ -21,30 +27,57 @@ class Gossip:
     Args:
         name: Its own name.
         neighbours: Its neighbours' names.
+        incarnation: Larger than that of any agent of the same name before.
     """
 
-    def __init__(self, name: str, neighbours: Iterable[str]) -> None:
+    def __init__(self, name: str, neighbours: Iterable[str], incarnation: int = 0) -> None:
         self.name = name
-        self.records = {name: LinkState(name, 0, tuple(sorted(neighbours)))}
+        self.records = {name: LinkState(name, 0, tuple(sorted(neighbours)), incarnation=incarnation)}
         self._news = {name}
         self._turn = 0
+        self._look_at_team()
 
     def hear(self, records: Iterable[LinkState]) -> None:
         """Take in what a neighbour handed on; the newest record of each robot wins. Nobody is told about itself."""
+        heard = False
         for record in records:
             known = self.records.get(record.robot)
-            if record.robot != self.name and (known is None or record.sequence > known.sequence):
-                self.records[record.robot] = record
-                self._news.add(record.robot)
+            if record.robot == self.name or (known is not None and _age(record) <= _age(known)):
+                continue
+            if known is None and len(self.records) >= MAX_ROBOTS:
+                continue  # no team is as large: somebody makes them up
+            self.records[record.robot] = record
+            self._news.add(record.robot)
+            if record.robot in self.own.neighbours and (known is None or record.incarnation > known.incarnation):
+                self._news = set(self.records)  # it knows nothing yet
+            heard = True
+        if heard:
+            self._look_at_team()
 
-    def announce_ready(self, block: int, pose: Pose | None = None) -> None:
-        """Tell everybody that this robot can take part in the network's sums from ``block`` on, and its pose."""
-        own = self.records[self.name]
+    @property
+    def own(self) -> LinkState:
+        """What it tells about itself."""
+        return self.records[self.name]
+
+    def announce_ready(self, block: int, pose: Pose | None = None, frame: int = 0) -> None:
+        """Tell everybody that this robot can take part in the present team's sums from ``block`` on.
+
+        Args:
+            block: The block.
+            pose: Its pose in the body frame.
+            frame: Number of that frame.
+        """
         numbers = () if pose is None else tuple(pose.numbers().tolist())
-        self.records[self.name] = msgspec.structs.replace(
-            own, sequence=own.sequence + 1, ready_block=block, pose=numbers
-        )
+        self._tell(replace(self.own, ready_block=block, pose=numbers, team=self.team, frame=frame))
+
+    def announce_holding(self, holding: bool, since: int) -> None:
+        """Tell everybody that this robot takes hold of the load, or lets go of it, at block ``since``."""
+        self._tell(replace(self.own, holding=holding, since=since, ready_block=-1, pose=(), frame=0))
+
+    def _tell(self, record: LinkState) -> None:
+        self.records[self.name] = replace(record, sequence=record.sequence + 1)
         self._news.add(self.name)
+        self._look_at_team()
 
     def news(self) -> list[LinkState]:
         """Records for the next message to the neighbours."""
@@ -55,21 +88,42 @@ class Gossip:
         return [self.records[name] for name in sorted(told)]
 
     def pose(self, name: str) -> Pose | None:
-        """What a robot has told of its pose, None if nothing."""
-        numbers = self.records[name].pose
-        return Pose.of_numbers(numbers) if numbers else None
+        """What a robot has told the present team of its pose, None if nothing."""
+        record = self.records[name]
+        return Pose.of_numbers(record.pose) if record.pose and record.team == self.team else None
 
-    @property
-    def graph(self) -> dict[str, tuple[str, ...]] | None:
-        """The whole graph, or None while somebody named as a neighbour has not been heard of."""
-        graph = {name: self.records[name].neighbours for name in sorted(self.records)}
-        closed = all(other in graph for others in graph.values() for other in others)
-        return graph if closed else None
+    def frame(self) -> int:
+        """Number of the body frame of this team: that of the first of its members that has one; 0 if none has."""
+        frames = (self.records[name].frame for name in self.graph or ())
+        return next((frame for frame in frames if frame), 0)
 
-    @property
-    def start_block(self) -> int | None:
-        """The block at which everybody is ready, the same for all agents; None while somebody is not."""
-        if self.graph is None:
-            return None
-        blocks = [record.ready_block for record in self.records.values()]
-        return None if min(blocks) < 0 else max(blocks)
+    def unknown(self) -> list[str]:
+        """Robots that somebody has named as a neighbour, and of which nothing has been heard."""
+        named = {other for record in self.records.values() for other in record.neighbours}
+        return sorted(named - self.records.keys())
+
+    def _look_at_team(self) -> None:
+        members = {name: self.records[name] for name in sorted(self.records) if self.records[name].holding}
+        identity = [(name, record.incarnation, record.since) for name, record in members.items()]
+        graph = {
+            name: tuple(o for o in record.neighbours if o in members and name in members[o].neighbours)
+            for name, record in members.items()
+        }
+        is_connected = bool(graph) and len(distances(graph, min(graph))) == len(graph)
+        self.graph = graph if is_connected and not self.unknown() else None
+        self.team = zlib.crc32(repr(identity).encode()) if self.graph else 0
+        self.start_block = None
+        if self.graph is not None and all(r.ready_block >= 0 and r.team == self.team for r in members.values()):
+            changes = [record.since for record in self.records.values()]
+            self.start_block = max(*(record.ready_block for record in members.values()), *changes)
+
+    graph: dict[str, tuple[str, ...]] | None
+    """The team's graph; None while somebody named as a neighbour has not been heard of, or if it is not connected."""
+    team: int
+    """Number of the present team; 0 while the graph is unknown."""
+    start_block: int | None
+    """The block at which everybody is ready, the same for all agents; None while somebody is not."""
+
+
+def _age(record: LinkState) -> tuple[int, int]:
+    return record.incarnation, record.sequence

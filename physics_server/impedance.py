@@ -47,8 +47,10 @@ class Arms:
 
     controls_per_robot: int = 12
 
-    def __init__(self, scenario: Scenario, robots: Sequence[str]) -> None:
+    def __init__(self, scenario: Scenario, robots: Sequence[str], model: mujoco.MjModel) -> None:
         self._robots = tuple(robots)
+        self._model = model
+        self._gains = model.actuator_gainprm.copy(), model.actuator_biasprm.copy()
         count, samples = len(self._robots), scenario.sensors.block
         self._steps_per_sample = PHYSICS_RATE // scenario.sensors.rate
         (k_t, k_r), (d_t, d_r) = scenario.robots.stiffness, scenario.robots.damping
@@ -90,6 +92,14 @@ class Arms:
         )
         self._controls[..., _SPRING, :] = spring
         return self._controls.reshape(-1, self.controls_per_robot * len(self._robots))
+
+    def set_holding(self, robot: str, holding: bool) -> None:
+        """Let an arm act on the payload, or not: without gains its actuators exert nothing."""
+        first = self.controls_per_robot * self._robots.index(robot)
+        actuators = slice(first, first + self.controls_per_robot)
+        gains, biases = self._gains
+        self._model.actuator_gainprm[actuators] = gains[actuators] if holding else 0.0
+        self._model.actuator_biasprm[actuators] = biases[actuators] if holding else 0.0
 
     def wrenches(self, forces: Array, rotations: Array, home_rotations: Array) -> Array:
         """Wrenches on the payload that the actuators' forces are.

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import zenoh
+from msgspec import structs
 
 from coheft.errors import MessageError
 from coheft.wire.codec import check_array, check_field
+from coheft.wire.inbox import Inbox
 from coheft.wire.messages import Measurements, Message, Ready, Reference, Stop
-from coheft.wire.transport import Inbox, Keys, Sender
+from coheft.wire.transport import Keys, Sender
 
 _MOTION_SIZE = 12
 
@@ -16,28 +18,37 @@ class RobotLink:
     """One robot's session and the state of the talk with it.
 
     Attributes:
-        is_ready: It has said that all its links stand, and can hear us.
+        name: Its name.
+        is_ready: It asks for measurements, and can hear us.
         is_linked: Somebody is at the other end.
-        answered: The last block of measurements that it has answered, -1 if none.
+        missing: Neighbours that it cannot talk with yet, as it says.
+        answered: The last block of measurements that it has answered or will never answer, -1 if none.
         was_late: Its reference of the latest block did not come in time.
     """
 
     def __init__(
-        self, name: str, session: zenoh.Session, inbox: Inbox, keys: Keys, lag: int, samples_per_block: int
+        self, name: str, session: zenoh.Session, inbox: Inbox, keys: Keys, world: int, lag: int, samples_per_block: int
     ) -> None:
+        self.name = name
         self.is_ready = False
         self.is_linked = False
+        self.missing: list[str] = []
         self.answered = -1
         self.was_late = False
-        self._name = name
+        self._attempt = -1
+        self._world = world
         self._lag = lag
         self._motion_shape = (samples_per_block, _MOTION_SIZE)
         self._sent = -1
         self._references: dict[int, Reference] = {}
         self._measurements = Sender(session, keys.robot(name, "measurements"), may_drop=False)
         self._stop = Sender(session, keys.robot(name, "stop"), may_drop=False)
-        inbox.watch_links(session, name)
         inbox.listen(session, name, {keys.robot(name, "ready"): Ready, keys.robot(name, "reference"): Reference})
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether it is ready and misses nobody."""
+        return self.is_ready and not self.missing
 
     @property
     def owes_answer(self) -> bool:
@@ -47,7 +58,9 @@ class RobotLink:
     def note_links(self, count: int) -> None:
         """Note how many processes are at the other end."""
         self.is_linked = count > 0
-        self.is_ready = self.is_ready and self.is_linked
+        if not self.is_linked:
+            self.is_ready = False
+            self.answered = self._sent
 
     def take(self, message: Message) -> None:
         """Take in what it said.
@@ -57,18 +70,33 @@ class RobotLink:
         """
         match message:
             case Ready():
-                check_field("robot", message.robot, self._name)
+                check_field("robot", message.robot, self.name)
+                self._begin_attempt(message.attempt)
+                self.missing = message.missing
                 self.is_ready = self._measurements.has_listener
             case Reference():
                 self._check(message)
                 self.answered = message.answers
                 self._references[message.block] = message
 
+    def join(self, block: int) -> None:
+        """Take part from a block on; the blocks before were simulated without it."""
+        self.answered = block - 1
+
+    def _begin_attempt(self, attempt: int) -> None:
+        """Forget what it owes when it asks anew: it will never answer what it was sent before."""
+        if attempt != self._attempt:
+            self._attempt = attempt
+            self.answered = self._sent
+
     def _check(self, reference: Reference) -> None:
-        check_field("robot", reference.robot, self._name)
+        check_field("robot", reference.robot, self.name)
         if not self.owes_answer:
             raise MessageError(f"answers is {reference.answers} but block {self._sent} was answered already")
-        check_field("answers", reference.answers, self.answered + 1)
+        if not self.answered < reference.answers <= self._sent:
+            raise MessageError(
+                f"answers is {reference.answers} but expected a block from {self.answered + 1} to {self._sent}"
+            )
         check_field("block", reference.block, reference.answers + self._lag)
         check_array(reference.motion, self._motion_shape, "motion")
         check_array(reference.wrench, (6,), "wrench")
@@ -82,7 +110,7 @@ class RobotLink:
     def send_measurements(self, measurements: Measurements) -> None:
         """Send it its own measurements."""
         self._sent = measurements.block
-        self._measurements.send(measurements)
+        self._measurements.send(structs.replace(measurements, world=self._world, attempt=self._attempt))
 
     def send_stop(self, reason: str) -> None:
         """Tell it that the run is over."""

@@ -20,10 +20,11 @@ import zenoh
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.config import ServerConfig
 from coheft.wire.data_file import write_recording
+from coheft.wire.inbox import Event, Inbox, LinkChange, Question, Received, Refused
 from coheft.wire.messages import (
     InjectRequest,
+    Message,
     PauseRequest,
-    Problem,
     Refusal,
     RemoveRequest,
     Request,
@@ -31,8 +32,11 @@ from coheft.wire.messages import (
     StatusRequest,
     StopRequest,
 )
+from coheft.wire.planes import SERVER, guard_server_for_observers, guard_server_for_robot
+from coheft.wire.problem_log import ProblemLog
 from coheft.wire.supervised import supervised_main
-from coheft.wire.transport import Event, Inbox, Keys, LinkChange, Question, Received, Refused, Sender, open_session
+from coheft.wire.transport import ROLES, Keys, Role, Sender, open_session
+from physics_server.absence import Absences
 from physics_server.clock import Stopwatch, make_clock
 from physics_server.data_recorder import DataRecorder
 from physics_server.robot_link import RobotLink
@@ -43,6 +47,9 @@ ANSWER_LIMIT = 10.0
 GRACE = 5.0
 """Time for which the server goes on answering requests after the end of the run [s]."""
 _TICK = 0.5
+_AT_ONCE = 256
+"""So much is read before a block that is due at most: somebody may speak faster than can be read."""
+_OVER = "the run is over"
 
 
 class Server:
@@ -50,6 +57,10 @@ class Server:
 
     One thread owns everything. Requests wait in the inbox, like references, until a block is done: load changes take
     effect at the border between two blocks.
+
+    A robot that is lost while the run goes on keeps hold of the payload where it last was. In lockstep time stands
+    still until it is back, or for ``return_limit`` seconds; in realtime it goes on at once. Without any robot for that
+    long the run is over.
     """
 
     def __init__(self, config: ServerConfig, robots: dict[str, zenoh.Session], observers: zenoh.Session) -> None:
@@ -59,6 +70,8 @@ class Server:
         self._clock = make_clock(config.clock, scenario.lookahead, scenario.block_duration)
         self._stopwatch = Stopwatch()
         self._simulation = Simulation(scenario, config.neighbours)
+        self._return_limit = config.return_limit
+        self._absences = Absences(config.return_limit)
         self._state: Literal["waiting", "running", "paused", "finished"] = "waiting"
         self._save_data = config.save_data
         self._recorder = DataRecorder(scenario, self._simulation.scene) if config.save_data is not None else None
@@ -66,29 +79,35 @@ class Server:
         self._silent_since = math.inf
         self._late_blocks = 0
         self._inbox = Inbox()
-        self._inbox.serve(observers, keys.request)
+        self._inbox.serve(observers, {keys.request(role): role for role in ROLES})
         self._truth = Sender(observers, keys.observe_server("truth"), may_drop=True)
-        self._problem = Sender(observers, keys.observe_server("problem"), may_drop=True)
+        self._problems = ProblemLog(SERVER, Sender(observers, keys.observe_server("problem"), may_drop=True))
+        world = time.time_ns()
         self._robots = {
-            name: RobotLink(name, session, self._inbox, keys, scenario.lookahead, scenario.sensors.block)
+            name: RobotLink(name, session, self._inbox, keys, world, scenario.lookahead, scenario.sensors.block)
             for name, session in robots.items()
         }
+        for name, session in robots.items():
+            guard = guard_server_for_robot(config.security, keys, name)
+            self._inbox.watch_links(session, name, guard)
+            self._inbox.watch_strangers(session, guard)
+        self._inbox.watch_strangers(observers, guard_server_for_observers(config.security, keys))
 
     def run(self) -> None:
         """Wait for all robots, simulate until the end of the run or a request to stop, then tell the robots.
 
         Raises:
-            LinkError: A robot was lost in lockstep.
+            LinkError: All robots are lost.
             SimulationError: The simulation cannot go on.
         """
-        reason = "the run is over"
+        reason = _OVER
         try:
             self._wait_for_robots()
             self._run_blocks()
             self._wait_for_last_answers()
         except CoheftError as error:
             reason = str(error)
-            self._problem.send(Problem(source="server", text=reason))
+            self._problems.tell_observers(reason)
             raise
         finally:
             self._stopwatch.stop()
@@ -110,17 +129,39 @@ class Server:
 
     def _run_blocks(self) -> None:
         self._go_on()
+        read = 0
         while self._simulation.block < self._scenario.blocks and not self._stop_asked:
-            delay = math.inf
-            if self._state == "running":
-                delay = self._clock.delay(self._simulation.block, min(link.answered for link in self._robots.values()))
-            event = self._inbox.receive(min(delay, _TICK))
+            delay = self._delay()
+            is_due = delay == 0.0
+            event = self._inbox.receive(min(delay, _TICK)) if not is_due or read < _AT_ONCE else None
             if event is not None:
                 self._handle(event)
-            elif delay == 0.0:
+                read += 1
+            elif is_due:
                 self._advance()
+                read = 0
             elif self._state == "running":
                 self._report_silence()
+                self._check_absences()
+
+    def _delay(self) -> float:
+        """Time until the next block may be simulated [s]; infinite if that depends on others."""
+        if self._state != "running" or (self._is_lockstep and self._absences.waited_for):
+            return math.inf
+        block = self._simulation.block
+        answered = min((robot.answered for robot in self._robots.values() if robot.is_ready), default=block)
+        return self._clock.delay(block, answered)
+
+    def _check_absences(self) -> None:
+        """Go on without robots that are away for too long.
+
+        Raises:
+            LinkError: All are.
+        """
+        for name in self._absences.give_up():
+            self._problems.tell(f"{name} did not come back within {self._return_limit:g} s: the run goes on without it")
+        if len(self._absences.given_up) == len(self._robots):
+            raise LinkError(f"all robots are gone, and none came back within {self._return_limit:g} s")
 
     def _wait_for_last_answers(self) -> None:
         """Let the robots finish the blocks that they have been given."""
@@ -128,7 +169,7 @@ class Server:
         while self._in_debt():
             left = deadline - time.monotonic()
             if left <= 0.0:
-                self._tell_problem(f"no last answer from {', '.join(self._in_debt())}")
+                self._problems.tell(f"no last answer from {', '.join(self._in_debt())}")
                 return
             self._handle(self._inbox.receive(left))
 
@@ -142,17 +183,18 @@ class Server:
                 references[name] = reference
             elif block >= self._scenario.lookahead:
                 self._late_blocks += 1
-                if not robot.was_late:
-                    self._tell_problem(f"{name} was late with its reference of block {block}")
+                if robot.is_ready and not robot.was_late:
+                    self._problems.tell(f"{name} was late with its reference of block {block}")
             robot.was_late = reference is None
         result = self._simulation.advance(references)
         if self._recorder is not None:
             self._recorder.add(result)
         for name, robot in self._robots.items():
-            robot.send_measurements(result.measurements[name])
+            if robot.is_ready:
+                robot.send_measurements(result.measurements[name])
         self._truth.send(result.truth)
         for problem in result.problems:
-            self._tell_problem(problem)
+            self._problems.tell(problem)
         self._silent_since = time.monotonic()
 
     def _go_on(self) -> None:
@@ -163,7 +205,7 @@ class Server:
         self._silent_since = time.monotonic()
 
     def _not_ready(self) -> list[str]:
-        return [name for name, robot in self._robots.items() if not robot.is_ready]
+        return [name for name, robot in self._robots.items() if not robot.is_settled]
 
     def _in_debt(self) -> list[str]:
         """Robots that are there, but have not answered the latest block."""
@@ -174,45 +216,62 @@ class Server:
         if time.monotonic() - self._silent_since < ANSWER_LIMIT:
             return
         self._silent_since = math.inf
-        slowest = min(robot.answered for robot in self._robots.values())
-        silent = [name for name, robot in self._robots.items() if robot.answered == slowest]
-        self._tell_problem(f"{', '.join(silent)} did not answer block {slowest + 1} within {ANSWER_LIMIT:g} s")
+        slowest = min((robot.answered for robot in self._robots.values() if robot.is_ready), default=-1)
+        silent = [name for name in self._in_debt() if self._robots[name].answered == slowest]
+        if silent:
+            self._problems.tell(f"{', '.join(silent)} did not answer block {slowest + 1} within {ANSWER_LIMIT:g} s")
 
     def _handle(self, event: Event | None) -> None:
-        """Take in whatever came.
-
-        Raises:
-            LinkError: A robot was lost in lockstep.
-        """
+        """Take in whatever came."""
         match event:
             case Received(name, message):
-                try:
-                    self._robots[name].take(message)
-                except MessageError as error:
-                    self._tell_problem(f"refused from {name}: {error}")
+                self._take(self._robots[name], message)
             case Refused(source, error):
-                self._tell_problem(f"refused from {source}: {error}")
+                self._problems.tell(f"refused from {source}: {error}")
             case LinkChange(name, links):
                 self._note_links(name, links)
-            case Question(request):
-                event.answer(self._answer(request))
+            case Question(role, request):
+                event.answer(self._answer(role, request))
+
+    def _take(self, robot: RobotLink, message: Message) -> None:
+        """Take in what a robot said; it may be back."""
+        was_ready = robot.is_ready
+        try:
+            robot.take(message)
+        except MessageError as error:
+            self._problems.tell(f"refused from {robot.name}: {error}")
+        if was_ready or not robot.is_ready or self._state == "waiting":
+            return
+        if self._state == "finished":
+            robot.send_stop(_OVER)
+        else:
+            self._absences.end(robot.name)
+            robot.join(self._simulation.block)
+            self._problems.tell(f"{robot.name} is back before block {self._simulation.block}")
 
     def _note_links(self, name: str, count: int) -> None:
-        self._robots[name].note_links(count)
-        if count > 0 or self._state in ("waiting", "finished"):
-            return
-        text = f"lost the link with {name}, which had answered block {self._robots[name].answered}"
-        if self._is_lockstep:
-            raise LinkError(text)
-        self._tell_problem(text)
+        robot = self._robots[name]
+        answered = robot.answered
+        robot.note_links(count)
+        if count == 0 and self._state in ("running", "paused"):
+            self._absences.begin(name)
+            self._problems.tell(f"lost the link with {name}, which had answered block {answered}")
 
-    def _answer(self, request: Request) -> Status | Refusal:
-        """Do what was asked, if it can be done."""
+    def _answer(self, role: Role, request: Request) -> Status | Refusal:
+        """Do what was asked, if it can be done and whoever asks may have it done; the log tells what was done."""
         try:
-            self._carry_out(request)
+            if not isinstance(request, StatusRequest):
+                self._check_role(role)
+                self._carry_out(request)
+                print(f"done for the {role} before block {self._simulation.block}: {request}", file=sys.stderr)
         except CoheftError as error:
+            self._problems.tell(f"refused to the {role}: {request}: {error}")
             return Refusal(reason=str(error))
         return self._status()
+
+    def _check_role(self, role: Role) -> None:
+        if role != "operator":
+            raise CoheftError(f"only the operator may change a run, not the {role}")
 
     def _carry_out(self, request: Request) -> None:
         """Do what was asked.
@@ -221,8 +280,8 @@ class Server:
             LoadError: The payload cannot take it.
             CoheftError: It is too early, or too late.
         """
-        if self._state == "finished" and not isinstance(request, StatusRequest):
-            raise CoheftError("the run is over")
+        if self._state == "finished":
+            raise CoheftError(_OVER)
         match request:
             case InjectRequest():
                 self._simulation.inject(request.mass, request.position, request.size)
@@ -252,29 +311,30 @@ class Server:
             late_blocks=self._late_blocks,
             loads=self._simulation.loads,
             slots_free=self._simulation.slots_free,
-            waiting_for=self._not_ready() if self._state == "waiting" else self._in_debt(),
+            waiting_for=self._not_ready() if self._state == "waiting" else self._absences.waited_for + self._in_debt(),
             scene=self._simulation.scene,
         )
-
-    def _tell_problem(self, text: str) -> None:
-        """Tell observers and the log what is wrong, and go on."""
-        print(text, file=sys.stderr, flush=True)
-        self._problem.send(Problem(source="server", text=text))
 
 
 def run_server(config: ServerConfig) -> None:
     """Run the server to the end of the run, and a little longer for those who ask how it was.
 
     Raises:
-        LinkError: Somebody listens at one of its endpoints already, or a robot was lost in lockstep.
+        LinkError: Somebody listens at one of its endpoints already, or all robots are lost.
         ScenarioError: The scenario cannot be simulated.
         SimulationError: The simulation cannot go on.
     """
     with ExitStack() as stack:
+        keys = Keys(config.run)
         # Observers can dial in first, so as to miss nothing.
-        observers = stack.enter_context(open_session(listen=[config.observe]))
+        observers = stack.enter_context(
+            open_session(listen=[config.observe], guard=guard_server_for_observers(config.security, keys))
+        )
         robots = {
-            name: stack.enter_context(open_session(listen=[endpoint])) for name, endpoint in config.robots.items()
+            name: stack.enter_context(
+                open_session(listen=[endpoint], guard=guard_server_for_robot(config.security, keys, name))
+            )
+            for name, endpoint in config.robots.items()
         }
         server = Server(config, robots, observers)
         server.run()

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from coheft.errors import LoadError, SimulationError
-from coheft.estimation.measurement import WRENCH
+from coheft.estimation.measurement import ACCELERATION, WRENCH
 from coheft.estimation.spatial import Array
 from coheft.wire.messages import LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
 from coheft.wire.scenario import PHYSICS_RATE, Scenario, Vector
@@ -109,7 +109,11 @@ class Simulation:
         self._home_rotations = self.data.site_xmat[homes].reshape(-1, 3, 3)
         self._home_positions = self.data.site_xpos[homes].copy()
         self._adjoints = np.array([grasp.adjoint() for grasp in grasps])
-        self._arms = Arms(scenario, names)
+        self._arms = Arms(scenario, names, self.model)
+        self._is_holding = np.ones(len(names), dtype=np.bool_)
+        # What the sensors of an arm read that waits at its home, (w, v, a) of each robot.
+        self._at_rest = np.zeros((len(names), READINGS))
+        self._at_rest[:, ACCELERATION] = -self.model.opt.gravity @ self._home_rotations
         self._sensors = Sensors(scenario, names)
         encoders = scenario.sensors.encoders
         self._encoders = Encoders(encoders, scenario, names) if encoders is not None else None
@@ -151,6 +155,30 @@ class Simulation:
         """
         return self._loads.take(load_id)
 
+    def release(self, robot: str) -> None:
+        """Let a robot take its hand off the payload, before the next block.
+
+        From then on it exerts nothing, and its sensors read an arm that rests at its home.
+
+        Raises:
+            SimulationError: There is no such robot.
+        """
+        self._set_holding(robot, False)
+
+    def grasp(self, robot: str) -> None:
+        """Let a robot take hold of the payload again, at its own place there, before the next block.
+
+        Raises:
+            SimulationError: There is no such robot.
+        """
+        self._set_holding(robot, True)
+
+    def _set_holding(self, robot: str, holding: bool) -> None:
+        if robot not in self._names:
+            raise SimulationError(f"there is no robot {robot}: the robots are {', '.join(self._names)}")
+        self._arms.set_holding(robot, holding)
+        self._is_holding[self._names.index(robot)] = holding
+
     def advance(self, references: Mapping[str, Reference]) -> BlockResult:
         """Simulate one block.
 
@@ -170,7 +198,8 @@ class Simulation:
         readings = self._step(controls)
         self._check_held(readings)
         wrenches = self._arms.wrenches(readings.forces, readings.rotations, self._home_rotations)
-        samples = self._sensors.measure(readings.kinematics, wrenches)
+        kinematics = np.where(self._is_holding[:, None], readings.kinematics, self._at_rest)
+        samples = self._sensors.measure(kinematics, wrenches)
         measurements = {
             name: Measurements(robot=name, block=self.block, samples=rows)
             for name, rows in zip(self._names, samples, strict=True)
@@ -245,7 +274,7 @@ class Simulation:
             loads=self.loads,
             position=position[:3],
             quaternion=position[3:],
-            total_wrench=np.einsum("nij,nj->i", self._adjoints, wrenches),
+            total_wrench=np.einsum("nij,nj->i", self._adjoints[self._is_holding], wrenches[self._is_holding]),
             wrenches=wrenches,
         )
 

@@ -8,6 +8,7 @@ from hypothesis import settings
 
 # Always the same examples, so a test that passed once passes everywhere; no deadline, because machines differ.
 settings.register_profile("coheft", derandomize=True, deadline=None, max_examples=60, database=None)
+settings.register_profile("fuzz", deadline=None, max_examples=2000, print_blob=True)  # for 'make fuzz': always others
 settings.load_profile("coheft")
 
 # Started in the background by a shell, tests would ignore Ctrl-C, and so would all runs that they start and interrupt.

@@ -67,11 +67,9 @@ def run_with_faults(
         recording.truths.append(result.truth)
         outboxes = {}
         for name, agent in agents.items():
-            inbox = {
-                other: messages[other] for other in graph[name] if other in messages and arrives(block, name, other)
-            }
+            inbox = [messages[other] for other in graph[name] if other in messages and arrives(block, name, other)]
             measured = MeasurementBlock(block, result.measurements[name].samples) if is_measured(block, name) else None
-            outboxes[name] = agent.step(measured, inbox)
+            outboxes[name] = agent.step(block, measured, inbox)
         messages = {name: outbox.message for name, outbox in outboxes.items()}
         references[block + scenario.lookahead] = {name: outbox.reference for name, outbox in outboxes.items()}
         for name, outbox in outboxes.items():

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
 
+from coheft.app.record import Record
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
 from coheft.wire.messages import (
@@ -87,6 +88,21 @@ def estimate(
         not_observable=[] if payload is not None else ["mass: too little motion"],
         load_changes=list(changes),
     )
+
+
+def recorded(
+    truths: Sequence[Truth], estimates: Mapping[str, Sequence[Estimate]], *, with_history: bool = False
+) -> Record:
+    """What an observer keeps that hears each truth before the estimates about it."""
+    record = Record(SCENE, truths[-1].time, with_history=with_history)
+    remaining = sorted((each for series in estimates.values() for each in series), key=lambda each: each.block)
+    for truth in truths:
+        record.add_truth(truth)
+        while remaining and remaining[0].block <= truth.block:
+            record.add_estimate(remaining.pop(0))
+    for each in remaining:
+        record.add_estimate(each)
+    return record
 
 
 def changing_run(

@@ -63,16 +63,17 @@ def test_equal_inputs_give_equal_outputs_bit_for_bit() -> None:
         for team, sent in zip(teams, messages, strict=True):
             outboxes = {
                 name: agent.step(
+                    block,
                     MeasurementBlock(block, samples[name].copy()),
                     # In whatever order messages come.
-                    {other: sent[other] for other in graph[name][:: 1 if team is teams[0] else -1] if sent},
+                    [sent[other] for other in graph[name][:: 1 if team is teams[0] else -1] if sent],
                 )
                 for name, agent in team.items()
             }
             sent.update({name: outbox.message for name, outbox in outboxes.items()})
             answers.append(
                 [
-                    encode(part)
+                    encode(part, "key")
                     for outbox in outboxes.values()
                     for part in (outbox.message, outbox.reference, outbox.estimate)
                     if part is not None

@@ -14,8 +14,9 @@ import pytest
 
 import coheft
 from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.hosts import free_ports
 from coheft.app.overrides import override
-from coheft.app.plan import free_ports, make_plan
+from coheft.app.plan import make_plan
 from coheft.app.run_folder import RUN_FILE, RunFile, announced, find_run, runs_folder
 from coheft.errors import CoheftError, ScenarioError
 from coheft.wire.config import AgentProcessConfig, ServerConfig

@@ -41,7 +41,7 @@ def with_settings(**settings: object) -> EfficientSettings:
 
 def normalised_errors(recording: Recording, estimate: Estimate) -> Array:
     """All errors of a robot's payload and poses, in units of its own standard deviations."""
-    scene, truth = recording.scene, recording.truths[estimate.block].payload
+    scene, truth = recording.scene, recording.truths[estimate.valid_block].payload
     grasps = {
         name: Pose(rotation, translation)
         for name, rotation, translation in zip(scene.robots, scene.rotations, scene.translations, strict=True)
@@ -62,6 +62,7 @@ def normalised_errors(recording: Recording, estimate: Estimate) -> Array:
 
 def assert_sure_and_right(recording: Recording, estimates: dict[str, Estimate] | None = None) -> None:
     for name, estimate in (estimates or recording.last()).items():
+        assert estimate.status == "valid", (name, estimate.reasons)
         assert set(estimate.poses) == set(recording.scene.neighbours[name])
         assert np.abs(normalised_errors(recording, estimate)).max() < SURE, name
 
@@ -105,8 +106,9 @@ def test_what_is_found_is_right_within_its_own_deviation(what: Scenario, deviati
         assert np.sqrt(estimate.payload.covariance[0, 0]) < deviation * estimate.payload.mass
         assert estimate.members == len(recording.scene.robots)
         assert estimate.not_observable == []
-    expected = [change.at for change in what.load_changes]
-    assert changes(recording) == {name: pytest.approx(expected) for name in recording.scene.robots}
+    # What began within a block may be placed at its end.
+    expected = pytest.approx([change.at for change in what.load_changes], abs=1.01 * what.block_duration)
+    assert changes(recording) == dict.fromkeys(recording.scene.robots, expected)
 
 
 def test_a_change_is_noticed_by_all_at_once_and_what_is_new_is_soon_known() -> None:
@@ -128,6 +130,7 @@ def test_a_change_is_noticed_by_all_at_once_and_what_is_new_is_soon_known() -> N
 def test_no_number_is_claimed_for_what_the_motion_does_not_show(what: Scenario, words: str) -> None:
     recording = run_with_faults(what)
     for name, estimate in recording.last().items():
+        assert estimate.status == "starting"
         assert estimate.payload is None
         assert not estimate.converged
         assert estimate.poses == {}
@@ -189,8 +192,8 @@ def test_silent_blocks_are_survived(silent: range) -> None:
     assert set(map(tuple, changes(recording).values())) == {()}
 
 
-def heard_alike(recording: Recording, rtol: float) -> None:
-    """All robots believe in the same load and the same poses."""
+def heard_alike(recording: Recording, rtol: float, pose_tolerance: float = 1e-9) -> None:
+    """All robots believe in the same load and the same poses [rad, m]."""
     last = list(recording.last().values())
     for estimate in last[1:]:
         assert estimate.payload is not None
@@ -200,7 +203,7 @@ def heard_alike(recording: Recording, rtol: float) -> None:
         for name, pose in estimate.poses.items():
             back = recording.last()[name].poses[estimate.robot]
             around = Pose(pose.rotation, pose.translation) @ Pose(back.rotation, back.translation)
-            assert np.abs(around.log()).max() < 1e-9
+            assert np.abs(around.log()).max() < pose_tolerance
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -213,7 +216,7 @@ def test_messages_lost_here_and_there_do_not_drive_robots_apart(seed: int) -> No
         arrives=lambda block, to, sender: not lost[block, int(to[1:]) - 1, int(sender[1:]) - 1],
     )
     assert_good(recording.judged(12.0), inertia_pct=5.0)
-    heard_alike(recording, rtol=1e-3)
+    heard_alike(recording, rtol=1e-3, pose_tolerance=1e-3)  # some are a fit ahead of others
     assert set(map(tuple, changes(recording).values())) == {()}
 
 

@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from consensus.flood import Flood
-from consensus.graph import Neighbours, diameter
-from tests.test_graph import graphs
+from coheft.estimation.spatial import Array
+from coheft.wire.scenario import Graph
+from consensus.flood import Flood, Floods
+from consensus.graph import Neighbours, build_graph, diameter
+from tests.test_graph import graphs, names
 
 WIDTH = 4
-Edge = tuple[int, str, str]
 
 
-def spread(graph: Neighbours, floods: dict[str, Flood], blocks: int, lost: frozenset[Edge] = frozenset()) -> None:
-    """Messages ``(block, to, sender)`` in ``lost`` do not arrive."""
-    for block in range(blocks):
-        tables = {name: flood.table for name, flood in floods.items()}
+def spread(
+    graph: Neighbours, floods: dict[str, Flood], blocks: int, arrives: Callable[[], bool] = lambda: True
+) -> list[int]:
+    """Let everybody talk with its neighbours. Returns how many tables were sent in each block."""
+    sent = []
+    for _ in range(blocks):
+        messages = {name: (flood.digest, flood.told()) for name, flood in floods.items()}
+        sent.append(sum(table is not None for _, table in messages.values()))
         for name, others in graph.items():
             for other in others:
-                if (block, name, other) not in lost:
-                    floods[name].hear(tables[other])
+                if arrives():
+                    floods[name].hear(other, *messages[other])
+    return sent
 
 
 def told(graph: Neighbours, stamp: int) -> dict[str, Flood]:
@@ -35,20 +43,32 @@ def tell(floods: dict[str, Flood], stamp: int) -> None:
         flood.tell(k, stamp, row(k, stamp))
 
 
-def row(robot: int, stamp: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def row(robot: int, stamp: int) -> Array:
     return np.random.default_rng([robot, stamp]).normal(size=WIDTH)
 
 
-@given(graphs)
-def test_all_rows_reach_everybody_after_a_diameter_and_not_before(graph: Neighbours) -> None:
-    floods = told(graph, 5)
-    blocks = diameter(graph)
-    spread(graph, floods, blocks - 1)
-    assert any(flood.rows(5) is None for flood in floods.values())
-    spread(graph, floods, 1)
-    expected = np.array([row(k, 5) for k in range(len(graph))])
+def talked(graph: Neighbours) -> dict[str, Flood]:
+    """Tables of robots that have heard each other's digests."""
+    floods = {name: Flood(len(graph), WIDTH) for name in graph}
+    spread(graph, floods, 2)
+    return floods
+
+
+def assert_everybody_has_all(floods: dict[str, Flood], stamp: int) -> None:
     for flood in floods.values():
-        np.testing.assert_array_equal(flood.rows(5), expected)
+        np.testing.assert_array_equal(flood.rows(stamp), [row(k, stamp) for k in range(len(floods))])
+
+
+@given(graphs)
+def test_all_rows_reach_everybody_at_one_hop_per_block(graph: Neighbours) -> None:
+    """One block more than the diameter: nobody sends a table before it has heard that a neighbour's is another one."""
+    floods = talked(graph)
+    tell(floods, 5)
+    spread(graph, floods, diameter(graph) - 1)
+    assert any(flood.rows(5) is None for flood in floods.values())
+    spread(graph, floods, 2)
+    assert_everybody_has_all(floods, 5)
+    for flood in floods.values():
         assert flood.rows(4) is None
         assert flood.rows(6) is None
 
@@ -56,33 +76,83 @@ def test_all_rows_reach_everybody_after_a_diameter_and_not_before(graph: Neighbo
 @given(graphs)
 def test_newer_rows_win(graph: Neighbours) -> None:
     floods = told(graph, 0)
-    spread(graph, floods, diameter(graph))
+    spread(graph, floods, diameter(graph) + 1)
+    assert_everybody_has_all(floods, 0)
     tell(floods, 1)
     assert all(flood.rows(0) is None and flood.rows(1) is None for flood in floods.values())
-    spread(graph, floods, diameter(graph))
-    for flood in floods.values():
-        np.testing.assert_array_equal(flood.rows(1), [row(k, 1) for k in range(len(graph))])
+    spread(graph, floods, diameter(graph) + 1)
+    assert_everybody_has_all(floods, 1)
 
 
-@given(graphs, st.data())
-def test_a_block_without_any_messages_costs_one_block(graph: Neighbours, data: st.DataObject) -> None:
-    blocks = diameter(graph) + 1
-    silent = data.draw(st.integers(0, blocks - 1))
-    floods = told(graph, 3)
-    spread(graph, floods, blocks, frozenset((silent, i, j) for i, others in graph.items() for j in others))
-    assert all(flood.rows(3) is not None for flood in floods.values())
+@given(graphs, st.floats(0.1, 0.95), st.integers(0, 10**6))
+def test_everybody_has_all_after_any_losses_followed_by_enough_blocks_without(
+    graph: Neighbours, loss: float, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    floods = {name: Flood(len(graph), WIDTH) for name in graph}
+    for stamp in range(3):
+        tell(floods, stamp)
+        spread(graph, floods, 4, arrives=lambda: rng.random() >= loss)
+    spread(graph, floods, diameter(graph) + 1)
+    assert_everybody_has_all(floods, 2)
+
+
+@given(graphs)
+def test_nothing_is_sent_in_vain(graph: Neighbours) -> None:
+    floods = told(graph, 2)
+    spread(graph, floods, diameter(graph) + 3)
+    assert spread(graph, floods, 3) == [0, 0, 0]
+    next(iter(floods.values())).tell(0, 3, row(0, 3))
+    assert sum(spread(graph, floods, diameter(graph) + 1)) > 0
 
 
 def test_tables_of_another_team_are_ignored() -> None:
     flood = Flood(3, WIDTH)
     flood.tell(0, 1, row(0, 1))
-    flood.hear(np.full((4, 1 + WIDTH), 9.0))
-    flood.hear(np.full((3, WIDTH), 9.0))
+    flood.hear("r1", 0.0, np.full((4, 1 + WIDTH), 9.0))
+    flood.hear("r1", 0.0, np.full((3, WIDTH), 9.0))
     np.testing.assert_array_equal(flood.table[1:], -1.0)
 
 
 def test_what_was_sent_does_not_change_any_more() -> None:
     flood = Flood(2, WIDTH)
-    sent = flood.table
+    flood.hear("r1", 7.0, None)
+    sent = flood.told()
+    assert sent is not None
+    before = sent.copy()
     flood.tell(0, 1, row(0, 1))
-    np.testing.assert_array_equal(sent, -1.0)
+    np.testing.assert_array_equal(sent, before)
+
+
+def test_tables_travel_together() -> None:
+    ours, theirs = ({"a": Flood(2, 1), "b": Flood(2, 3)} for _ in range(2))
+    ours["a"].tell(0, 4, np.array([1.0]))
+    theirs["b"].tell(1, 5, np.array([1.0, 2.0, 3.0]))
+    here, there = Floods(ours), Floods(theirs)
+    for _ in range(2):
+        from_here, from_there = here.channels(), there.channels()
+        here.hear("there", from_there)
+        there.hear("here", from_here)
+    for name in ("a", "b"):
+        np.testing.assert_array_equal(ours[name].table, theirs[name].table)
+    assert ours["a"].row(0)[0] == 4
+    assert ours["b"].row(1)[0] == 5
+
+
+def test_a_message_without_digests_or_with_those_of_other_tables_says_nothing() -> None:
+    flood = Flood(2, 1)
+    floods = Floods({"a": flood})
+    table = np.array([[7.0, 7.0], [7.0, 7.0]])
+    floods.hear("there", {"a": table})
+    floods.hear("there", {"a": table, "digests": np.array([14.0, 14.0])})
+    np.testing.assert_array_equal(flood.table, -1.0)
+
+
+def test_halves_that_could_not_talk_until_now_tell_each_other_all_though_they_know_equally_much() -> None:
+    graph = build_graph(Graph(kind="line"), names(4))
+    halves = {name: tuple(o for o in others if (o in names(2)) == (name in names(2))) for name, others in graph.items()}
+    floods = told(graph, 0)
+    spread(halves, floods, 5)
+    assert all(np.count_nonzero(flood.table[:, 0] == 0) == 2 for flood in floods.values())
+    spread(graph, floods, diameter(graph) + 1)
+    assert_everybody_has_all(floods, 0)

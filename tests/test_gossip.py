@@ -7,12 +7,13 @@ from collections.abc import Collection
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from coheft.wire.codec import encode
 from coheft.wire.messages import LinkState, NeighbourMessage
 from coheft.wire.scenario import Graph
 from consensus.gossip import Gossip
-from consensus.graph import Neighbours, build_graph, diameter
+from consensus.graph import Neighbours, build_graph, diameter, distances
 from tests.estimation.team import random_pose
 from tests.test_graph import graphs, names
 
@@ -25,6 +26,26 @@ class Team:
     def __init__(self, graph: Neighbours) -> None:
         self.graph = graph
         self.robots = {name: Gossip(name, others) for name, others in graph.items()}
+
+    def blocks(self, count: int) -> None:
+        for _ in range(count):
+            self.block()
+
+    def meet(self) -> None:
+        """Go on until everybody knows the graph."""
+        self.blocks(diameter(self.graph))
+
+    def restart(self, name: str) -> None:
+        """Its agent dies, and another one with an empty memory takes its place."""
+        self.robots[name] = Gossip(name, self.graph[name], self.robots[name].own.incarnation + 1)
+
+    def everybody_ready(self, block: int) -> None:
+        for robot in self.robots.values():
+            robot.announce_ready(block)
+
+    def make_up(self) -> None:
+        """Without losses, everything has been told again to all neighbours after one turn per hop."""
+        self.blocks(len(self.graph) * diameter(self.graph))
 
     def block(self, lost: Collection[Edge] = ()) -> dict[str, list[LinkState]]:
         """Everybody tells its neighbours; messages (to, from) in ``lost`` do not arrive. Returns what was told."""
@@ -51,6 +72,7 @@ def test_everybody_learns_the_graph_within_its_diameter(graph: Neighbours) -> No
 @given(graphs, st.data())
 def test_the_start_is_the_same_everywhere_and_known_in_time(graph: Neighbours, data: st.DataObject) -> None:
     team = Team(graph)
+    team.meet()
     ready_at = {name: data.draw(st.integers(0, 30)) for name in graph}
     margin = 2 * len(graph)
     for block in range(40 + margin):
@@ -70,27 +92,24 @@ def test_lost_messages_are_made_up_for(graph: Neighbours, seed: int) -> None:
     rng = np.random.default_rng(seed)
     team = Team(graph)
     edges = [(name, other) for name, others in graph.items() for other in others]
-    for block in range(30):
-        if block == 10:
-            for robot in team.robots.values():
-                robot.announce_ready(100)
+    for _ in range(3):
         team.block(lost={edge for edge in edges if rng.random() < 0.3})
-    # Without losses, everything has been told again to all neighbours after one turn per hop.
-    for _ in range(len(graph) * diameter(graph)):
-        team.block()
-    for robot in team.robots.values():
-        assert robot.graph == graph
-        assert robot.start_block == 100
+    team.make_up()
+    assert all(robot.graph == graph for robot in team.robots.values())
+    team.everybody_ready(100)
+    for _ in range(3):
+        team.block(lost={edge for edge in edges if rng.random() < 0.3})
+    team.make_up()
+    assert all(robot.start_block == 100 for robot in team.robots.values())
 
 
 def test_messages_do_not_grow_with_the_team() -> None:
     sizes = {}
     for n in (6, 12, 24):
         team = Team(build_graph(Graph(kind="ring"), names(n)))
-        for _ in range(3 * n):
-            team.block()
+        team.blocks(3 * n)
         sizes[n] = max(
-            len(encode(NeighbourMessage(sender="r00", block=1, gossip=records, channels={})))
+            len(encode(NeighbourMessage(sender="r00", block=1, gossip=records, channels={}), "key"))
             for _ in range(n)
             for records in team.block().values()
         )
@@ -98,24 +117,28 @@ def test_messages_do_not_grow_with_the_team() -> None:
 
 
 def test_only_a_robot_itself_says_what_is_new_about_it() -> None:
-    robot = Gossip("a", ["b"])
-    robot.hear([LinkState("a", 99, ("x",)), LinkState("b", 2, ("a",), ready_block=5)])
-    robot.hear([LinkState("b", 1, ("a", "c"))])  # older: came late
-    assert robot.graph == {"a": ("b",), "b": ("a",)}
-    assert robot.start_block is None
-    robot.announce_ready(3)
-    assert robot.start_block == 5
+    team = Team({"a": ("b",), "b": ("a",)})
+    team.meet()
+    a, b = team.robots["a"], team.robots["b"]
+    b.announce_ready(5)
+    (new,) = (record for record in b.news() if record.robot == "b")
+    a.hear([new, replace(a.own, sequence=99, neighbours=("x",))])
+    a.hear([replace(new, sequence=0, neighbours=("a", "c"))])  # older: came late
+    assert a.graph == {"a": ("b",), "b": ("a",)}
+    assert a.start_block is None
+    a.announce_ready(3)
+    assert a.start_block == 5
 
 
 @given(graphs)
 def test_poses_are_handed_on_exactly(graph: Neighbours) -> None:
     rng = np.random.default_rng(0)
     team = Team(graph)
+    team.meet()
     poses = {name: random_pose(rng) for name in graph}
     for name, robot in team.robots.items():
         robot.announce_ready(7, poses[name])
-    for _ in range(diameter(graph)):
-        team.block()
+    team.meet()
     for robot in team.robots.values():
         for name, pose in poses.items():
             found = robot.pose(name)
@@ -127,3 +150,113 @@ def test_who_told_no_pose_has_none() -> None:
     robot = Gossip("a", ["b"])
     robot.announce_ready(3)
     assert robot.pose("a") is None
+
+
+def test_the_body_frame_is_that_of_the_first_robot_that_has_one() -> None:
+    team = Team(build_graph(Graph(kind="line"), names(3)))
+    team.meet()
+    assert {robot.frame() for robot in team.robots.values()} == {0}
+    for name, frame in (("r02", 7), ("r01", 5), ("r00", 0)):
+        team.robots[name].announce_ready(3, frame=frame)
+    team.meet()
+    assert {robot.frame() for robot in team.robots.values()} == {5}
+
+
+# --- teams that change ---
+
+
+@given(graphs, st.data())
+def test_with_a_robot_that_starts_again_it_is_another_team_that_nobody_is_ready_for(
+    graph: Neighbours, data: st.DataObject
+) -> None:
+    team = Team(graph)
+    team.meet()
+    team.everybody_ready(50)
+    team.meet()
+    (old,) = {robot.team for robot in team.robots.values()}
+    restarted = data.draw(st.sampled_from(sorted(graph)))
+    former = team.robots[restarted].own
+    team.restart(restarted)
+    # It knows of all as soon as its neighbours have heard of it, everybody of it as soon as it was handed on.
+    team.blocks(max(2, diameter(graph)))
+    for robot in team.robots.values():
+        robot.hear([replace(former, sequence=99)])  # came late: from before
+        assert robot.graph == graph
+        assert robot.team != old
+        assert robot.start_block is None
+        assert all(robot.pose(name) is None for name in graph)
+    assert len({robot.team for robot in team.robots.values()}) == 1
+    team.everybody_ready(100)
+    team.meet()
+    assert {robot.start_block for robot in team.robots.values()} == {100}
+
+
+@given(graphs, st.data())
+def test_a_robot_that_lets_go_is_no_member_until_it_takes_hold_again(graph: Neighbours, data: st.DataObject) -> None:
+    team = Team(graph)
+    team.meet()
+    team.everybody_ready(10)
+    team.meet()
+    (first,) = {robot.team for robot in team.robots.values()}
+    loose = data.draw(st.sampled_from(sorted(graph)))
+    team.robots[loose].announce_holding(False, 30)
+    team.meet()
+    others = {name: tuple(o for o in neighbours if o != loose) for name, neighbours in graph.items() if name != loose}
+    is_connected = len(distances(others, min(others))) == len(others)
+    for robot in team.robots.values():
+        assert robot.graph == (others if is_connected else None)
+        assert robot.start_block is None
+    for name in others:
+        team.robots[name].announce_ready(20)
+    team.meet()
+    # Nobody begins before it has really let go.
+    assert {robot.start_block for robot in team.robots.values()} == {30 if is_connected else None}
+    team.robots[loose].announce_holding(True, 60)
+    team.meet()
+    (last,) = {robot.team for robot in team.robots.values()}
+    assert last != first  # it is the same robots, but one of them holds the load elsewhere
+    team.everybody_ready(40)
+    team.meet()
+    assert {robot.start_block for robot in team.robots.values()} == {60}
+
+
+events = st.lists(
+    st.tuples(st.integers(0, 40), st.integers(0, 15), st.sampled_from(["restart", "let go", "take hold", "ready"])),
+    max_size=12,
+)
+
+
+@given(graphs, events, st.floats(0.0, 0.9), st.integers(0, 10**6))
+def test_whatever_happened_everybody_comes_to_know_the_same(
+    graph: Neighbours, events: list[tuple[int, int, str]], loss: float, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    team = Team(graph)
+    edges = [(name, other) for name, others in graph.items() for other in others]
+    for block in range(40):
+        for at, number, what in events:
+            name = sorted(graph)[number % len(graph)]
+            robot = team.robots[name]
+            if at != block:
+                continue
+            if what == "restart":
+                team.restart(name)
+            elif what == "ready":
+                robot.announce_ready(block + 5)
+            else:
+                robot.announce_holding(what == "take hold", block)
+        team.block(lost={edge for edge in edges if rng.random() < loss})
+    team.make_up()
+    one, *others = team.robots.values()
+    assert one.records == {name: robot.own for name, robot in team.robots.items()}
+    for robot in others:
+        assert robot.records == one.records
+        assert (robot.graph, robot.team, robot.start_block) == (one.graph, one.team, one.start_block)
+
+
+def test_robots_that_nothing_was_heard_of_are_named() -> None:
+    team = Team(build_graph(Graph(kind="line"), names(4)))
+    team.block()
+    assert team.robots["r00"].unknown() == ["r02"]
+    team.meet()
+    assert team.robots["r00"].unknown() == []

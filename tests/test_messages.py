@@ -3,117 +3,58 @@
 from __future__ import annotations
 
 import math
-import types
 import typing
-from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import array_shapes, arrays
 
 from coheft.errors import MessageError
-from coheft.wire import codec, messages
-from coheft.wire.codec import decode, encode
+from coheft.wire import codec
+from coheft.wire.codec import decode, encode, seal
 from coheft.wire.messages import PROTOCOL_VERSION, Hello, Measurements, Message, Request, Stop
-
-KINDS = [
-    kind
-    for kind in vars(messages).values()
-    if isinstance(kind, type) and issubclass(kind, Message) and kind is not Message
-]
+from tests.fuzz.any_message import KEY, KINDS, name_of, plain, values
 
 
-def values(kind: Any) -> st.SearchStrategy[Any]:
-    """Anything that a field of this type may hold."""
-    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
-    if kind is float:
-        return st.floats(allow_nan=False)
-    if kind is int:
-        return st.integers(-(2**63), 2**63 - 1)
-    if origin is np.ndarray:
-        return arrays(np.float64, array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=4))
-    if origin is typing.Literal:
-        return st.sampled_from(arguments)
-    if origin in (types.UnionType, typing.Union):
-        return st.one_of(*(values(argument) for argument in arguments))
-    if kind is type(None):
-        return st.none()
-    if origin is list:
-        return st.lists(values(arguments[0]), max_size=3)
-    if origin is dict:
-        return st.dictionaries(values(arguments[0]), values(arguments[1]), max_size=3)
-    if origin is tuple and arguments[-1] is not Ellipsis:
-        return st.tuples(*(values(argument) for argument in arguments))
-    if origin is tuple:
-        return st.lists(values(arguments[0]), max_size=3).map(tuple)
-    if issubclass(kind, msgspec.Struct):
-        hints = typing.get_type_hints(kind)
-        return st.builds(kind, **{name: values(hint) for name, hint in hints.items() if name in fields_of(kind)})
-    return st.from_type(kind)
-
-
-def fields_of(kind: type[msgspec.Struct]) -> list[str]:
-    return [name for name in kind.__struct_fields__ if name != "version"]
-
-
-def plain(value: Any) -> Any:
-    """With arrays as their shape and bytes, so that messages can be compared, NaNs included."""
-    if isinstance(value, np.ndarray):
-        return value.shape, value.tobytes()
-    if isinstance(value, msgspec.Struct):
-        return type(value), [plain(getattr(value, name)) for name in value.__struct_fields__]
-    if isinstance(value, dict):
-        return {key: plain(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(inner) for inner in value]
-    return value
-
-
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("kind", KINDS, ids=name_of)
 @settings(max_examples=25)
 @given(data=st.data())
 def test_round_trip(kind: type[Message], data: st.DataObject) -> None:
     message = data.draw(values(kind))
-    assert plain(decode(encode(message), kind)) == plain(message)
+    assert plain(decode(encode(message, KEY), kind, KEY)) == plain(message)
 
 
 @given(data=st.data())
 def test_requests_are_told_apart(data: st.DataObject) -> None:
     request = data.draw(values(Request))
-    assert type(decode(encode(request), Request)) is type(request)
+    assert type(decode(encode(request, KEY), Request, KEY)) is type(request)
 
 
-def _decode_or_refuse(data: bytes, kind: type[Message]) -> None:
-    try:
-        found = decode(data, kind)
-    except MessageError:
-        return
-    assert isinstance(found, kind)
-
-
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("kind", KINDS, ids=name_of)
 @settings(max_examples=25)
 @given(data=st.data())
-def test_damaged_bytes_are_refused_or_still_a_message(kind: type[Message], data: st.DataObject) -> None:
-    sound = encode(data.draw(values(kind)))
+def test_damaged_bytes_are_refused(kind: type[Message], data: st.DataObject) -> None:
+    """Even where they would still be a message."""
+    sound = encode(data.draw(values(kind)), KEY)
     length = data.draw(st.integers(0, len(sound) - 1))
-    with pytest.raises(MessageError):
-        decode(sound[:length], kind)
-    with pytest.raises(MessageError):
-        decode(sound + data.draw(st.binary(min_size=1, max_size=8)), kind)
+    more = data.draw(st.binary(min_size=1, max_size=8))
     flipped = bytearray(sound)
-    for _ in range(data.draw(st.integers(1, 3))):
-        bit = data.draw(st.integers(0, 8 * len(sound) - 1))
+    for bit in data.draw(st.sets(st.integers(0, 8 * len(sound) - 1), min_size=1, max_size=3)):
         flipped[bit // 8] ^= 1 << bit % 8
-    _decode_or_refuse(bytes(flipped), kind)
+    for damaged in (sound[:length], sound + more, bytes(flipped)):
+        with pytest.raises(MessageError, match="its checksum does not fit"):
+            decode(damaged, kind, KEY)
 
 
-@given(st.binary(max_size=200), st.sampled_from(KINDS))
-def test_any_bytes_are_refused_or_a_message(data: bytes, kind: type[Message]) -> None:
-    _decode_or_refuse(data, kind)
+@pytest.mark.parametrize("key", ["run-2/agent/r1/block", "run-1/agent/r2/block", "run-1/agent/r1/hello"])
+def test_what_was_said_under_another_key_is_refused(key: str) -> None:
+    """In an older run, by another agent, under another topic."""
+    data = encode(Hello(sender="r1", heard=["r2"]), key)
+    assert decode(data, Hello, key).heard == ["r2"]
+    with pytest.raises(MessageError, match="of another run, sender or topic"):
+        decode(data, Hello, KEY)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +68,7 @@ def test_any_bytes_are_refused_or_a_message(data: bytes, kind: type[Message]) ->
 )
 def test_hostile_bytes_are_refused(data: bytes) -> None:
     with pytest.raises(MessageError, match="not a Hello"):
-        decode(data, Hello)
+        decode(seal(data, KEY), Hello, KEY)
 
 
 def _with_array(shape: list[int], numbers: int) -> bytes:
@@ -141,25 +82,32 @@ def _with_array(shape: list[int], numbers: int) -> bytes:
 )
 def test_arrays_that_are_not_what_their_header_says_are_refused(shape: list[int], numbers: int) -> None:
     with pytest.raises(MessageError, match="not a Measurements"):
-        decode(_with_array(shape, numbers), Measurements)
+        decode(seal(_with_array(shape, numbers), KEY), Measurements, KEY)
+
+
+@pytest.mark.parametrize("data", [b"", b"\x02", b"\x02\x01\x00\x00\x00", b"\x01\x01\x00\x00\x00" + 7 * b"\x00"])
+def test_arrays_that_are_cut_short_are_refused(data: bytes) -> None:
+    fields = {"version": PROTOCOL_VERSION, "robot": "r1", "block": 0, "samples": msgspec.msgpack.Ext(1, data)}
+    with pytest.raises(MessageError, match="not a Measurements"):
+        decode(seal(msgspec.msgpack.encode(fields), KEY), Measurements, KEY)
 
 
 def test_array_of_the_wrong_code_is_refused() -> None:
     fields = {"version": PROTOCOL_VERSION, "robot": "r1", "block": 0, "samples": msgspec.msgpack.Ext(2, b"\x00" * 9)}
     with pytest.raises(MessageError, match="not an array"):
-        decode(msgspec.msgpack.encode(fields), Measurements)
+        decode(seal(msgspec.msgpack.encode(fields), KEY), Measurements, KEY)
 
 
 @pytest.mark.parametrize("fields", [{"reason": "over"}, {"reason": 3}, {"what": "new"}])
 def test_other_versions_are_told(fields: dict[str, object]) -> None:
     data = msgspec.msgpack.encode({"version": PROTOCOL_VERSION + 1} | fields)
     with pytest.raises(MessageError, match=f"version {PROTOCOL_VERSION + 1}.*speaks version {PROTOCOL_VERSION}"):
-        decode(data, Stop)
+        decode(seal(data, KEY), Stop, KEY)
 
 
 def test_what_is_no_array_cannot_be_sent() -> None:
     with pytest.raises(NotImplementedError, match="cannot send a complex"):
-        encode(Hello(sender="r1", heard=typing.cast("list[str]", [1j])))
+        encode(Hello(sender="r1", heard=typing.cast("list[str]", [1j])), KEY)
 
 
 def test_check_array() -> None:
@@ -168,6 +116,13 @@ def test_check_array() -> None:
         codec.check_array(array, (2, 2), "samples")
     with pytest.raises(MessageError, match=r"samples.shape is \(2, 2\) but expected \(2, 3\)"):
         codec.check_array(array, (2, 3), "samples")
+
+
+def test_errors_quote_messages_in_one_short_line() -> None:
+    with pytest.raises(MessageError, match=r"unknown field `\\x1b\[2J\\nr1 is fine`$"):
+        decode(seal(b"\x81\xaf\x1b[2J\nr1 is fine\x01", KEY), Hello, KEY)
+    with pytest.raises(MessageError, match=r"^.{400}\.\.\.$"):
+        codec.check_field("sender", 10_000 * "a", "r1")
 
 
 def test_check_field() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from coheft.app.plan import free_ports
+from coheft.app.hosts import free_ports
 from coheft.app.run_folder import RunFile, announced, make_run_folder, runs_folder
 
 

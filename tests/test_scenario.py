@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from coheft.errors import ScenarioError
 from coheft.wire.config import agent_config
 from coheft.wire.scenario_file import available_scenarios, load_scenario, parse_scenario
 from consensus.graph import build_graph
+from docs import scenario_reference
 
 GOOD = """
 name = "two"
@@ -115,3 +117,10 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     binary.write_bytes(b"\xff\xfe")
     with pytest.raises(ScenarioError, match=r"binary.toml: not UTF-8"):
         load_scenario(binary)
+
+
+def test_the_reference_is_up_to_date_and_its_example_is_a_scenario() -> None:
+    assert scenario_reference.PAGE.read_text() == scenario_reference.page(), "run python docs/scenario_reference.py"
+    example = re.search(r"```toml\n(.*?)```", scenario_reference.page(), re.DOTALL)
+    assert example is not None
+    assert parse_scenario(example[1], "docs/scenarios.md").robot_count == 2

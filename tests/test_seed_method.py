@@ -88,8 +88,8 @@ def test_too_little_motion_ends_with_not_observable_and_no_numbers() -> None:
 def test_one_scenario_and_seed_give_the_same_estimates_bit_for_bit() -> None:
     scenario = seed_method("ring3", duration=6.0)
     runs = [
-        [encode(estimate) for record in run_in_process(scenario) for estimate in record.estimates.values()]
+        [encode(estimate, "key") for record in run_in_process(scenario) for estimate in record.estimates.values()]
         for _ in range(2)
     ]
     assert runs[0] == runs[1]
-    assert len(runs[0]) == 3 * 60
+    assert len(runs[0]) >= 3 * 60  # ten times a second, and when doubts come or go

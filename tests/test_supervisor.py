@@ -27,6 +27,19 @@ raise ValueError("this is why")
 """
 
 
+# Fails the first time, not the second one.
+FAILS_ONCE = """
+import pathlib, sys
+print("I am here")
+first = pathlib.Path("has-failed")
+if not first.exists():
+    first.touch()
+    sys.exit("something was wrong")
+sys.stdin.readline()
+sys.stdin.read()
+"""
+
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where modules that are started are looked for."""
@@ -44,3 +57,18 @@ def test_a_process_that_fails_last_but_with_a_traceback_is_the_cause(folder: Pat
         with pytest.raises(ProcessError, match=r"^cause ended with status 1(?s:.)*this is why") as caught:
             processes.check()
     assert "After it, follows ended with status 1" in str(caught.value)
+
+
+def test_a_process_that_failed_can_be_started_again_with_what_it_was_told_and_its_log_goes_on(folder: Path) -> None:
+    (folder / "fails_once.py").write_text(FAILS_ONCE)
+    with Processes(folder) as processes:
+        child = processes.start("fails", "fails_once", StatusRequest())
+        child.process.wait()
+        assert processes.failed == [child]
+        processes.start_again(child)
+        (again,) = processes.children
+        assert again.restarts == 1
+        assert processes.pids == {"fails": again.process.pid}
+        processes.check()
+    assert again.process.returncode == 0
+    assert again.lines == ["I am here", "something was wrong", "I am here"]

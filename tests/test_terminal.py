@@ -5,15 +5,20 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable
+from pathlib import Path
 
+import msgspec
 import pytest
 from rich.console import Console
 
+from coheft.app.final_table import print_report
 from coheft.app.record import Record
+from coheft.app.report import RunInfo, build_report
 from coheft.app.terminal import LineDisplay, LiveDisplay, QuietDisplay, make_display
-from coheft.wire.messages import Problem
-from tests.synthetic_run import SCENE, changing_run, estimate
+from coheft.wire.messages import Estimate, Problem
+from tests.synthetic_run import BLOCK, HEAVY, SCENE, changing_run, estimate, recorded, truth
 
+INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, real_time_factor=1.0)
 ESCAPE = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 
 
@@ -21,12 +26,7 @@ ESCAPE = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 def record() -> Record:
     """Four seconds; the load changes at two, and r3 has not found out yet."""
     truths, estimates = changing_run({"r1": 110, "r2": 120, "r3": 500}, {})
-    record = Record(SCENE, duration=4.0)
-    for truth in truths:
-        record.add_truth(truth)
-    for series in estimates.values():
-        for each in series:
-            record.add_estimate(each)
+    record = recorded(truths, estimates)
     record.add_estimate(estimate("r1", 200, None, converged=False, phase="poses"))
     return record
 
@@ -68,17 +68,76 @@ def test_without_a_terminal_there_are_plain_lines(record: Record) -> None:
     assert "\x1b" not in drawn(console)
 
 
+def stale(robot: str, block: int, reason: str) -> Estimate:
+    return msgspec.structs.replace(estimate(robot, block, HEAVY), status="stale", reasons=[reason])
+
+
+def test_a_terminal_shows_who_is_stale_and_why(record: Record) -> None:
+    for robot in ("r1", "r2"):
+        record.add_estimate(stale(robot, 201, "r3 is silent since 3.98 s, and " + 80 * "!"))
+    console = terminal(is_terminal=True)
+    with LiveDisplay(console) as display:
+        display.update(record)
+    lines = ESCAPE.sub("", drawn(console)).splitlines()
+    for start in ("r1     stale", "r2     stale"):
+        assert any(line.startswith(start) for line in lines)
+    assert any(line.startswith("stale r1, r2: r3 is silent since 3.98 s, and !!!") for line in lines)
+    assert max(map(len, lines)) <= 80
+
+
+def test_plain_lines_tell_when_estimates_become_stale_and_when_none_is_any_more() -> None:
+    record = Record(SCENE, duration=20.0)
+    console = terminal(is_terminal=False)
+    display = LineDisplay(console)
+    for block in range(200):
+        record.add_truth(truth(block, HEAVY))
+        for robot in ("r1", "r2"):
+            is_stale = 60 <= block < 130
+            record.add_estimate(stale(robot, block, "r3 is silent") if is_stale else estimate(robot, block, HEAVY))
+            display.update(record)
+    assert drawn(console).splitlines() == [
+        "  1.5 s: stale r1, r2: r3 is silent",
+        "  3.0 s: no estimate is stale any more",
+    ]
+
+
+def test_the_final_table_says_why_a_run_has_not_converged() -> None:
+    truths = [truth(block, HEAVY) for block in range(10)]
+    last = {"r1": estimate("r1", 9, HEAVY), "r2": estimate("r2", 9, HEAVY), "r3": stale("r3", 9, "r2 is silent")}
+    report = build_report(INFO, recorded(truths, {name: [each] for name, each in last.items()}))
+    assert not report.converged
+    assert report.robots["r3"].reasons == ["r2 is silent"]
+    console = terminal(is_terminal=False)
+    print_report(console, report, Path("logs"))
+    assert "Stale at r3: r2 is silent.\nNot converged: r3.\n" in drawn(console)
+    assert max(map(len, drawn(console).splitlines())) <= 80
+
+
+def test_the_final_table_gives_one_example_of_what_is_not_observable() -> None:
+    beliefs = {name: estimate(name, 9, None, converged=False) for name in ("r1", "r2", "r3")}
+    beliefs["r3"] = msgspec.structs.replace(beliefs["r3"], not_observable=["pose of r2: move"])
+    report = build_report(INFO, recorded([truth(9, HEAVY)], {name: [each] for name, each in beliefs.items()}))
+    console = terminal(is_terminal=False)
+    print_report(console, report, Path("logs"))
+    text = " ".join(drawn(console).split())
+    assert "Not observable for r1: mass: too little motion. And 1 more of the kind;" in text
+    assert "has them all. Not observable for r3: pose of r2: move. Not converged" in text
+
+
+def test_the_final_table_tells_of_load_changes() -> None:
+    truths, estimates = changing_run({"r1": 110, "r2": 120, "r3": 115}, {"r1": 2.06, "r2": 2.04, "r3": 2.1})
+    console = terminal(is_terminal=False)
+    print_report(console, build_report(INFO, recorded(truths, estimates)), Path("logs"))
+    text = " ".join(drawn(console).split())
+    assert "At 2 s the payload changed from 10.00 kg to 13.00 kg. Noticed: 0.1 s after. Recovered: 0.4 s after." in text
+
+
 @pytest.mark.parametrize(
     ("is_terminal", "quiet", "kind"),
     [(True, False, LiveDisplay), (False, False, LineDisplay), (True, True, QuietDisplay), (False, True, QuietDisplay)],
 )
 def test_the_display_fits(is_terminal: bool, quiet: bool, kind: Callable[..., object]) -> None:
     assert type(make_display(terminal(is_terminal=is_terminal), quiet=quiet)) is kind
-
-
-def test_a_record_keeps_estimates_by_their_time_alone(record: Record) -> None:
-    times = [round(each.time, 9) for each in record.estimates["r2"]]
-    assert times == [round(0.1 * k, 9) for k in range(1, 41)]
 
 
 def test_no_color_is_honoured(record: Record, monkeypatch: pytest.MonkeyPatch) -> None:

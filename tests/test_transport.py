@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 import zenoh
 
-from coheft.app.plan import free_ports
+from coheft.app.hosts import free_ports
 from coheft.errors import CoheftError, LinkError
 from coheft.wire.codec import encode
+from coheft.wire.inbox import Event, Inbox, LinkChange, Question, Received, Refused
 from coheft.wire.messages import (
     PROTOCOL_VERSION,
     Hello,
@@ -25,19 +26,7 @@ from coheft.wire.messages import (
     StatusRequest,
 )
 from coheft.wire.messages import Scene as SceneMessage
-from coheft.wire.transport import (
-    Event,
-    Inbox,
-    Keys,
-    LinkChange,
-    Question,
-    Received,
-    Refused,
-    Sender,
-    ask,
-    check_name,
-    open_session,
-)
+from coheft.wire.transport import Keys, Sender, ask, check_name, open_session
 
 LIMIT = 20.0
 
@@ -101,14 +90,15 @@ def test_what_is_not_the_expected_message_is_refused_and_the_next_one_arrives(pa
     wait_until(lambda: sender.has_listener)
     hello = Hello(sender="r2", heard=[])
     far.put(key, b"\xc1 no MessagePack")
-    far.put(key, encode(Ready(robot="r2")))
-    far.put(key, encode(Hello(version=PROTOCOL_VERSION + 1, sender="r2", heard=[])))
+    far.put(key, encode(Ready(robot="r2"), key))
+    far.put(key, encode(Hello(version=PROTOCOL_VERSION + 1, sender="r2", heard=[]), key))
     far.delete(key)
-    far.put(keys.agent("r2", "gossip"), encode(hello))
+    far.put(keys.agent("r2", "gossip"), encode(hello, key))
+    far.put(key, encode(hello, Keys("older-run").agent("r2", "hello")))
     sender.send(hello)
 
     texts = []
-    for _ in range(5):
+    for _ in range(6):
         event = next_event(inbox)
         assert isinstance(event, Refused)
         texts.append(str(event.error))
@@ -117,6 +107,7 @@ def test_what_is_not_the_expected_message_is_refused_and_the_next_one_arrives(pa
     assert f"version {PROTOCOL_VERSION + 1}" in texts[2]
     assert "not a Hello" in texts[3]
     assert "nothing is expected under the key" in texts[4]
+    assert "of another run" in texts[5]
     assert next_event(inbox) == Received("r2", hello)
 
 
@@ -160,7 +151,7 @@ def test_who_dials_first_is_linked_when_the_other_one_comes(endpoint, keys):
 def test_questions_are_answered_or_refused(pair, keys):
     near, far = pair
     inbox = Inbox()
-    inbox.serve(near, keys.request)
+    inbox.serve(near, {keys.request("operator"): "operator"})
     status = Status(
         scenario="ring6", state="running", block=7, time=0.14, duration=35.0, real_time_factor=1.0, late_blocks=0,
         loads=[], slots_free=4, waiting_for=[],
@@ -169,15 +160,16 @@ def test_questions_are_answered_or_refused(pair, keys):
 
     def served() -> bool:
         with contextlib.suppress(LinkError):
-            return isinstance(asking(far, keys.request, inbox, status, StatusRequest()), Status)
+            return isinstance(asking(far, keys.request("operator"), inbox, status, StatusRequest()), Status)
         return False
 
     wait_until(served)
-    answer = asking(far, keys.request, inbox, status, StatusRequest())
+    answer = asking(far, keys.request("operator"), inbox, status, StatusRequest())
     assert isinstance(answer, Status)
     assert answer.block == 7
-    refused = asking(far, keys.request, inbox, Refusal(reason="too heavy"), InjectRequest(mass=9.0, position=(0, 0, 0)))
-    assert refused == Refusal(reason="too heavy")
+    too_heavy = Refusal(reason="too heavy")
+    request = InjectRequest(mass=9.0, position=(0, 0, 0))
+    assert asking(far, keys.request("operator"), inbox, too_heavy, request) == too_heavy
 
 
 def asking(
@@ -199,8 +191,8 @@ def asking(
 def test_a_malformed_question_is_refused_by_the_inbox(pair, keys):
     near, far = pair
     inbox = Inbox()
-    inbox.serve(near, keys.request)
-    querier = far.declare_querier(keys.request)
+    inbox.serve(near, {keys.request("operator"): "operator"})
+    querier = far.declare_querier(keys.request("operator"))
     wait_until(lambda: querier.matching_status.matching)
     replies = querier.get(payload=b"{}")
     assert isinstance(next_event(inbox), Refused)
@@ -212,7 +204,7 @@ def test_a_malformed_question_is_refused_by_the_inbox(pair, keys):
 
 def test_a_question_that_nobody_answers_is_an_error(endpoint, keys):
     with open_session(connect=[endpoint]) as session, pytest.raises(LinkError, match="no answer"):
-        ask(session, keys.request, StatusRequest(), timeout=0.1)
+        ask(session, keys.request("operator"), StatusRequest(), timeout=0.1)
 
 
 def test_a_port_that_is_taken_is_an_error(endpoint):

@@ -12,7 +12,7 @@ from typing import Annotated
 import cyclopts
 from cyclopts import Parameter
 
-from coheft.app import cli_control, cli_identify, cli_mocobots, cli_study
+from coheft.app import cli_control, cli_faults, cli_identify, cli_keys, cli_mocobots, cli_study
 from coheft.app.cli_base import (
     EXIT_CONVERGED,
     EXIT_ERROR,
@@ -21,6 +21,7 @@ from coheft.app.cli_base import (
     EXIT_USAGE,
     DataTarget,
     Flag,
+    NotNegative,
     ReportTarget,
     app,
 )
@@ -61,16 +62,20 @@ def run(
     estimator: str | None = None,
     sensor_rate: int | None = None,
     realtime: Flag = False,
+    restarts: NotNegative = 3,
     json: ReportTarget = None,
     history: Flag = False,
     quiet: Flag = False,
     save_data: DataTarget = None,
     logs: Path | None = None,
+    secure: Flag = False,
+    keys: Path | None = None,
+    hosts: Path | None = None,
     write_configs: Path | None = None,
 ) -> int:
     """Start the physics server and one process per robot, and watch them find out what they hold.
 
-    Exit status 0 only if every robot converged; 3 if the run ended without.
+    Exit status 0 only if every robot converged and no estimate is stale; 3 if the run ended without.
 
     Parameters
     ----------
@@ -90,6 +95,8 @@ def run(
         Samples per second: 100, 125, 200, 250, 500 or 1000.
     realtime:
         Keep pace with the clock on the wall, instead of going as fast as the slowest robot can.
+    restarts:
+        How often an agent that dies is started again; once more, and the run ends with an error.
     json:
         Write the report to this file; - for standard output.
     history:
@@ -100,17 +107,25 @@ def run(
         Save what all robots measured, for 'coheft identify': an .npz file, or, without suffix, a folder of CSV files.
     logs:
         Folder for the processes' logs, instead of a new one among your runs.
+    secure:
+        Let nobody join who has no certificate, and nobody speak for another.
+    keys:
+        Folder with everybody's certificates, as 'coheft keys' makes it, instead of new ones for this run alone.
+    hosts:
+        File that tells where each part runs, see docs/deployment.md; with --write-configs.
     write_configs:
         Do not run: write the processes' configurations into this folder, to start them by hand.
     """
     from rich.console import Console
 
+    from coheft.app.final_table import print_report
+    from coheft.app.hosts import load_hosts
     from coheft.app.launch import launch
     from coheft.app.overrides import override
-    from coheft.app.plan import make_plan
+    from coheft.app.plan import make_plan, new_run_name
     from coheft.app.report import write_report
     from coheft.app.run_folder import make_run_folder
-    from coheft.app.terminal import make_display, print_report
+    from coheft.app.terminal import make_display
     from coheft.wire.scenario_file import load_scenario
 
     chosen = override(
@@ -121,14 +136,28 @@ def run(
         estimator=estimator,
         sensor_rate=sensor_rate,
     )
-    plan = make_plan(chosen, "realtime" if realtime else "lockstep", save_data)
+    if hosts is not None and write_configs is None:
+        raise ScenarioError("--hosts needs --write-configs: each part is to be started on its own host")
+    places = load_hosts(hosts, chosen) if hosts is not None else None
+    name = new_run_name()
+    folder = write_configs if write_configs is not None else make_run_folder(name, logs)
+    if secure or keys is not None:
+        from coheft.app.keys import check_keys, make_keys
+
+        if keys is None:
+            keys = folder / "keys"
+            make_keys(keys, chosen, places)
+        check_keys(keys, chosen, places)
+    plan = make_plan(
+        chosen, "realtime" if realtime else "lockstep", run=name, hosts=places, keys=keys, save_data=save_data
+    )
     if write_configs is not None:
         for path in plan.write(write_configs):
             print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")
         return EXIT_CONVERGED
     console = Console(stderr=json == "-")
-    folder = make_run_folder(plan.run, logs)
-    report = launch(plan, folder, make_display(console, quiet=quiet), with_history=history)
+    display = make_display(console, quiet=quiet)
+    report = launch(plan, folder, display, with_history=history, restarts=restarts)
     if json is not None:
         write_report(report, json)
     if not quiet:
@@ -189,7 +218,9 @@ __all__ = [
     "EXIT_USAGE",
     "app",
     "cli_control",
+    "cli_faults",
     "cli_identify",
+    "cli_keys",
     "cli_mocobots",
     "cli_study",
     "run_command_line",

@@ -15,13 +15,14 @@ EXIT_CONVERGED = 0
 EXIT_ERROR = 1
 EXIT_USAGE = 2
 EXIT_NOT_CONVERGED = 3
+EXIT_BROKEN_PROMISE = 4
 EXIT_INTERRUPTED = 130
 
 app = cyclopts.App(
     name="coheft",
     help="Robots that hold one load together find out, by themselves, what they are holding.",
     help_epilogue="Exit status: 0 every robot converged (or: done), 1 an error, 2 wrong usage or a bad scenario, "
-    "3 the run ended but not every robot had converged, 130 stopped by Ctrl-C.",
+    "3 the run ended but not every robot had converged, 4 a promise was broken, 130 stopped by Ctrl-C.",
     version=coheft.__version__,
     suppress_keyboard_interrupt=False,  # what Ctrl-C means is up to ``run_command_line``
 )
@@ -46,6 +47,7 @@ def _has_folder(_: object, value: Path | None) -> None:
 
 
 Count = Annotated[int, Parameter(validator=Number(gte=1))]
+NotNegative = Annotated[int, Parameter(validator=Number(gte=0))]
 Positive = Annotated[float, Parameter(validator=Number(gt=0))]
 ReportTarget = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_is_target)]
 DataTarget = Annotated[Path | None, Parameter(validator=_has_folder)]

@@ -36,9 +36,9 @@ def run_in_process(scenario: Scenario) -> Iterator[BlockRecord]:
         result = simulation.advance(references.pop(block, {}))
         outboxes = {}
         for name, agent in agents.items():
-            inbox = {other: messages[other] for other in graph[name] if other in messages}
+            inbox = [messages[other] for other in graph[name] if other in messages]
             measured = MeasurementBlock(block, result.measurements[name].samples)
-            outboxes[name] = agent.step(measured, inbox)
+            outboxes[name] = agent.step(block, measured, inbox)
         messages = {name: outbox.message for name, outbox in outboxes.items()}
         references[block + scenario.lookahead] = {name: outbox.reference for name, outbox in outboxes.items()}
         yield BlockRecord(

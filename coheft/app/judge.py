@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import bisect
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -67,6 +68,8 @@ class RobotReport(msgspec.Struct, frozen=True):
         converged: The robot itself calls its estimate good enough.
         converged_at_s: When it first did [s]; None if never.
         not_observable: What it says that its motion could not tell.
+        status: What it says of it: ``starting``, ``valid``, or ``stale`` if it cannot know whether that still holds.
+        reasons: Why it is not valid, in its own words.
     """
 
     time_s: float
@@ -77,23 +80,41 @@ class RobotReport(msgspec.Struct, frozen=True):
     converged: bool
     converged_at_s: float | None
     not_observable: list[str]
+    status: Literal["starting", "valid", "stale"] = "starting"
+    reasons: list[str] = []
+
+    @property
+    def is_converged(self) -> bool:
+        """Good enough, and known to hold still."""
+        return self.converged and self.status != "stale"
 
 
 class Judge:
-    """Knows the truth, and how it looks from every robot's grasp frame."""
+    """Knows the truth, and how it looks from every robot's grasp frame.
 
-    def __init__(self, scene: Scene, truths: Sequence[Truth]) -> None:
+    Args:
+        scene: Who holds the payload where.
+        truths: In order of blocks.
+    """
+
+    def __init__(self, scene: Scene, truths: Iterable[Truth] = ()) -> None:
         self.scene = scene
-        self.truths = truths
         self.pose_payload_in = {
             name: Pose(rotation, translation).inverse()
             for name, rotation, translation in zip(scene.robots, scene.rotations, scene.translations, strict=True)
         }
-        self._blocks = [truth.block for truth in truths]
+        self._truths = list(truths)
+
+    def add(self, truth: Truth, *, remember: int) -> None:
+        """Learn the truth of one more block; only so many of the newest ones need be remembered."""
+        self._truths.append(truth)
+        if len(self._truths) >= 2 * remember:
+            del self._truths[:-remember]
 
     def truth_at(self, block: int) -> Truth:
-        """The truth of that block, or else of the last known one before it."""
-        return self.truths[max(0, bisect.bisect_right(self._blocks, block) - 1)]
+        """The truth of that block, or else of the last known one before it, or else the oldest one."""
+        after = bisect.bisect_right(self._truths, block, key=lambda truth: truth.block)
+        return self._truths[max(0, after - 1)]
 
     def payload(self, robot: str, block: int) -> Inertia:
         """The true payload of that block in the robot's frame."""
@@ -132,6 +153,8 @@ class Judge:
             converged=last.converged,
             converged_at_s=next((estimate.time for estimate in estimates if estimate.converged), None),
             not_observable=list(last.not_observable),
+            status=last.status,
+            reasons=list(last.reasons),
         )
 
     def recovered(self, estimate: Estimate) -> bool:
@@ -139,6 +162,15 @@ class Judge:
         truth = self.payload(estimate.robot, estimate.block)
         mass, com = _mass(truth, estimate.payload).error_pct, _com(truth, estimate.payload).error_mm
         return mass is not None and mass <= RECOVERED_MASS_PCT and com is not None and com <= RECOVERED_COM_MM
+
+
+def why_stale(robots: Mapping[str, Estimate | RobotReport]) -> dict[str, list[str]]:
+    """Reasons for which estimates are stale, with the robots that give them."""
+    names: dict[str, list[str]] = {}
+    for name, robot in robots.items():
+        for reason in robot.reasons if robot.status == "stale" else ():
+            names.setdefault(reason, []).append(name)
+    return names
 
 
 def _mass(truth: Inertia, estimate: PayloadEstimate | None) -> MassReport:

@@ -12,10 +12,11 @@ from coheft.app.plan import Plan
 from coheft.app.processes import Processes
 from coheft.app.record import Record
 from coheft.app.report import Report, RunInfo, build_report
-from coheft.app.run_folder import RunFile, announced
+from coheft.app.restarts import Restarts
+from coheft.app.run_folder import RunFile, announce, announced
 from coheft.app.terminal import Display
 from coheft.errors import LinkError
-from coheft.wire.messages import Status, StatusRequest
+from coheft.wire.messages import Scene, Status, StatusRequest
 
 _POLL = 0.02
 _START_LIMIT = 60.0
@@ -25,11 +26,14 @@ _LAST_WORDS = 1.0
 _AGENTS_END = 5.0
 
 
-def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = False) -> Report:
+def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = False, restarts: int = 0) -> Report:
     """Run a plan to its end, and compare what the robots found with the truth.
 
+    An agent that fails while the run goes on is started again, up to ``restarts`` times. The server is not: with it the
+    simulated world is gone.
+
     Raises:
-        ProcessError: A process failed; the others have been stopped.
+        ProcessError: A process failed, an agent once too often; the others have been stopped.
         LinkError: The processes did not find each other.
         KeyboardInterrupt: Ctrl-C.
     """
@@ -38,10 +42,14 @@ def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = F
         processes.start("server", "physics_server.server", plan.server)
         for name, agent in plan.agents.items():
             processes.start(name, "agents.process", agent)
-        with announced(folder, msgspec.structs.replace(plan.run_file(), pids=processes.pids)):
-            record = _wait_for_start(observer, processes, display)
-            status = _follow(record, observer, processes, display)
-    if not record.truths or record.silent:
+        with announced(folder, _run_file(plan, processes)):
+            scene = _wait_for_start(observer, processes, display)
+            record = Record(scene, scenario.duration, with_history=with_history)
+            again = Restarts(
+                restarts, processes, observer, display, lambda: announce(folder, _run_file(plan, processes))
+            )
+            status = _follow(record, observer, processes, again, display)
+    if record.truth is None or record.silent:
         raise LinkError(f"the run ended before every robot had said something; see the logs in {folder}")
     info = RunInfo(
         scenario=scenario.name,
@@ -51,10 +59,14 @@ def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = F
         real_time_factor=status.real_time_factor,
         late_blocks=status.late_blocks,
     )
-    return build_report(info, record.scene, record.truths, record.estimates, with_history=with_history)
+    return build_report(info, record)
 
 
-def _wait_for_start(observer: Observer, processes: Processes, display: Display) -> Record:
+def _run_file(plan: Plan, processes: Processes) -> RunFile:
+    return msgspec.structs.replace(plan.run_file(), pids=processes.pids)
+
+
+def _wait_for_start(observer: Observer, processes: Processes, display: Display) -> Scene:
     """Wait until all links stand and the clock runs."""
     began = time.monotonic()
     waiting_for = ["server"]
@@ -63,7 +75,7 @@ def _wait_for_start(observer: Observer, processes: Processes, display: Display) 
         status = observer.status()
         if status is not None:
             if status.state != "waiting":
-                return Record(status.scene, status.duration)
+                return status.scene
             waiting_for = status.waiting_for
         if time.monotonic() > began + _NO_COMMENT:
             display.note(f"waiting for {', '.join(waiting_for)}")
@@ -71,7 +83,7 @@ def _wait_for_start(observer: Observer, processes: Processes, display: Display) 
     raise LinkError(f"after {_START_LIMIT:g} s there is still no link with {', '.join(waiting_for)}")
 
 
-def _follow(record: Record, observer: Observer, processes: Processes, display: Display) -> Status:
+def _follow(record: Record, observer: Observer, processes: Processes, again: Restarts, display: Display) -> Status:
     """Collect what the processes say until the agents have gone; return the server's last word.
 
     Raises:
@@ -79,8 +91,8 @@ def _follow(record: Record, observer: Observer, processes: Processes, display: D
         LinkError: The server has no last word.
     """
     news = time.monotonic()
-    while not processes.all_done_but("server"):
-        processes.check()
+    while not processes.all_done_but("server") or processes.failed:
+        again.check()
         if _collect(record, observer, display):
             news = time.monotonic()
         elif time.monotonic() > news + _SILENCE:

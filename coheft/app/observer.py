@@ -9,11 +9,15 @@ from pathlib import Path
 
 import zenoh
 
+from coheft.app.heard import hear
 from coheft.app.record import Record
 from coheft.app.run_folder import RunFile, find_run
-from coheft.errors import CoheftError, LinkError
+from coheft.errors import CoheftError, LinkError, MessageError
+from coheft.wire.inbox import Inbox, Received, Refused
 from coheft.wire.messages import Estimate, Problem, Refusal, Request, Status, StatusRequest, Truth
-from coheft.wire.transport import Inbox, Keys, Received, Refused, ask, open_session
+from coheft.wire.planes import guard_observer
+from coheft.wire.security import Guard, credentials_in
+from coheft.wire.transport import Keys, Role, ask, open_session
 
 _RETRY_EVERY = 0.02
 _ANSWER_LIMIT = 5.0
@@ -23,9 +27,10 @@ _COLLECT_LIMIT = 0.1  # or whoever calls would see nothing else while messages c
 class Observer:
     """Hears the server and every agent of a run, see ``observe``."""
 
-    def __init__(self, run_file: RunFile, session: zenoh.Session) -> None:
+    def __init__(self, run_file: RunFile, session: zenoh.Session, role: Role) -> None:
         self._session = session
         self._keys = Keys(run_file.run)
+        self._request = self._keys.request(role)
         self._inbox = Inbox()
         at_server = self._keys.observe_server
         self._inbox.listen(session, "server", {at_server("truth"): Truth, at_server("problem"): Problem})
@@ -44,14 +49,13 @@ class Observer:
         deadline = time.monotonic() + _COLLECT_LIMIT
         while event is not None:
             match event:
-                case Received(_, Truth() as truth):
-                    record.add_truth(truth)
-                case Received(_, Estimate() as estimate):
-                    record.add_estimate(estimate)
-                case Received(_, Problem() as problem):
-                    problems.append(problem)
-                case Refused(source, error):
-                    problems.append(Problem(source=source, text=str(error)))
+                case Received(source, message):
+                    try:
+                        problems += hear(record, source, message)
+                    except MessageError as error:
+                        problems.append(_refusal(source, error))
+                case Refused(source, reason):
+                    problems.append(_refusal(source, reason))
                 case _:
                     pass
             event = self._inbox.receive(0.0) if time.monotonic() < deadline else None
@@ -60,7 +64,7 @@ class Observer:
     def status(self) -> Status | None:
         """How the run is; None if the server does not answer (yet, or any more)."""
         try:
-            answer = ask(self._session, self._keys.request, StatusRequest(), timeout=0.5)
+            answer = ask(self._session, self._request, StatusRequest(), timeout=0.5)
         except LinkError:
             return None
         return answer if isinstance(answer, Status) else None
@@ -77,25 +81,39 @@ class Observer:
             if time.monotonic() > deadline:
                 raise LinkError(f"the run's server does not answer within {_ANSWER_LIMIT:g} s")
             time.sleep(_RETRY_EVERY)
-        answer = ask(self._session, self._keys.request, request, timeout=_ANSWER_LIMIT)
+        answer = ask(self._session, self._request, request, timeout=_ANSWER_LIMIT)
         if isinstance(answer, Refusal):
             raise CoheftError(f"refused: {answer.reason}")
         return answer
 
 
+def _refusal(source: str, reason: MessageError) -> Problem:
+    return Problem(source="observer", text=f"refused from {source}: {reason}")
+
+
 @contextmanager
 def observe(run_file: RunFile) -> Iterator[Observer]:
-    """Dial the server and every agent of a run; the links end with the context."""
-    with open_session(connect=[run_file.server, *run_file.agents.values()]) as session:
-        yield Observer(run_file, session)
+    """Dial the server and every agent of a run, as an observer; the links end with the context.
+
+    Raises:
+        CoheftError: The run is secure, and there are no keys of an observer.
+    """
+    endpoints = [run_file.server, *run_file.agents.values()]
+    with open_session(connect=endpoints, guard=_guard(run_file, "observer")) as session:
+        yield Observer(run_file, session, "observer")
 
 
 def ask_run(request: Request, folder: Path | None) -> Status:
-    """Ask the server of the run in a folder, or else of the newest run.
+    """Ask the server of the run in a folder, or else of the newest run, as the operator.
 
     Raises:
-        CoheftError: There is no such run, or it refuses.
+        CoheftError: There is no such run, or it refuses, or it is secure and there are no keys of the operator.
     """
     run_file = find_run(folder)
-    with open_session(connect=[run_file.server]) as session:
-        return Observer(run_file, session).ask(request)
+    with open_session(connect=[run_file.server], guard=_guard(run_file, "operator")) as session:
+        return Observer(run_file, session, "operator").ask(request)
+
+
+def _guard(run_file: RunFile, role: Role) -> Guard | None:
+    credentials = credentials_in(Path(run_file.keys), role) if run_file.keys is not None else None
+    return guard_observer(credentials, Keys(run_file.run), role, run_file.agents)

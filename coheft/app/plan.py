@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-import contextlib
-import random
+import os
 import secrets
-import socket
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 
+from coheft.app.hosts import FreePorts, HostPorts, Hosts, Places
 from coheft.app.run_folder import RUN_FILE, RunFile
-from coheft.errors import LinkError
+from coheft.errors import CoheftError
 from coheft.wire.config import AgentProcessConfig, Neighbour, ServerConfig, agent_config
+from coheft.wire.planes import SERVER
 from coheft.wire.scenario import Scenario
+from coheft.wire.security import Credentials, credentials_in
 from consensus.graph import build_graph
 
 Clock = Literal["lockstep", "realtime"]
-
-_HOST = "127.0.0.1"
-_PORTS = range(20000, 32768)
-"""Above 32767 the system may give a port to an outgoing connection between our choice and its use."""
 
 
 @dataclass(frozen=True)
@@ -32,10 +29,12 @@ class Plan:
     Attributes:
         server: The physics server's.
         agents: The agents', by name.
+        keys: Folder with everybody's credentials; None: the open profile.
     """
 
     server: ServerConfig
     agents: dict[str, AgentProcessConfig]
+    keys: Path | None = None
 
     @property
     def run(self) -> str:
@@ -45,38 +44,69 @@ class Plan:
     def run_file(self) -> RunFile:
         """How to reach the run."""
         agents = {name: agent.observe for name, agent in self.agents.items()}
-        return RunFile(run=self.run, server=self.server.observe, agents=agents)
+        keys = str(self.keys.resolve()) if self.keys is not None else None
+        return RunFile(run=self.run, server=self.server.observe, agents=agents, keys=keys)
 
     def write(self, folder: Path) -> list[Path]:
         """Write each configuration to a file of its own, so that the parts can be started by hand.
 
-        The folder also gets the file by which ``coheft watch --run FOLDER`` and its like find the run.
+        The folder also gets the file by which ``coheft watch --run FOLDER`` and its like find the run. Paths of keys
+        are written as seen from the folder.
         """
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / RUN_FILE).write_bytes(msgspec.json.encode(self.run_file()))
-        configs: dict[str, msgspec.Struct] = {"server": self.server, **self.agents}
+        keys = os.path.relpath(self.keys.resolve(), folder.resolve()) if self.keys is not None else None
+        (folder / RUN_FILE).write_bytes(msgspec.json.encode(msgspec.structs.replace(self.run_file(), keys=keys)))
         paths = []
+        configs: dict[str, ServerConfig | AgentProcessConfig] = {SERVER: self.server, **self.agents}
         for name, config in configs.items():
             paths.append(folder / f"{name}.json")
-            paths[-1].write_bytes(msgspec.json.format(msgspec.json.encode(config)) + b"\n")
+            paths[-1].write_bytes(msgspec.json.format(msgspec.json.encode(_seen_from(folder, config))) + b"\n")
         return paths
 
 
-def make_plan(scenario: Scenario, clock: Clock = "lockstep", save_data: Path | None = None) -> Plan:
-    """Draw the graph, find ports, give the run a name of its own; the server saves all measurements if told where.
+def make_plan(
+    scenario: Scenario,
+    clock: Clock = "lockstep",
+    *,
+    run: str | None = None,
+    hosts: Hosts | None = None,
+    keys: Path | None = None,
+    save_data: Path | None = None,
+) -> Plan:
+    """Draw the graph and give every part its endpoints.
 
     Along an edge the robot that comes first listens, and the other one dials.
 
+    Args:
+        scenario: What to run.
+        clock: Whether to wait for slow robots.
+        run: Name of the run; a new one by default.
+        hosts: Where each part runs; None: all on free ports of this machine's loopback interface.
+        keys: Folder with everybody's credentials, see ``coheft.app.keys``; None: the open profile.
+        save_data: File for what all robots measure; None: nothing is kept.
+
     Raises:
         LinkError: There are not enough free ports.
+        CoheftError: Credentials are missing, or the open profile would be open to other machines.
     """
     names = scenario.robot_names
     graph = build_graph(scenario.graph, names)
-    endpoints = iter([f"tcp/{_HOST}:{port}" for port in free_ports(3 * len(names) + 1)])
-    run = f"coheft-{secrets.token_hex(4)}"
-    observe = next(endpoints)
-    robots = {name: next(endpoints) for name in names}
-    listen = {name: next(endpoints) for name in names}
+    if keys is None and hosts is not None and hosts.are_remote:
+        raise CoheftError("across hosts everybody could dial in, and say anything: add --secure")
+    places: Places = HostPorts(hosts) if hosts is not None else FreePorts(3 * len(names) + 1)
+
+    def take(name: str) -> str:
+        return f"{'tls' if keys is not None else 'tcp'}/{places.take(name)}"
+
+    def credentials(name: str) -> Credentials | None:
+        return credentials_in(keys, name) if keys is not None else None
+
+    run = run or new_run_name()
+    # In real time, who waits longer than that is too late with its own reference.
+    patience = {} if clock == "lockstep" else {"patience": scenario.lookahead * scenario.block_duration}
+    observe = take(SERVER)
+    robots = {name: take(SERVER) for name in names}
+    listen = {name: take(name) for name in names}
     return Plan(
         server=ServerConfig(
             scenario=scenario,
@@ -86,6 +116,7 @@ def make_plan(scenario: Scenario, clock: Clock = "lockstep", save_data: Path | N
             neighbours=graph,
             clock=clock,
             save_data=None if save_data is None else str(save_data.absolute()),
+            security=credentials(SERVER),
         ),
         agents={
             name: AgentProcessConfig(
@@ -93,34 +124,29 @@ def make_plan(scenario: Scenario, clock: Clock = "lockstep", save_data: Path | N
                 run=run,
                 server=robots[name],
                 listen=listen[name],
-                observe=next(endpoints),
+                observe=take(name),
                 neighbours=tuple(
                     Neighbour(name=other, endpoint=listen[other] if names.index(other) < names.index(name) else None)
                     for other in graph[name]
                 ),
+                security=credentials(name),
+                **patience,
             )
             for name in names
         },
+        keys=keys,
     )
 
 
-def free_ports(count: int) -> list[int]:
-    """Different ports of the loopback interface on which nobody listens now.
+def new_run_name() -> str:
+    """A name that no other run has: the prefix of all its keys."""
+    return f"coheft-{secrets.token_hex(4)}"
 
-    Raises:
-        LinkError: There are not enough.
-    """
-    found: list[int] = []
-    with contextlib.ExitStack() as held:
-        for port in random.sample(_PORTS, len(_PORTS)):
-            if len(found) == count:
-                break
-            candidate = held.enter_context(socket.socket())
-            try:
-                candidate.bind((_HOST, port))
-            except OSError:
-                continue
-            found.append(port)
-    if len(found) < count:
-        raise LinkError(f"found {len(found)} free ports from {_PORTS[0]} to {_PORTS[-1]}, but the run needs {count}")
-    return found
+
+def _seen_from(folder: Path, config: ServerConfig | AgentProcessConfig) -> ServerConfig | AgentProcessConfig:
+    """The configuration with its files' paths as seen from ``folder``, which may come to lie on another host."""
+    if config.security is None:
+        return config
+    paths = msgspec.to_builtins(config.security)
+    relative = Credentials(**{name: os.path.relpath(path, folder.resolve()) for name, path in paths.items()})
+    return msgspec.structs.replace(config, security=relative)

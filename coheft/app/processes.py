@@ -11,10 +11,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import msgspec
 
@@ -22,6 +23,8 @@ from coheft.errors import CoheftError
 
 # One thread of mathematics per process: the processes themselves fill the cores.
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
+UNUSABLE_CONFIG = 2
+"""Exit status of a process that was told nothing that it could use."""
 _GO_BY_THEMSELVES = 1.0
 _GO_WHEN_ASKED = 0.4
 _OTHERS_FAIL = 0.5
@@ -35,11 +38,23 @@ class ProcessError(CoheftError):
 
 @dataclass(frozen=True)
 class Child:
-    """One process, its name in the run, and its log."""
+    """One process of a run.
+
+    Attributes:
+        name: In the run.
+        module: What it runs,
+        config: with this, as JSON.
+        log: Where its output goes.
+        process: It.
+        restarts: How often it had been started before.
+    """
 
     name: str
-    process: subprocess.Popen[bytes]
+    module: str
+    config: bytes
     log: Path
+    process: subprocess.Popen[bytes]
+    restarts: int = 0
 
     @property
     def how(self) -> str:
@@ -63,30 +78,27 @@ class Processes:
     def start(self, name: str, module: str, config: msgspec.Struct) -> Child:
         """Start ``python -m module`` with its configuration; its output goes to ``<name>.log``."""
         log = self.folder / f"{name}.log"
-        with log.open("wb") as output:
-            process = subprocess.Popen(
-                [sys.executable, "-m", module],
-                stdin=subprocess.PIPE,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, **ENVIRONMENT},
-                start_new_session=True,  # or Ctrl-C would hit it before it can be told to go
-            )
-        child = Child(name, process, log)
+        log.unlink(missing_ok=True)
+        line = msgspec.json.encode(config)
+        child = Child(name, module, line, log, _start(module, line, log))
         self.children.append(child)
-        assert process.stdin is not None
-        try:
-            process.stdin.write(msgspec.json.encode(config) + b"\n")
-            process.stdin.flush()
-        except BrokenPipeError as error:
-            process.wait()
-            raise _error([child]) from error
         return child
+
+    def start_again(self, child: Child) -> None:
+        """Start a process that has ended once more; its output is added to its log."""
+        _close_stdin(child)
+        process = _start(child.module, child.config, child.log)
+        self.children[self.children.index(child)] = replace(child, process=process, restarts=child.restarts + 1)
 
     @property
     def pids(self) -> dict[str, int]:
         """Process ids by name."""
         return {child.name: child.process.pid for child in self.children}
+
+    @property
+    def failed(self) -> list[Child]:
+        """Processes that have ended with another status than 0."""
+        return [child for child in self.children if child.process.poll() not in (None, 0)]
 
     def check(self) -> None:
         """Check that none has failed.
@@ -94,9 +106,9 @@ class Processes:
         Raises:
             ProcessError: One has; the message names it and shows the end of its log.
         """
-        if self._failed():
+        if self.failed:
             self._wait(_OTHERS_FAIL)
-            raise _error(self._failed())
+            raise _error(self.failed)
 
     def all_done_but(self, name: str) -> bool:
         """Whether every process but one has ended."""
@@ -128,8 +140,7 @@ class Processes:
     def stop(self) -> None:
         """End all processes: ask by the end of stdin, then by a signal, then do not ask."""
         for child in self.children:
-            if child.process.stdin is not None and not child.process.stdin.closed:
-                child.process.stdin.close()
+            _close_stdin(child)
         self._wait(_GO_BY_THEMSELVES)
         for child in self._left():
             child.process.terminate()
@@ -137,9 +148,6 @@ class Processes:
         for child in self._left():
             child.process.kill()
             child.process.wait()
-
-    def _failed(self) -> list[Child]:
-        return [child for child in self.children if child.process.poll() not in (None, 0)]
 
     def _left(self) -> list[Child]:
         return [child for child in self.children if child.process.poll() is None]
@@ -158,6 +166,29 @@ class Processes:
         self.stop()
 
 
+def _start(module: str, config: bytes, log: Path) -> subprocess.Popen[bytes]:
+    with log.open("ab") as output:
+        process = subprocess.Popen(
+            [sys.executable, "-m", module],
+            stdin=subprocess.PIPE,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, **ENVIRONMENT},
+            start_new_session=True,  # or Ctrl-C would hit it before it can be told to go
+        )
+    assert process.stdin is not None
+    with suppress(BrokenPipeError):  # it has failed already: whoever checks will see
+        process.stdin.write(config + b"\n")
+        process.stdin.flush()
+    return process
+
+
+def _close_stdin(child: Child) -> None:
+    if child.process.stdin is not None:
+        with suppress(BrokenPipeError):
+            child.process.stdin.close()
+
+
 def _error(failed: Sequence[Child]) -> ProcessError:
     """Name the process that failed and show the end of its log.
 
@@ -167,7 +198,10 @@ def _error(failed: Sequence[Child]) -> ProcessError:
     first = min(failed, key=lambda child: (child.process.returncode >= 0, "Traceback" not in "".join(child.lines)))
     tail = "\n".join(f"  {line}" for line in first.lines[-_LOG_LINES:] or ["(it is empty)"])
     others = "".join(f"\nAfter it, {child.name} {child.how}." for child in failed if child is not first)
-    return ProcessError(f"{first.name} {first.how}; the end of its log, {first.log}:\n{tail}{others}")
+    return ProcessError(
+        f"{first.name} {first.how}; the end of its log, {first.log}:\n{tail}{others}\n"
+        f"The run is over, because {first.name} {first.how}."
+    )
 
 
 def run_in_foreground(module: str, config: Path) -> int:
@@ -177,7 +211,7 @@ def run_in_foreground(module: str, config: Path) -> int:
         CoheftError: The configuration cannot be read.
     """
     try:
-        line = msgspec.json.encode(msgspec.json.decode(config.read_bytes()))
+        line = msgspec.json.encode(_with_paths_from(config.parent, msgspec.json.decode(config.read_bytes())))
     except OSError as error:
         raise CoheftError(f"{config}: cannot be read: {error.strerror}") from error
     except msgspec.DecodeError as error:
@@ -196,3 +230,10 @@ def run_in_foreground(module: str, config: Path) -> int:
             process.wait(_GO_BY_THEMSELVES)
         except subprocess.TimeoutExpired:
             process.kill()
+
+
+def _with_paths_from(folder: Path, config: Any) -> Any:
+    """A configuration whose files' paths are seen from the folder it lies in, as seen from here."""
+    if isinstance(config, dict) and isinstance(security := config.get("security"), dict):
+        config["security"] = {name: str((folder / str(path)).resolve()) for name, path in security.items()}
+    return config

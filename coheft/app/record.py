@@ -1,71 +1,105 @@
-"""What an observer has heard of a run."""
+"""What an observer keeps of a run: all that the report says, in memory that does not grow with time."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
+from collections import deque
 
+import msgspec
+
+from coheft.app.judge import Judge
+from coheft.app.robot_record import LoadPeriod, RobotRecord
 from coheft.wire.messages import Estimate, Scene, Truth
 
-KEPT_EVERY = 0.1
-"""Simulated time between the estimates that are kept [s]."""
+REMEMBERED = 1000
+"""An estimate may come, and its total wrench be, so many blocks after the truth that it is compared with."""
+SILENT = 100
+"""A robot that is so many blocks behind the truth is silent: no server runs so far ahead of its robots."""
 
 
-@dataclass
 class Record:
-    """Truths of all blocks, and estimates at a lower rate.
+    """Truths and estimates of a run, compared with each other as they come and then let go.
 
-    Which estimates are kept depends on their time alone, so equal runs leave equal records. The last one of each robot
-    is always there.
+    An estimate waits until the truth of its block is there, so equal runs leave equal records, whatever came first.
+    Kept are the newest truths, the newest estimate of each robot, sums, and for each change of the load what each robot
+    believed before and how it went on.
 
-    Attributes:
+    Args:
         scene: Who holds the payload where.
         duration: Of the whole run [s].
-        truths: In order of blocks.
-        estimates: By robot, in order of blocks.
+        with_history: Keep every robot's errors about once a second, too; this grows with time.
+
+    Attributes:
+        judge: Knows the newest truths.
+        truth: The newest of all.
+        blocks: Number of truths that have come.
+        periods: Of the load; the first one begins with the first truth.
+        robots: What is kept of each robot's estimates.
+        latest: The newest estimate of each robot that has said something, as it said it.
     """
 
-    scene: Scene
-    duration: float
-    truths: list[Truth] = field(default_factory=list)
-    estimates: dict[str, list[Estimate]] = field(default_factory=dict)
+    def __init__(self, scene: Scene, duration: float, *, with_history: bool = False) -> None:
+        self.scene = scene
+        self.duration = duration
+        self.judge = Judge(scene)
+        self.truth: Truth | None = None
+        self.blocks = 0
+        self.with_history = with_history
+        self.periods: list[LoadPeriod] = []
+        self.robots = {name: RobotRecord(self.judge, self.periods, with_history=with_history) for name in scene.robots}
+        self.latest: dict[str, Estimate] = {}
+        self._waiting: dict[str, deque[Estimate]] = {name: deque(maxlen=REMEMBERED) for name in scene.robots}
 
     @property
     def time(self) -> float:
         """Simulated time that has been heard of [s]."""
-        return self.truths[-1].time if self.truths else 0.0
+        return 0.0 if self.truth is None else self.truth.time
 
     @property
     def silent(self) -> list[str]:
-        """Robots that have not said anything yet."""
-        return [name for name in self.scene.robots if name not in self.estimates]
+        """Robots of which no estimate has been compared yet."""
+        return [name for name, robot in self.robots.items() if robot.compared == 0]
+
+    @property
+    def beliefs(self) -> dict[str, Estimate]:
+        """The newest estimate of each robot, in the scene's order; stale where the robot has fallen silent."""
+        return {name: self._as_of_now(self.latest[name]) for name in self.scene.robots if name in self.latest}
+
+    def _as_of_now(self, estimate: Estimate) -> Estimate:
+        if self.truth is None or self.truth.block - estimate.block <= SILENT:
+            return estimate
+        reason = f"{estimate.robot} has said nothing since {estimate.time:.2f} s"
+        return msgspec.structs.replace(estimate, status="stale", reasons=[reason])
 
     @property
     def complete(self) -> bool:
         """Whether every robot's estimate of the newest truth's block has come."""
-        return bool(self.truths) and all(
-            name in self.estimates and self.estimates[name][-1].block >= self.truths[-1].block
-            for name in self.scene.robots
-        )
+        newest = self.truth
+        return newest is not None and not self.silent and all(e.block >= newest.block for e in self.latest.values())
 
     def add_truth(self, truth: Truth) -> None:
-        """Keep a truth."""
-        self.truths.append(truth)
+        """Take in the truth about one more block."""
+        if self.truth is None or _load_ids(truth) != _load_ids(self.truth):
+            duration = truth.time / (truth.block + 1)
+            self.periods.append(LoadPeriod(truth.time - duration, truth))
+        self.truth = truth
+        self.blocks += 1
+        self.judge.add(truth, remember=REMEMBERED)
+        for name in self.scene.robots:
+            self._compare(name)
 
     def add_estimate(self, estimate: Estimate) -> None:
-        """Keep an estimate, in the place of the one before it unless that is one to keep."""
-        series = self.estimates.setdefault(estimate.robot, [])
-        if series and not _ends_an_interval(series[-1]):
-            series.pop()
-        series.append(estimate)
+        """Take in what a robot of the scene believes."""
+        self.latest[estimate.robot] = estimate
+        self._waiting[estimate.robot].append(estimate)
+        self._compare(estimate.robot)
+
+    def _compare(self, name: str) -> None:
+        """Compare estimates of which the truth has come."""
+        waiting = self._waiting[name]
+        while waiting and self.truth is not None and waiting[0].block <= self.truth.block:
+            self.robots[name].compare(waiting.popleft())
 
 
-def _ends_an_interval(estimate: Estimate) -> bool:
-    """Whether its block is the last one that ends within an interval of ``KEPT_EVERY``."""
-    block_duration = estimate.time / (estimate.block + 1)
-    return _interval(estimate.time) != _interval(estimate.time + block_duration)
-
-
-def _interval(moment: float) -> int:
-    """Number of the interval to which a moment belongs; its end belongs to it."""
-    return math.ceil(round(moment / KEPT_EVERY, 6))
+def _load_ids(truth: Truth) -> list[int]:
+    """What lies on the payload; a load that leaks stays the same load."""
+    return [load.id for load in truth.loads]

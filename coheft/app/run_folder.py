@@ -30,12 +30,14 @@ class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         server: Endpoint at which the server can be observed and asked.
         agents: Endpoint at which each agent can be observed, by name.
         pids: Process ids by name, as far as a supervisor has started them.
+        keys: Folder with the credentials of observers and operators, seen from the run's; None: the open profile.
     """
 
     run: str
     server: str
     agents: dict[str, str]
     pids: dict[str, int] = {}
+    keys: str | None = None
 
 
 def runs_folder() -> Path:
@@ -79,12 +81,18 @@ def _remove_old_folders(kept: int) -> None:
 @contextlib.contextmanager
 def announced(folder: Path, run_file: RunFile) -> Iterator[None]:
     """Let other commands find the run while the context lasts."""
-    path = folder / RUN_FILE
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(run_file)))
+    announce(folder, run_file)
     try:
         yield
     finally:
-        path.unlink(missing_ok=True)
+        (folder / RUN_FILE).unlink(missing_ok=True)
+
+
+def announce(folder: Path, run_file: RunFile) -> None:
+    """Write the run file, at once or not at all."""
+    draft = folder / f"{RUN_FILE}.new"
+    draft.write_bytes(msgspec.json.format(msgspec.json.encode(run_file)))
+    draft.replace(folder / RUN_FILE)
 
 
 def find_run(folder: Path | None = None) -> RunFile:
@@ -116,11 +124,13 @@ def _written_at(path: Path) -> float:
 
 
 def _read(folder: Path) -> RunFile | None:
-    """The run file in a folder, None if there is none, or only a part."""
+    """The run file in a folder, its paths seen from here; None if there is none, or only a part."""
     try:
-        return msgspec.json.decode((folder / RUN_FILE).read_bytes(), type=RunFile)
+        run_file = msgspec.json.decode((folder / RUN_FILE).read_bytes(), type=RunFile)
     except (OSError, msgspec.DecodeError):
         return None
+    keys = str(folder / run_file.keys) if run_file.keys is not None else None
+    return msgspec.structs.replace(run_file, keys=keys)
 
 
 def _answers(endpoint: str) -> bool:

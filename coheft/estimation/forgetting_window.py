@@ -51,12 +51,15 @@ class ForgettingWindow:
     def push_early(self, gram: Array) -> None:
         """Nothing: it would have faded."""
 
-    def review(self, model: InertiaModel, tolerance: Array | None = None) -> None:
+    def review(self, model: InertiaModel, is_coherent: bool = False) -> None:
         """Remember the estimate, to stay there in directions that are not going to show."""
         information = self.information(model)
         estimate = np.linalg.solve(information.matrix, information.vector)
         # Slowly, because neighbouring estimates come from the same data: those must not count again and again.
         self._anchor = self._anchor + (1.0 - self._factor) * (estimate - self._anchor)
+
+    def accept(self, block: int, model: InertiaModel) -> None:
+        """Nothing: older blocks fade by themselves."""
 
     def forget_before(self, block: int) -> None:
         """Nothing: older blocks fade by themselves."""

@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from coheft.estimation.body_motion import BODY_A, BODY_ALPHA, BODY_W
 from coheft.estimation.rigid_body import inertia_operator, pack_symmetric, unpack_symmetric
@@ -149,21 +150,17 @@ class InertiaModel:
             covariance = wrench_covariance + spatial @ acceleration_covariance @ spatial.T
         self.residual_covariance = covariance
         size = self.unknowns + 1
-        coefficients = regressor_coefficients(with_offset)
+        self._coefficients = coefficients = regressor_coefficients(with_offset)
         self.regressor_coefficients = coefficients[:, :, :-1]
-        # Entry [k, i, l, j]: what the product of features k and l adds to entry (i, j) of the information.
-        flat = coefficients.transpose(1, 0, 2).reshape(6, FEATURES * size)
-        products = (flat.T @ np.linalg.solve(covariance, flat)).reshape(FEATURES, size, FEATURES, size)
-        noise = np.einsum("kl,kilj->ij", acceleration_covariance, products[_ACCELERATIONS, :, _ACCELERATIONS, :])
-        products = products.transpose(0, 2, 1, 3)
-        table = products[_ROWS, _COLUMNS] + products[_COLUMNS, _ROWS]
-        table[_ROWS == _COLUMNS] *= 0.5
-        table[0] -= noise
+        products = _products(coefficients, np.linalg.inv(covariance))
+        noise = np.einsum("kl,klij->ij", acceleration_covariance, products[_ACCELERATIONS, _ACCELERATIONS])
+        self._table = _packed_table(products)
         upper = np.triu_indices(size)
-        self._table = np.ascontiguousarray(table[:, upper[0], upper[1]])
+        self._table[0] -= noise[upper]
         self._unpack = np.empty((size, size), dtype=np.intp)
         self._unpack[upper] = self._unpack.T[upper] = np.arange(len(upper[0]))
         self._noise = noise[:-1, :-1]
+        self._disturbance_table = np.zeros_like(self._table)
 
     def information(self, grams: Array) -> InertiaInformation:
         """Information of packed Gram matrices, shape (..., 190)."""
@@ -178,6 +175,31 @@ class InertiaModel:
             uncompensated=uncompensated,
             score_covariance=uncompensated,
         )
+
+    def expect_disturbance(self, covariance: Array) -> None:
+        """Beside noise, something with this covariance (6, 6) spoils the total wrench: its size is told elsewhere."""
+        weight = np.linalg.inv(self.residual_covariance)
+        self._disturbance_table = _packed_table(_products(self._coefficients, weight @ covariance @ weight))
+
+    def disturbance(self, grams: Array) -> Array:
+        """What the disturbance adds to the score's covariance, if it is new with every sample, shape (..., u, u)."""
+        result: Array = (grams @ self._disturbance_table)[..., self._unpack[:-1, :-1]]
+        return result
+
+
+def _products(coefficients: Array, weight: npt.NDArray[np.floating]) -> Array:
+    """Entry [k, l, i, j]: what the product of features k and l adds to entry (i, j) of ``[X | y]^T weight [X | y]``."""
+    features, size = len(coefficients), coefficients.shape[-1]
+    flat = coefficients.transpose(1, 0, 2).reshape(6, features * size)
+    return (flat.T @ weight @ flat).reshape(features, size, features, size).transpose(0, 2, 1, 3)
+
+
+def _packed_table(products: Array) -> Array:
+    """From packed Gram matrices to the upper triangle of what ``products`` make of them."""
+    table = products[_ROWS, _COLUMNS] + products[_COLUMNS, _ROWS]
+    table[_ROWS == _COLUMNS] *= 0.5
+    rows, columns = np.triu_indices(products.shape[-1])
+    return np.ascontiguousarray(table[:, rows, columns])
 
 
 def spatial_inertia(parameters: Array) -> Array:

@@ -26,12 +26,14 @@ from coheft.estimation.spatial import Array
 FALSE_ALARM = 1e-12
 """Probability that a single test reports a change where there is none. Tests of one border on successive blocks, and of
 neighbouring borders, have much data in common."""
-_DRIFT = 3
+_DRIFT = 2
 """So many small changes in a row are a drift,"""
 _SMALL = 4.0
 """where small means that the statistic was below this many times the threshold."""
 _OVERDUE = 3.0
 """A drift is over when this many times the usual interval went by without a change."""
+_HARDLY = 1e-6
+"""Information, relative to the rest, below which an estimate stays what it was."""
 _TESTED = 0.2
 """Directions are tested in which at least this share of the information is motion, and not noise of motion."""
 
@@ -67,11 +69,14 @@ class Memory(Protocol):
     def revise(self, update: Callable[[Array], Array]) -> None:
         """Change what was summed: ``update`` takes sums (k, 190 + riders) to their new values."""
 
-    def review(self, model: InertiaModel, tolerance: Array | None = None) -> LoadChange | None:
+    def review(self, model: InertiaModel, is_coherent: bool = False) -> LoadChange | None:
         """Look at what is remembered, and forget what belongs to another load."""
 
-    def forget_before(self, block: int) -> None:
+    def accept(self, block: int, model: InertiaModel) -> None:
         """Forget all blocks with smaller numbers: somebody else found a change."""
+
+    def forget_before(self, block: int) -> None:
+        """Forget all blocks with smaller numbers."""
 
     def forget_borders_before(self, block: int) -> None:
         """Keep all samples, but do not look for changes before this block any more."""
@@ -88,14 +93,28 @@ class LoadWindow:
         stride: A review tests every ``stride``-th border, others the next time. After a detection all are tested.
         false_alarm: Probability of one at a single test.
         riders: Numbers per block that are summed along with the Gram matrix, for the caller's use.
+        coherence: Number of samples for which a disturbance keeps its direction, or 0 if there is none. A disturbance
+            spoils the wrenches beside noise, like poses that are off. The model has its covariance up to its size, and
+            the first rider has to be the sum of its sizes.
     """
 
-    def __init__(self, resolution: int = 8, stride: int = 3, false_alarm: float = FALSE_ALARM, riders: int = 0) -> None:
+    def __init__(
+        self,
+        resolution: int = 8,
+        stride: int = 3,
+        false_alarm: float = FALSE_ALARM,
+        riders: int = 0,
+        coherence: float = 0.0,
+    ) -> None:
         self._resolution = resolution
         self._stride = stride
         self._false_alarm = false_alarm
+        self._coherence = coherence
         self._reviews = 0
         self._changes: deque[tuple[int, float]] = deque(maxlen=_DRIFT)
+        # Estimate before the last change, and how far it was from the one before.
+        self._last: Array | None = None
+        self._moved: Array = np.zeros(0)
         self._count = 0
         self._last_block = -1
         # Border k is the beginning of block _firsts[k], the _orders[k]-th that came; _sums[k] is all that came since.
@@ -148,29 +167,46 @@ class LoadWindow:
         if self._borders:
             self._sums[0] += gram
 
-    def review(self, model: InertiaModel, tolerance: Array | None = None) -> LoadChange | None:
+    def review(self, model: InertiaModel, is_coherent: bool = False) -> LoadChange | None:
         """Test whether the load changed at one of the borders; if so, forget all that is older than the likeliest.
 
         Args:
             model: The weights.
-            tolerance: Standard deviation (u,) of the unknowns by which two stretches may differ though the load is the
-                same, because the model is not exact: the poses are not.
+            is_coherent: Whether disturbances now keep their direction all along.
         """
         phase = 1 + self._reviews % self._stride
         self._reviews += 1
-        statistics, threshold = self._statistics(model, tolerance, slice(phase, self._borders, self._stride))
+        statistics, threshold = self._statistics(model, is_coherent, slice(phase, self._borders, self._stride))
         if not np.any(statistics > threshold):
             return None
-        statistics, _ = self._statistics(model, tolerance, slice(1, self._borders))
+        statistics, _ = self._statistics(model, is_coherent, slice(1, self._borders))
         found = int(np.argmax(statistics))
         change = LoadChange(int(self._firsts[1 + found]), self._last_block, float(statistics[found]))
-        self._changes.append((self._count, change.statistic / threshold))
-        self.forget_before(change.first_block)
+        self._begin(1 + found, change.statistic / threshold, model)
         return change
 
     def statistics(self, model: InertiaModel) -> Array:
         """Twice the logarithm of the likelihood ratio at all ``borders`` but the first."""
-        return self._statistics(model, None, slice(1, self._borders))[0]
+        return self._statistics(model, False, slice(1, self._borders))[0]
+
+    def accept(self, block: int, model: InertiaModel) -> None:
+        """Somebody else found a change: forget all blocks with smaller numbers."""
+        border = int(np.searchsorted(self._firsts[: self._borders], block))
+        if 0 < border < self._borders:
+            statistics, threshold = self._statistics(model, False, slice(border, border + 1))
+            self._begin(border, float(statistics[0]) / threshold, model)
+        else:
+            self.forget_before(block)
+
+    def _begin(self, border: int, size: float, model: InertiaModel) -> None:
+        """Forget what is older than a border, but not how far the load has moved since the change before."""
+        self._changes.append((self._count, size))
+        older = model.information(self._sums[0, :GRAM_SIZE] - self._sums[border, :GRAM_SIZE])
+        last = np.zeros(model.unknowns) if self._last is None else self._last
+        ridge = _HARDLY * np.diag(np.diag(older.uncompensated))
+        self._moved = np.asarray(np.linalg.solve(older.matrix + ridge, older.vector - older.matrix @ last))
+        self._last = np.asarray(last + self._moved)
+        self.forget_before(int(self._firsts[border]))
 
     def forget_before(self, block: int) -> None:
         """Forget all blocks with smaller numbers, and those that cannot be told apart from them any more."""
@@ -199,13 +235,22 @@ class LoadWindow:
     def information(self, model: InertiaModel) -> InertiaInformation:
         """Of all blocks since the last change.
 
-        While the load drifts, its covariance grows by the threshold: so much the load can have moved on unnoticed.
+        While the load drifts, it can have moved on unnoticed by as much as between the last changes.
         """
         information = model.information(self.total[:GRAM_SIZE])
         if not self.drifting:
             return information
-        threshold = _threshold(model.unknowns, self._false_alarm)
-        return replace(information, score_covariance=threshold * information.score_covariance)
+        score = information.matrix @ self._moved
+        return replace(information, score_covariance=information.score_covariance + np.outer(score, score))
+
+    def _disturbance(self, model: InertiaModel, sums: Array, is_coherent: bool) -> Array:
+        """Covariance of what a disturbance adds to the scores of stretches (..., 190 + riders), shape (..., u, u)."""
+        grams = sums[..., :GRAM_SIZE]
+        if self._coherence == 0.0:
+            return np.zeros((*grams.shape[:-1], model.unknowns, model.unknowns))
+        share = 1.0 if is_coherent else np.minimum(1.0, self._coherence / np.maximum(grams[..., 0], 1.0))
+        result: Array = (share * sums[..., GRAM_SIZE])[..., None, None] * model.disturbance(grams)
+        return result
 
     def _thin_out(self) -> None:
         """Drop the newest border whose neighbours are close to each other for their age."""
@@ -217,20 +262,23 @@ class LoadWindow:
                 array[drop : self._borders - 1] = array[drop + 1 : self._borders].copy()
             self._borders -= 1
 
-    def _statistics(self, model: InertiaModel, tolerance: Array | None, borders: slice) -> tuple[Array, float]:
+    def _statistics(self, model: InertiaModel, is_coherent: bool, borders: slice) -> tuple[Array, float]:
         """Statistic of each border, chi-square if nothing changed, and the threshold.
 
         If the load is one, the score of the newer part, ``u = vector - matrix @ estimate`` with the estimate from all,
         has mean zero and a known covariance ``C``, and the statistic is ``u^T C^-1 u``. Without noise in the regressor
         this equals ``RSS(all) - RSS(older) - RSS(newer)``; with it, unlike that, it stays true when the load is at
         rest for a while, and noise is all there is to see.
+
+        A disturbance adds to the score of the newer part. What it adds in ``n`` samples has a covariance ``n`` times as
+        large as if it were new with every sample, or ``coherence`` times, if it turns after so many.
         """
         sums = self._sums[borders, :GRAM_SIZE]
         if len(sums) == 0:
             return np.empty(0), np.inf
         everything, newer = model.information(self._sums[0, :GRAM_SIZE]), model.information(sums)
         # In these coordinates the score covariance of everything is the identity, and its matrix diagonal.
-        basis, dual, shares = signal_directions(everything.matrix, _safe_score_covariance(everything), _TESTED)
+        basis, _, shares = signal_directions(everything.matrix, _safe_score_covariance(everything), _TESTED)
         if len(basis) == 0:
             return np.zeros(len(sums)), np.inf
         matrix = basis @ newer.matrix @ basis.T
@@ -239,9 +287,7 @@ class LoadWindow:
         own = basis @ _safe_score_covariance(newer) @ basis.T
         cross = gain @ own
         spread = own - cross - cross.swapaxes(-1, -2) + gain @ gain.swapaxes(-1, -2)
-        if tolerance is not None:
-            by_difference = (matrix - gain @ matrix) @ (dual * tolerance)
-            spread += by_difference @ by_difference.swapaxes(-1, -2)
+        spread += basis @ self._disturbance(model, self._sums[borders], is_coherent) @ basis.T
         spread += 1e-9 * np.eye(len(basis))
         statistics = np.einsum("ki,ki->k", score, np.linalg.solve(spread, score[..., None])[..., 0])
         return statistics, _threshold(len(basis), self._false_alarm)

@@ -1,12 +1,15 @@
-"""Messages to bytes and back: MessagePack, arrays as little-endian float64 with their shape.
+"""Messages to bytes and back: a checksum, then MessagePack with arrays as little-endian float64 with their shape.
 
 ``encode`` and ``decode`` are the only way in and out of a process; ``decode`` raises ``MessageError`` for anything that
-is not exactly the message that was expected.
+is not exactly the message that was expected. The checksum covers the key under which the message is said, too, and a
+key begins with the name of the run: what was damaged on its way, or said in an older run, by another process or under
+another topic, is refused even where it would still be a message. It is no signature: that is what TLS is for.
 """
 
 from __future__ import annotations
 
 import struct
+import zlib
 from typing import Any, TypeVar
 
 import msgspec
@@ -18,6 +21,7 @@ from coheft.wire.messages import PROTOCOL_VERSION, Message
 
 _ARRAY_CODE = 1
 _MAX_DIMENSIONS = 4
+_CHECKSUM = struct.Struct("<I")
 
 M = TypeVar("M")
 
@@ -34,7 +38,8 @@ def _unpack(code: int, data: memoryview) -> Array:
         raise ValueError("not an array of at most four dimensions")
     dimensions = data[0]
     shape = struct.unpack_from(f"<{dimensions}I", data, 1)
-    return np.frombuffer(data, "<f8", offset=1 + 4 * dimensions).reshape(shape)
+    # A copy, because sums over arrays that begin at odd addresses may differ in their last digit.
+    return np.frombuffer(data, "<f8", offset=1 + 4 * dimensions).reshape(shape).copy()
 
 
 _encoder = msgspec.msgpack.Encoder(enc_hook=_pack)
@@ -47,25 +52,45 @@ class _Header(msgspec.Struct):
     version: int
 
 
-def encode(message: Message) -> bytes:
-    """The message as bytes."""
-    return _encoder.encode(message)
+def encode(message: Message, key: str) -> bytes:
+    """The message as bytes, to be said under ``key``."""
+    return seal(_encoder.encode(message), key)
 
 
-def decode(data: bytes, kind: type[M]) -> M:
+def seal(body: bytes, key: str) -> bytes:
+    """``body`` behind the CRC-32 of ``key`` and itself, little-endian."""
+    return _CHECKSUM.pack(_checksum(body, key)) + body
+
+
+def _checksum(body: bytes | memoryview, key: str) -> int:
+    return zlib.crc32(body, zlib.crc32(key.encode()))
+
+
+def decode(data: bytes, kind: type[M], key: str) -> M:
     """The message in ``data``, which must be of type ``kind`` (a message, or a union of tagged ones).
 
+    Args:
+        data: What came.
+        kind: What is expected.
+        key: The key under which it came.
+
     Raises:
-        MessageError: The bytes are no such message, or one of another protocol version.
+        MessageError: The bytes are damaged or were said under another key, for instance in another run; or they are no
+            such message, or one of another protocol version.
     """
     decoder = _decoders.get(kind)
     if decoder is None:
         decoder = _decoders[kind] = msgspec.msgpack.Decoder(kind, ext_hook=_unpack)
     name = getattr(kind, "__name__", str(kind))
+    body = memoryview(data)[_CHECKSUM.size :]
+    if len(data) < _CHECKSUM.size or _CHECKSUM.unpack_from(data)[0] != _checksum(body, key):
+        raise MessageError(
+            f"not a {name}: its checksum does not fit; it is damaged, or of another run, sender or topic"
+        )
     try:
-        message: M = decoder.decode(data)
+        message: M = decoder.decode(body)
     except _MALFORMED as error:
-        _check_version(data, name)
+        _check_version(body, name)
         raise MessageError(f"not a {name}: {error}") from error
     version = getattr(message, "version", PROTOCOL_VERSION)
     if version != PROTOCOL_VERSION:
@@ -73,10 +98,10 @@ def decode(data: bytes, kind: type[M]) -> M:
     return message
 
 
-def _check_version(data: bytes, name: str) -> None:
+def _check_version(body: memoryview, name: str) -> None:
     """Raise the clearer error when what does not fit is of another version anyway."""
     try:
-        version = msgspec.msgpack.decode(data, type=_Header).version
+        version = msgspec.msgpack.decode(body, type=_Header).version
     except _MALFORMED:
         return
     if version != PROTOCOL_VERSION:

@@ -8,6 +8,7 @@ import msgspec
 
 from coheft.estimation.measurement import SensorNoise
 from coheft.wire.scenario import Converged, EfficientSettings, Motion, Scenario, SeedSettings
+from coheft.wire.security import Credentials
 
 
 class Neighbour(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -59,6 +60,10 @@ class AgentProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         listen: Where its neighbours dial it.
         observe: Where observers dial it.
         neighbours: Where to dial its neighbours.
+        patience: How long after its measurements have come an agent waits for the message of a neighbour whose link
+            stands [s]; it does not wait again for that one until it keeps pace again.
+        server_limit: How long it waits for a server that is gone to come back [s].
+        security: Its credentials; None: the open profile.
     """
 
     agent: AgentConfig
@@ -67,6 +72,9 @@ class AgentProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     listen: str
     observe: str
     neighbours: tuple[Neighbour, ...]
+    patience: float = 10.0
+    server_limit: float = 30.0
+    security: Credentials | None = None
 
 
 class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -80,6 +88,9 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         neighbours: The graph, for observers only.
         clock: ``lockstep`` waits for every agent, ``realtime`` for nobody.
         save_data: File for what all robots measured, see ``coheft.wire.data_file``; None: nothing is kept.
+        return_limit: How long lockstep waits for a robot whose link is lost to come back [s], and how long a run goes
+            on after all robots are lost.
+        security: Its credentials; None: the open profile.
     """
 
     scenario: Scenario
@@ -89,6 +100,8 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     neighbours: dict[str, tuple[str, ...]]
     clock: Literal["lockstep", "realtime"] = "lockstep"
     save_data: str | None = None
+    return_limit: float = 10.0
+    security: Credentials | None = None
 
 
 def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> AgentConfig:

@@ -22,13 +22,13 @@ class EncoderErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     Attributes:
         angle_bits: Resolution of the gimbal's encoders [bits per turn].
         position_step: Resolution of the position [m].
-        vibration_deg: Standard deviation of the wrist's vibration, per angle [degrees],
-        vibration_mm: and per axis of its position [mm].
-        misalignment_deg: Of the gimbal's zero: turned about a random axis, by up to this [degrees].
-        angle_scale: Relative error of the gimbal's angles.
-        position_scale: Relative error of the position.
-        force_scale: Relative error of the force.
-        force_offset: Constant error of the force [N].
+        vibration_deg: Vibration of each of the wrist's angles, standard deviation [degrees].
+        vibration_mm: Vibration of each axis of its position, standard deviation [mm].
+        misalignment_deg: Largest misalignment of the gimbal's zero, about a random axis [degrees].
+        angle_scale: Largest relative error of the gimbal's angles.
+        position_scale: Largest relative error of the position.
+        force_scale: Largest relative error of the force.
+        force_offset: Largest constant error of the force [N].
         calibration_seed: Of the fixed errors: with equal ones the robots are the same.
     """
 

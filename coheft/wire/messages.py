@@ -7,7 +7,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -20,17 +20,38 @@ class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Ready(Message, frozen=True):
-    """Robot to server: all my links stand."""
+    """Robot to server: give me measurements.
+
+    Attributes:
+        robot: Who asks.
+        missing: Its neighbours that it cannot talk with yet. A run begins when nobody misses anybody; a robot that
+            comes back to one that goes on gets measurements at once.
+        attempt: Grows whenever it begins to ask anew, because it has started or lost its link: it has forgotten what it
+            was sent before.
+    """
 
     robot: str
+    missing: list[str] = []
+    attempt: int = 0
 
 
 class Measurements(Message, frozen=True):
-    """Server to robot: its own sensors' samples of one block, see ``MeasurementBlock``. ``samples``: (B, 15)."""
+    """Server to robot: its own sensors' samples of one block, see ``MeasurementBlock``.
+
+    Attributes:
+        robot: Whose sensors.
+        block: Grows; some may be missing.
+        samples: Shape (B, 15).
+        world: Number of the simulated world. Another one means that the server has started again: nothing that was
+            learned of the old world holds.
+        attempt: Of the robot's ``Ready``, by which it knows measurements that were meant for it before it asked anew.
+    """
 
     robot: str
     block: int
     samples: np.ndarray[Any, Any]
+    world: int = 0
+    attempt: int = 0
 
 
 class Reference(Message, frozen=True):
@@ -61,10 +82,17 @@ class Stop(Message, frozen=True):
 
 
 class Hello(Message, frozen=True):
-    """Before the first block: I am here, and these neighbours I have heard."""
+    """While there are no measurements, and in answer to a hello: I am here, and these neighbours I have heard.
+
+    Attributes:
+        sender: Who speaks.
+        heard: Whom it has heard.
+        incarnation: As in ``NeighbourMessage``.
+    """
 
     sender: str
     heard: list[str]
+    incarnation: int = 0
 
 
 class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=True):
@@ -72,11 +100,16 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
 
     Attributes:
         robot: Whom it is about.
-        sequence: Grows with every change; the highest wins.
+        sequence: Grows with every change; within an incarnation the highest wins.
         neighbours: Names of its neighbours.
-        ready_block: From this block on it can take part in the network's sums; -1 while it cannot.
-        pose: Its grasp frame in the reference robot's, rotation row by row then position [m], 12 numbers; empty while
-            unknown, or where the estimator does not need it.
+        ready_block: From this block on it can take part in the sums of ``team``; -1 while it cannot.
+        pose: Its grasp frame in the body frame, rotation row by row then position [m], 12 numbers; empty while unknown,
+            or where the estimator does not need it.
+        incarnation: Grows when the robot's agent starts again with an empty memory; the highest wins.
+        holding: Whether it has hold of the load. One whose agent is dead still holds what it held.
+        since: Block from which this is so.
+        team: Number of the team that it is ready for, see ``consensus.gossip``.
+        frame: Number of the body frame in which it knows its pose, 0 if none.
     """
 
     robot: str
@@ -84,6 +117,11 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
     neighbours: tuple[str, ...]
     ready_block: int = -1
     pose: tuple[float, ...] = ()
+    incarnation: int = 0
+    holding: bool = True
+    since: int = 0
+    team: int = 0
+    frame: int = 0
 
 
 class NeighbourMessage(Message, frozen=True):
@@ -94,12 +132,14 @@ class NeighbourMessage(Message, frozen=True):
         block: The block after which it was sent.
         gossip: News about robots, see ``LinkState``.
         channels: The estimator's arrays by name; it says in which frame they are.
+        incarnation: Grows when the sender starts again with an empty memory; what an older one said is void.
     """
 
     sender: str
     block: int
     gossip: list[LinkState]
     channels: dict[str, np.ndarray[Any, Any]]
+    incarnation: int = 0
 
 
 # --- observer plane: everybody -> whoever watches; agents cannot hear it -----------------------------------------
@@ -159,6 +199,11 @@ class Estimate(Message, frozen=True):
         not_observable: What the motion so far cannot tell, in words.
         load_changes: Changes noticed so far.
         problems: Messages refused so far.
+        status: ``starting`` until there is a first estimate of the payload. While it is ``valid``, the truth is within
+            five of its own standard deviations. ``stale``: the agent cannot know whether it still holds; payload and
+            poses are the last valid ones.
+        reasons: Why it is not valid, in words, for instance "r3 is silent since 12.34 s".
+        valid_block: Block to which payload and poses belong, the last valid one when stale; -1 if there is none.
     """
 
     robot: str
@@ -174,6 +219,9 @@ class Estimate(Message, frozen=True):
     not_observable: list[str]
     load_changes: list[LoadChangeNotice]
     problems: int = 0
+    status: Literal["starting", "valid", "stale"] = "starting"
+    reasons: list[str] = []
+    valid_block: int = -1
 
 
 class Problem(Message, frozen=True):
@@ -219,8 +267,8 @@ class Truth(Message, frozen=True):
         loads: Loads that lie on the payload.
         position: Of the payload's frame in the world at the block's last sample, (3,) [m].
         quaternion: Its orientation, scalar first, (4,).
-        total_wrench: Sum of all robots' **measured** wrenches of the last sample, carried with the true poses to the
-            payload's frame, (6,).
+        total_wrench: Sum of the **measured** wrenches of the last sample, of all robots that hold it, carried with the
+            true poses to the payload's frame, (6,).
         wrenches: Measured wrenches of the last sample, by robot in the order of the scene, (N, 6), each in its own
             frame.
     """

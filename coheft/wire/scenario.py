@@ -12,14 +12,19 @@ from coheft.estimation.measurement import Positive, SensorNoise
 from coheft.estimation.rigid_body import Inertia, combined
 from coheft.estimation.spatial import Pose, rotation_exp
 from coheft.wire.encoders import EncoderErrors
+from coheft.wire.via_points import ViaPoints
 
 PHYSICS_RATE = 1000
 """Physics steps per second."""
+MAX_ROBOTS = 256
+"""Far more than one machine can serve; a bound, so that no number in a file can fill the memory."""
+MAX_DURATION = 1e7
+"""Longest run [s]: four months."""
 
 Vector = tuple[float, float, float]
 NotNegative = Annotated[float, Meta(ge=0)]
-Seed = Annotated[int, Meta(ge=0)]
-Name = Annotated[str, Meta(pattern="^[a-z][a-z0-9_-]{0,31}$")]
+Seed = Annotated[int, Meta(ge=0, lt=2**32)]
+Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_-]{0,31}\Z")]
 Lengths = tuple[Positive, Positive, Positive]
 
 
@@ -28,7 +33,14 @@ class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Box(Section, frozen=True):
-    """A homogeneous box of the payload: centre [m], rotation vector [degrees], edge lengths [m], mass [kg]."""
+    """A homogeneous box of the payload.
+
+    Attributes:
+        mass: Its mass [kg].
+        size: Its edge lengths [m].
+        position: Of its centre in the payload's frame [m].
+        rotation_deg: Of its edges against the payload's axes, rotation vector [degrees].
+    """
 
     mass: Positive
     size: Lengths
@@ -69,8 +81,8 @@ class Payload(Section, frozen=True):
     """The thing that is held: boxes fixed to each other, or mere mass properties.
 
     Attributes:
-        boxes: What it is made of, or
-        properties: what it weighs.
+        boxes: What it is made of, fixed to each other.
+        properties: Instead: what it weighs.
         load_slots: Number of loads that can lie on it at a time.
     """
 
@@ -84,7 +96,12 @@ class Payload(Section, frozen=True):
 
 
 class Grasp(Section, frozen=True):
-    """Where one robot holds the payload: pose of its grasp frame in the payload's frame."""
+    """Where one robot holds the payload.
+
+    Attributes:
+        position: Of its grasp frame's origin in the payload's frame [m].
+        rotation_deg: Of its grasp frame against the payload's, rotation vector [degrees].
+    """
 
     position: Vector
     rotation_deg: Vector = (0.0, 0.0, 0.0)
@@ -104,7 +121,7 @@ class Perimeter(Section, frozen=True):
         seed: Of the random orientations and heights.
     """
 
-    count: Annotated[int, Meta(ge=2)]
+    count: Annotated[int, Meta(ge=2, le=MAX_ROBOTS)]
     extent: tuple[Positive, Positive]
     height: NotNegative = 0.05
     seed: Seed = 0
@@ -114,14 +131,14 @@ class Robots(Section, frozen=True):
     """The robots: their grasps (listed, or spread over a rim) and the impedance of their arms.
 
     Attributes:
-        grasps: One per robot, or
-        perimeter: a rule that places them.
+        grasps: One per robot.
+        perimeter: Instead: a rule that places them.
         stiffness: Of every arm: translation [N/m], rotation [N·m/rad]. Without stiffness and damping in rotation the
             wrist is a gimbal: its torque is exactly zero.
-        damping: Translation [N·s/m], rotation [N·m·s/rad].
+        damping: Of every arm: translation [N·s/m], rotation [N·m·s/rad].
     """
 
-    grasps: tuple[Grasp, ...] = ()
+    grasps: Annotated[tuple[Grasp, ...], Meta(max_length=MAX_ROBOTS)] = ()
     perimeter: Perimeter | None = None
     stiffness: tuple[Positive, NotNegative] = (800.0, 30.0)
     damping: tuple[NotNegative, NotNegative] = (70.0, 3.0)
@@ -131,9 +148,9 @@ class Graph(Section, frozen=True):
     """Who talks with whom.
 
     Attributes:
-        kind: ``random`` is a random connected graph.
-        edge_probability: Of the edges beyond a random spanning tree, for ``random``.
-        seed: For ``random``.
+        kind: Its shape; ``random`` is a random connected graph.
+        edge_probability: Of each edge beyond a random spanning tree, for ``random``.
+        seed: Of the random graph, for ``random``.
     """
 
     kind: Literal["ring", "line", "star", "complete", "random"] = "ring"
@@ -142,7 +159,15 @@ class Graph(Section, frozen=True):
 
 
 class SensorOffset(Section, frozen=True):
-    """Size of constant sensor errors: each axis of each robot draws its own, uniform in plus or minus this."""
+    """Size of constant sensor errors: each axis of each robot draws its own, uniform in plus or minus this.
+
+    Attributes:
+        gyro: Of the angular velocity [rad/s].
+        velocity: Of the velocity [m/s].
+        acceleration: Of the acceleration [m/s²].
+        force: Of the force [N].
+        torque: Of the torque [N·m].
+    """
 
     gyro: NotNegative = 0.0
     velocity: NotNegative = 0.0
@@ -160,7 +185,7 @@ class Sensors(Section, frozen=True):
         noise: Standard deviations per sample.
         noise_scale: Multiplies all of ``noise``. A file cannot say 0: estimators weigh samples by their noise.
         offset: Constant errors.
-        encoders: How exactly recordings tell where the robots hold the payload; None: they do not.
+        encoders: How exactly recordings tell the wrists' poses and forces. Without it they hold the sensors' samples.
     """
 
     rate: Literal[100, 125, 200, 250, 500, 1000] = 500
@@ -169,26 +194,6 @@ class Sensors(Section, frozen=True):
     noise_scale: Positive = 1.0
     offset: SensorOffset = SensorOffset()
     encoders: EncoderErrors | None = None
-
-
-class ViaPoints(Section, frozen=True):
-    """Random via points in the range of ``Motion.translation`` and ``axes``, straight lines between them.
-
-    Attributes:
-        count: Number of via points.
-        transit: Range of the random time from one to the next [s].
-        dwell: Range of the random time spent there [s].
-        holds: After them, so many random points are held still, by all robots at the same times,
-        hold_time: each for so long [s],
-        hold_transit: reached in so long [s].
-    """
-
-    count: Annotated[int, Meta(ge=2)] = 80
-    transit: tuple[Positive, Positive] = (0.8, 2.0)
-    dwell: tuple[NotNegative, NotNegative] = (0.2, 0.8)
-    holds: Annotated[int, Meta(ge=0)] = 6
-    hold_time: Positive = 8.0
-    hold_transit: Positive = 2.0
 
 
 class Motion(Section, frozen=True):
@@ -200,7 +205,7 @@ class Motion(Section, frozen=True):
         frequency: Range from which frequencies are drawn [Hz].
         ramp: Time from rest to full amplitude [s].
         axes: Share of the amplitude per axis of the robot's home frame: rotation about x, y, z, translation along them.
-        via_points: Instead of sinusoids.
+        via_points: Instead of sinusoids: random points, and straight lines between them.
     """
 
     translation: NotNegative = 0.06
@@ -238,8 +243,8 @@ class SeedSettings(Section, frozen=True):
         memory: Time over which old samples are forgotten [s]; the forgetting factor per sample is
             ``1 - 1 / (memory * rate)``.
         rounds: Rounds of dynamic consensus that each sample goes through.
-        pose_rotation_deg: Poses have converged when their standard deviation is below this [degrees] and
-        pose_translation_mm: this [mm].
+        pose_rotation_deg: Largest standard deviation of a pose's rotation for it to have converged [degrees].
+        pose_translation_mm: And of its translation [mm].
     """
 
     memory: Positive = 2.0
@@ -252,8 +257,9 @@ class EfficientSettings(Section, frozen=True):
     """The method at the Cramér-Rao bound, see ``agents.efficient``.
 
     Attributes:
-        start_rotation_deg: The network's sums start when every pose on a spanning tree is known to this [degrees] and
-        start_translation_mm: this [mm]; they are refined later, with all that was summed before.
+        start_rotation_deg: The network's sums start when all poses on a spanning tree are known to this [degrees]. They
+            are refined later, with all that was summed before.
+        start_translation_mm: And to this [mm].
         refit_share: Poses are fitted anew whenever the data have grown by this share.
         offsets: Whether force and torque sensors may have constant offsets; these are then estimated as well.
         memory: How long the past counts: "window" keeps all since the last load change that was noticed; a number
@@ -310,7 +316,7 @@ class Scenario(Section, frozen=True):
     sensors: Sensors = Sensors()
     motion: Motion = Motion()
     load_changes: tuple[LoadChange, ...] = ()
-    duration: Positive = 30.0
+    duration: Annotated[float, Meta(gt=0, le=MAX_DURATION)] = 30.0
     seed: Seed = 1
     estimator: Literal["efficient", "seed"] = "efficient"
     seed_method: SeedSettings = SeedSettings()

@@ -10,7 +10,7 @@ import difflib
 import re
 import tomllib
 from pathlib import Path
-from typing import get_args
+from typing import Literal, get_args, get_origin
 
 import msgspec
 
@@ -19,6 +19,8 @@ from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_checks import check_changes_come, check_scenario
 
 CONFIG_FOLDER = Path(__file__).resolve().parents[2] / "configs"
+_SHOWN = 100
+"""Characters of a key or a value that an error shows."""
 
 
 def available_scenarios() -> dict[str, Path]:
@@ -39,9 +41,13 @@ def load_scenario(source: str | Path) -> Scenario:
             raise ScenarioError(_unknown_scenario(str(source), list(shipped)))
         path = shipped[str(source)]
     try:
-        text = path.read_bytes().decode()
+        data = path.read_bytes()
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise ScenarioError(f"{source!r}: no file can have this name: {error}") from error
+    try:
+        text = data.decode()
     except UnicodeDecodeError as error:
         raise ScenarioError(f"{path}: not UTF-8 text: {error}") from error
     return parse_scenario(text, str(path))
@@ -55,7 +61,7 @@ def parse_scenario(text: str, origin: str) -> Scenario:
     """
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also for a number of too many digits, and for deep nesting
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
     try:
         scenario = msgspec.convert(table, Scenario)
@@ -78,22 +84,35 @@ def _unknown_scenario(name: str, shipped: list[str]) -> str:
 def explain(error: msgspec.ValidationError, table: dict[str, object]) -> str:
     """Name the key of the scenario and what was found there, beside what msgspec says was expected."""
     message = str(error)
-    match = re.search(r" - at `\$(.*)`$", message)
+    match = re.search(r" - at `\$(.*)`$", message, re.DOTALL)
     place = match.group(1).lstrip(".") if match else ""
     text = message[: match.start()] if match else message
-    unknown = re.search(r"unknown field `(.*)`", text)
+    unknown = re.search(r"unknown field `(.*)`", text, re.DOTALL)
     if unknown is not None:
         place = f"{place}.{unknown.group(1)}".lstrip(".")
         allowed = _allowed_keys(place)
-        return f"key '{place}': there is no such key; allowed here: {', '.join(allowed)}"
+        return f"key '{_short(place)}': there is no such key; allowed here: {', '.join(allowed)}"
     missing = re.search(r"missing required field `(.*)`", text)
     if missing is not None:
         place = f"{place}.{missing.group(1)}".lstrip(".")
         return f"key '{place}': it is missing, but required"
     found = _value_at(table, place)
     if text.startswith("Invalid enum value"):
-        text = f"expected one of {', '.join(repr(value) for value in _allowed_values(place))}"
-    return f"key '{place or '(top)'}': {text[0].lower()}{text[1:]}; found {found!r}"
+        text = f"expected one of {', '.join(_allowed_values(place))}"
+    return f"key '{place or '(top)'}': {text[0].lower()}{text[1:]}; found {_shown(found)}"
+
+
+def _shown(value: object) -> str:
+    """The value for an error."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes no decimal numbers of more than 4300 digits
+        return "a number of thousands of digits"
+    return _short(text)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
 def _value_at(table: object, place: str) -> object:
@@ -111,11 +130,15 @@ def _allowed_keys(place: str) -> list[str]:
     return [field.encode_name for field in msgspec.structs.fields(_section_of(place))]
 
 
-def _allowed_values(place: str) -> tuple[object, ...]:
-    """Values of the ``Literal`` at ``place``."""
+def _allowed_values(place: str) -> list[str]:
+    """Values of the ``Literal`` at ``place``, and "a number" if that is an alternative."""
     key = place.rpartition(".")[2]
     field = next(f for f in msgspec.structs.fields(_section_of(place)) if f.encode_name == key)
-    return get_args(field.type)
+    if get_origin(field.type) is Literal:
+        return [repr(value) for value in get_args(field.type)]
+    alternatives = get_args(field.type)
+    values = [repr(value) for literal in alternatives if get_origin(literal) is Literal for value in get_args(literal)]
+    return [*values, "a number"]
 
 
 def _section_of(place: str) -> type[msgspec.Struct]:

@@ -1,7 +1,7 @@
 """Zenoh sessions between processes: explicit links, no discovery, nothing that is handed on to a third party.
 
 A process opens one session per plane (see ``coheft.wire.messages``), so that nothing crosses from one plane to another.
-All that it hears comes through one ``Inbox``, already decoded and checked; what it says goes out through a ``Sender``.
+What it says goes out through a ``Sender``; what it hears comes through one ``coheft.wire.inbox.Inbox``.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from queue import Empty, SimpleQueue
-from typing import Any, cast
+from typing import Any, Literal, get_args
 
 # Few threads for all of Zenoh's work: fewer switches between threads per message. Not one, because each listener that
 # freezes takes a thread until its link is cut, and with none left all other links fall silent and are cut too.
@@ -27,25 +26,37 @@ import zenoh
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.codec import decode, encode
 from coheft.wire.messages import Message, Refusal, Request, Status
+from coheft.wire.security import Guard
+
+Role = Literal["observer", "operator"]
+"""As what somebody asks the server: an observer may only ask how the run is."""
+ROLES: tuple[Role, ...] = get_args(Role)
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
-_LINK_SETTINGS: dict[str, object] = {
+_MAX_MESSAGE = 256 * 1024
+"""What is larger is dropped before it is put together [B]; no message of ours comes near."""
+_SETTINGS: dict[str, object] = {
     "mode": "peer",
     # Together these three keep every message to one hop: peers neither look for others nor tell each other of others,
     # and no peer serves as a gateway to those who dial it, not even to clients.
     "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
     "gateway": {"south": []},
-    "transport": {
-        "link": {
-            "tx": {
-                "lease": 1000,  # [ms]: a frozen process is noticed after this
-                # [us]: enough for a listener that is short of time, too little for a frozen one to hold up the run.
-                "queue": {"congestion_control": {"drop": {"wait_before_drop": 50_000}}},
+}
+_LINK_SETTINGS: dict[str, object] = {
+    "tx": {
+        "lease": 1000,  # [ms]: a frozen process is noticed after this
+        # [us]: enough for a listener that is short of time, too little for a frozen one to hold up the run.
+        "queue": {
+            "congestion_control": {
+                "drop": {"wait_before_drop": 50_000},
+                # [us]: a link that has been too slow for so long that megabytes wait for it is cut and dialled anew.
+                # Well below the lease: a link that is back while a message still waits for the old one stays mute.
+                "block": {"wait_before_close": 200_000},
             }
         },
-        "shared_memory": {"enabled": False},  # no faster for small messages
     },
+    "rx": {"max_message_size": _MAX_MESSAGE},
 }
 _DIAL_SETTINGS: dict[str, object] = {
     # Dial for ever, in the background: processes start in any order.
@@ -56,22 +67,32 @@ _DIAL_SETTINGS: dict[str, object] = {
 
 
 @contextmanager
-def open_session(listen: Iterable[str] = (), connect: Iterable[str] = ()) -> Iterator[zenoh.Session]:
+def open_session(
+    listen: Iterable[str] = (), connect: Iterable[str] = (), guard: Guard | None = None
+) -> Iterator[zenoh.Session]:
     """A session whose only links are those that are given; closed at the end of the context.
 
     Args:
-        listen: Endpoints where others may dial in, such as ``tcp/127.0.0.1:20000``.
+        listen: Endpoints where others may dial in, such as ``tcp/127.0.0.1:20000``, or ``tls/127.0.0.1:20000`` if there
+            is a guard.
         connect: Endpoints to dial, until somebody answers.
+        guard: Who may be at the other ends, and say what; None: whoever comes, and everything.
 
     Raises:
         LinkError: An endpoint is malformed, or somebody listens there already.
     """
     listen, connect = list(listen), list(connect)
     settings = {
-        **_LINK_SETTINGS,
+        **_SETTINGS,
         "listen": {"endpoints": listen, "exit_on_failure": True},
         "connect": {"endpoints": connect, **_DIAL_SETTINGS},
+        "transport": {
+            "link": _LINK_SETTINGS | (guard.link_settings if guard is not None else {}),
+            "shared_memory": {"enabled": False},  # no faster for small messages
+        },
     }
+    if guard is not None:
+        settings["access_control"] = guard.access_settings
     try:
         session = zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
     except zenoh.ZError as error:
@@ -105,7 +126,7 @@ class Keys:
         return f"{self.run}/robot/{check_name(name)}/{topic}"
 
     def agent(self, name: str, topic: str) -> str:
-        """Neighbour plane: ``hello``, ``block``."""
+        """Neighbour plane: ``hello``, ``block``; under ``alive`` nothing is said, see ``Inbox.watch_presence``."""
         return f"{self.run}/agent/{check_name(name)}/{topic}"
 
     def observe_agent(self, name: str, topic: str) -> str:
@@ -116,10 +137,9 @@ class Keys:
         """Observer plane of the server: ``truth``, ``problem``."""
         return f"{self.run}/observe/server/{topic}"
 
-    @property
-    def request(self) -> str:
-        """Where the server answers."""
-        return f"{self.run}/server/request"
+    def request(self, role: Role) -> str:
+        """Where the server answers those who ask in a role."""
+        return f"{self.run}/server/request/{role}"
 
 
 class Sender:
@@ -134,148 +154,18 @@ class Sender:
 
     def __init__(self, session: zenoh.Session, key: str, *, may_drop: bool) -> None:
         control = zenoh.CongestionControl.DROP if may_drop else zenoh.CongestionControl.BLOCK
+        self._key = key
         self._publisher = session.declare_publisher(key, congestion_control=control, express=True)
 
     def send(self, message: Message) -> None:
         """Say it to all who listen now."""
-        self._publisher.put(encode(message))
+        self._publisher.put(encode(message, self._key))
 
     @property
     def has_listener(self) -> bool:
         """Whether anybody listens now."""
         status: Any = self._publisher.matching_status  # an object, though its type stub says bool
         return bool(status.matching)
-
-
-@dataclass(frozen=True)
-class Received:
-    """A message, from the source whose key it came under."""
-
-    source: str
-    message: Message
-
-
-@dataclass(frozen=True)
-class Refused:
-    """What came from a source is not what its key promises."""
-
-    source: str
-    error: MessageError
-
-
-@dataclass(frozen=True)
-class LinkChange:
-    """A process has come to, or gone from, the session called ``source``, which now has so many ``links``."""
-
-    source: str
-    links: int
-
-
-@dataclass(frozen=True)
-class Question:
-    """A request that waits for its answer."""
-
-    request: Request
-    _query: zenoh.Query
-
-    def answer(self, message: Status | Refusal) -> None:
-        """Answer it, once."""
-        _answer(self._query, message)
-
-
-Event = Received | Refused | LinkChange | Question
-
-
-class Inbox:
-    """All that a process hears, on all of its sessions, in one queue: one thread, the caller's, handles it.
-
-    The queue's ``put`` is called by Zenoh's own thread with no Python code in between, which costs a few microseconds
-    per message; decoding is done by the caller of ``receive``.
-    """
-
-    def __init__(self) -> None:
-        self._queue: SimpleQueue[Any] = SimpleQueue()
-        self._kinds: dict[str, tuple[str, type[Message]]] = {}
-        self._kept: list[object] = []  # a subscriber that nobody holds goes silent
-
-    def listen(self, session: zenoh.Session, source: str, kinds: dict[str, type[Message]]) -> None:
-        """Hear one source.
-
-        Args:
-            session: Where.
-            source: Name under which events are reported.
-            kinds: What is expected under which key; keys differ in their last part only. One subscription serves them
-                all: when a message under one key has come through, those under the others will.
-
-        Raises:
-            ValueError: The keys differ in more than their last part.
-        """
-        places = {key.rpartition("/")[0] for key in kinds}
-        if len(places) != 1:
-            raise ValueError(f"keys are below {sorted(places)} but expected one place")
-        self._kinds |= {key: (source, kind) for key, kind in kinds.items()}
-        self._kept.append(
-            session.declare_subscriber(f"{places.pop()}/*", self._handler(), allowed_origin=zenoh.Locality.REMOTE)
-        )
-
-    def watch_links(self, session: zenoh.Session, source: str) -> None:
-        """Hear of processes that come and go at a session."""
-        linked: set[str] = set()  # the session's own list may lag behind its events
-
-        def put(event: zenoh.TransportEvent) -> None:
-            peer = str(event.transport.zid)
-            if event.kind == zenoh.SampleKind.PUT:
-                linked.add(peer)
-            else:
-                linked.discard(peer)
-            self._queue.put(LinkChange(source, len(linked)))
-
-        self._kept.append(session.info.declare_transport_events_listener(put, history=True))
-
-    def serve(self, session: zenoh.Session, key: str) -> None:
-        """Hear questions that are asked under a key."""
-        self._kept.append(session.declare_queryable(key, self._handler(), complete=True))
-
-    def _handler(self) -> Any:
-        return zenoh.handlers.Callback(self._queue.put, indirect=False)
-
-    def receive(self, timeout: float | None = None) -> Event | None:
-        """The next event, or None if there is none within ``timeout`` [s] (None: wait for ever)."""
-        try:
-            item = self._queue.get(timeout=timeout) if timeout != 0.0 else self._queue.get_nowait()
-        except Empty:
-            return None
-        if isinstance(item, zenoh.Sample):
-            return self._decode_sample(item)
-        if isinstance(item, zenoh.Query):
-            return self._decode_query(item)
-        return cast(LinkChange, item)
-
-    def _decode_sample(self, sample: zenoh.Sample) -> Event:
-        key = str(sample.key_expr)
-        source, kind = self._kinds.get(key, (key, None))
-        if kind is None:
-            return Refused(source, MessageError(f"nothing is expected under the key '{key}'"))
-        try:
-            return Received(source, decode(sample.payload.to_bytes(), kind))
-        except MessageError as error:
-            return Refused(source, error)
-
-    def _decode_query(self, query: zenoh.Query) -> Event:
-        payload = query.payload.to_bytes() if query.payload is not None else b""
-        try:
-            return Question(decode(payload, cast(type[Request], Request)), query)
-        except MessageError as error:
-            _answer(query, Refusal(reason=str(error)))
-            return Refused("an observer", error)
-
-
-def _answer(query: zenoh.Query, message: Status | Refusal) -> None:
-    with query:
-        if isinstance(message, Refusal):
-            query.reply_err(encode(message))
-        else:
-            query.reply(query.key_expr, encode(message))
 
 
 def ask(session: zenoh.Session, key: str, request: Request, timeout: float = 2.0) -> Status | Refusal:
@@ -285,12 +175,12 @@ def ask(session: zenoh.Session, key: str, request: Request, timeout: float = 2.0
         LinkError: There is no answer within ``timeout`` [s].
         MessageError: The answer makes no sense.
     """
-    for reply in session.get(key, payload=encode(request), timeout=timeout):
+    for reply in session.get(key, payload=encode(request, key), timeout=timeout):
         if reply.ok is not None:
-            return decode(reply.ok.payload.to_bytes(), Status)
+            return decode(reply.ok.payload.to_bytes(), Status, key)
         if reply.err is not None and reply.err.payload:
             try:
-                return decode(reply.err.payload.to_bytes(), Refusal)
+                return decode(reply.err.payload.to_bytes(), Refusal, key)
             except MessageError:
                 break  # Zenoh's own words for a timeout
     raise LinkError(f"no answer to the request under '{key}' within {timeout:g} s")

@@ -18,6 +18,7 @@ from agents.agent import Agent, Outbox
 from coheft.wire.codec import encode
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.messages import StatusRequest
+from coheft.wire.security import Guard
 from coheft.wire.supervised import supervised_main
 from coheft.wire.transport import Keys, open_session
 
@@ -30,7 +31,7 @@ class Spy:
 
     def __init__(self, session: zenoh.Session, plane: str, name: str, run: str) -> None:
         self._session = session
-        self._request = Keys(run).request
+        self._request = Keys(run).request("operator")
         self.heard: set[str] = set()
         self.answered: set[str] = set()
         self.alive: set[str] = set()
@@ -46,7 +47,7 @@ class Spy:
 
     def ask_around(self) -> None:
         for key in ("leak/**", self._request):
-            for reply in self._session.get(key, target=zenoh.QueryTarget.ALL, payload=encode(StatusRequest())):
+            for reply in self._session.get(key, target=zenoh.QueryTarget.ALL, payload=encode(StatusRequest(), key)):
                 if reply.ok is not None:
                     self.answered.add(str(reply.ok.key_expr))
         for reply in self._session.liveliness().get("leak/**"):
@@ -64,8 +65,10 @@ def run(config: AgentProcessConfig) -> None:
     spies: dict[str, Spy] = {}
 
     @contextmanager
-    def open_with_spy(listen: Iterable[str] = (), connect: Iterable[str] = ()) -> Iterator[zenoh.Session]:
-        with open_session(listen, connect) as session:
+    def open_with_spy(
+        listen: Iterable[str] = (), connect: Iterable[str] = (), guard: Guard | None = None
+    ) -> Iterator[zenoh.Session]:
+        with open_session(listen, connect, guard) as session:
             plane = next(planes)
             spies[plane] = Spy(session, plane, config.agent.name, config.run)
             yield session
@@ -73,8 +76,8 @@ def run(config: AgentProcessConfig) -> None:
     class AskingAgent(Agent):
         """All others are alive while it asks: none can go on without its message."""
 
-        def step(self, block, inbox) -> Outbox:  # type: ignore[no-untyped-def]
-            outbox = super().step(block, inbox)
+        def step(self, *arguments) -> Outbox:  # type: ignore[no-untyped-def]
+            outbox = super().step(*arguments)
             if outbox.message.block % ASK_EVERY == ASK_EVERY - 1:
                 for spy in spies.values():
                     spy.ask_around()

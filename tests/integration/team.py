@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -18,8 +18,10 @@ import zenoh
 from coheft.app.plan import Plan, make_plan
 from coheft.errors import LinkError
 from coheft.wire.messages import Request, Status, StatusRequest
+from coheft.wire.planes import guard_observer
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import parse_scenario
+from coheft.wire.security import credentials_in
 from coheft.wire.transport import Keys, ask, open_session
 
 ROOT = Path(__file__).parents[2]
@@ -29,7 +31,7 @@ LIMIT = 60.0
 """Nothing takes so long unless it is broken [s]."""
 
 
-def small_scenario(count: int, kind: str = "ring", duration: float = 1e4) -> Scenario:
+def small_scenario(count: int, kind: str = "ring", duration: float = 1e4, block: int = 10) -> Scenario:
     """A few robots around a box; without a set duration it runs until it is told to stop."""
     text = f"""
         name = "small"
@@ -37,6 +39,7 @@ def small_scenario(count: int, kind: str = "ring", duration: float = 1e4) -> Sce
         payload = {{ boxes = [{{ mass = 8.0, size = [0.8, 0.6, 0.1] }}], load_slots = 2 }}
         robots = {{ perimeter = {{ count = {count}, extent = [0.8, 0.6] }} }}
         graph = {{ kind = "{kind}" }}
+        sensors = {{ block = {block} }}
     """
     return parse_scenario(text, "small_scenario")
 
@@ -60,8 +63,10 @@ class Team:
     processes: dict[str, subprocess.Popen[bytes]]
 
     def start(self, name: str, command: tuple[str, ...], config: msgspec.Struct) -> None:
-        """Start one more process; what it prints goes to ``<name>.log``."""
-        with (self.folder / f"{name}.log").open("wb") as log:
+        """Start one more process, or one again; what it prints is added to ``<name>.log``."""
+        if name in self.processes:
+            self.end(name)
+        with (self.folder / f"{name}.log").open("ab") as log:
             self.processes[name] = subprocess.Popen(
                 [sys.executable, *command],
                 stdin=subprocess.PIPE,
@@ -75,9 +80,29 @@ class Team:
         stdin.write(msgspec.json.encode(config) + b"\n")
         stdin.flush()
 
+    def restart(self, name: str) -> None:
+        """Start the server or an agent again, with the configuration that it had."""
+        if name == "server":
+            self.start(name, SERVER, self.plan.server)
+        else:
+            self.start(name, AGENT, self.plan.agents[name])
+
+    def kill(self, name: str) -> None:
+        """Kill a process, and wait until it is gone."""
+        self.processes[name].kill()
+        self.processes[name].wait()
+
+    def end(self, name: str) -> None:
+        """Kill a process and let go of what it leaves."""
+        self.kill(name)
+        stdin = self.processes[name].stdin
+        if stdin is not None:
+            with suppress(BrokenPipeError):
+                stdin.close()
+
     def ask(self, request: Request) -> Status:
         """The server's answer to a request that it can carry out."""
-        answer = ask(self.observer, self.keys.request, request)
+        answer = ask(self.observer, self.keys.request("operator"), request)
         assert isinstance(answer, Status), answer
         return answer
 
@@ -103,6 +128,10 @@ class Team:
         """What a process has printed so far."""
         return (self.folder / f"{name}.log").read_text()
 
+    def refusals(self, name: str) -> list[str]:
+        """What a process has refused so far."""
+        return [line for line in self.log(name).splitlines() if "refused" in line]
+
     def exit_status(self, name: str) -> int:
         """Of a process that is about to end."""
         return self.processes[name].wait(LIMIT)
@@ -114,19 +143,24 @@ def running_team(
     folder: Path,
     clock: Literal["lockstep", "realtime"] = "lockstep",
     agent_command: tuple[str, ...] = AGENT,
+    keys_folder: Path | None = None,
+    change: Callable[[Plan], Plan] = lambda plan: plan,
 ) -> Iterator[Team]:
-    """Start a team; whatever happens, no process is left at the end."""
-    plan = make_plan(scenario, clock)
-    with open_session(connect=[plan.server.observe]) as observer:
-        team = Team(plan, Keys(plan.run), folder, observer, {})
+    """Start a team, secure if there is a folder of keys; whatever happens, no process is left at the end.
+
+    The plan may be changed before.
+    """
+    plan = change(make_plan(scenario, clock, keys=keys_folder))
+    keys = Keys(plan.run)
+    credentials = credentials_in(keys_folder, "operator") if keys_folder is not None else None
+    guard = guard_observer(credentials, keys, "operator", [])
+    with open_session(connect=[plan.server.observe], guard=guard) as observer:
+        team = Team(plan, keys, folder, observer, {})
         try:
             team.start("server", SERVER, plan.server)
             for name, config in plan.agents.items():
                 team.start(name, agent_command, config)
             yield team
         finally:
-            for process in team.processes.values():
-                process.kill()
-                process.wait()
-                if process.stdin is not None:
-                    process.stdin.close()
+            for name in team.processes:
+                team.end(name)

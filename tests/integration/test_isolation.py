@@ -1,4 +1,8 @@
-"""Nobody hears more than the graph allows: real processes, each with an ear on ``**`` at all of its links."""
+"""Nobody hears more than the graph allows: real processes, each with an ear on ``**`` at all of its links.
+
+In the open profile neighbours find each other when they ask who is there, and strangers get in; in the secure profile
+there is nothing to be found, and how strangers fare there is ``test_security``'s matter.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from coheft.app.keys import make_keys
 from coheft.wire.messages import PauseRequest, StatusRequest, StopRequest
 from coheft.wire.transport import open_session
 
@@ -92,7 +97,7 @@ def finish(team: Team) -> Heard:
     names = list(team.plan.agents)
     for name in names:
         assert team.exit_status(name) == 0, team.log(name)
-        assert team.log(name) == ""
+        assert team.log(name) == "", team.log(name)
     return {name: json.loads((team.folder / f"{name}.json").read_text()) for name in names}
 
 
@@ -125,13 +130,27 @@ def check_one_hop(team: Team, heard: Heard, strangers: dict[tuple[str, str], set
         for plane, senses in planes.items():
             linked = {f"leak/{stranger}" for stranger in strangers.get((name, plane), set())}
             assert must[plane] | linked <= set(senses["heard"]) <= must[plane] | may[plane] | linked, (name, plane)
+            if team.plan.keys is not None:
+                assert not senses["answered"], (name, plane)
+                assert set(senses["alive"]) == {f"leak/{plane}/{name}"}, (name, plane)
+                continue
             assert set(senses["answered"]) == who[plane] | linked, (name, plane)
             assert set(senses["alive"]) - {f"leak/{plane}/{name}"} == who[plane] | linked, (name, plane)
 
 
+@pytest.fixture(params=["open", "secure"])
+def keys_folder(request, tmp_path) -> Path | None:
+    """Of the whole team, None in the open profile."""
+    if request.param == "open":
+        return None
+    make_keys(tmp_path / "keys", small_scenario(COUNT))
+    return tmp_path / "keys"
+
+
 @pytest.mark.parametrize("kind", ["line", "ring", "star"])
-def test_robots_hear_their_neighbours_and_their_own_sensors_only(kind, tmp_path):
-    with running_team(small_scenario(COUNT, kind), tmp_path, agent_command=SPY_AGENT) as team:
+def test_robots_hear_their_neighbours_and_their_own_sensors_only(kind, keys_folder, tmp_path):
+    scenario = small_scenario(COUNT, kind)
+    with running_team(scenario, tmp_path, agent_command=SPY_AGENT, keys_folder=keys_folder) as team:
         team.wait_for_block(3 * ASK_EVERY)
         check_one_hop(team, finish(team), {})
 

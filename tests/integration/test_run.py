@@ -56,8 +56,13 @@ class Run:
         """Wait for the first line about simulated time, and learn who is who."""
         wait_for(lambda: " s of " in self.text or self.supervisor.poll() is not None, "the run to be under way")
         assert self.supervisor.poll() is None, self.text
-        self.pids = msgspec.json.decode((self.folder / RUN_FILE).read_bytes(), type=RunFile).pids
+        self.read_pids()
         assert all(alive(pid) for pid in self.pids.values())
+
+    def read_pids(self) -> dict[str, int]:
+        """Who is who now."""
+        self.pids = msgspec.json.decode((self.folder / RUN_FILE).read_bytes(), type=RunFile).pids
+        return self.pids
 
     def wait(self) -> int:
         return self.supervisor.wait(PATIENCE)
@@ -186,11 +191,13 @@ def test_a_run_that_is_too_short_has_not_converged_and_says_so(tmp_path: Path) -
     assert {path.name for path in tmp_path.iterdir()} == {"server.log", "r1.log", "r2.log", "r3.log"}
 
 
-def test_ctrl_c_stops_everything_at_once(start: Callable[..., Run]) -> None:
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_ctrl_c_stops_everything_at_once(sign: signal.Signals, start: Callable[..., Run]) -> None:
+    """And so does a polite request to end, or a terminal that is closed."""
     run = start("--duration", "10000")
     run.wait_until_under_way()
     pressed = time.monotonic()
-    os.killpg(run.supervisor.pid, signal.SIGINT)
+    os.kill(run.supervisor.pid, sign)
     assert run.wait() == 130
     assert time.monotonic() - pressed < STOPS_WITHIN
     assert run.left() == []
@@ -199,8 +206,26 @@ def test_ctrl_c_stops_everything_at_once(start: Callable[..., Run]) -> None:
     assert not (run.folder / RUN_FILE).exists()
 
 
-def test_an_agent_that_is_killed_ends_the_run_and_is_named(start: Callable[..., Run]) -> None:
-    run = start("--duration", "10000")
+@pytest.mark.parametrize("clock", [(), ("--realtime",)])
+def test_an_agent_that_is_killed_is_started_again_and_the_run_goes_on(
+    clock: tuple[str, ...], start: Callable[..., Run]
+) -> None:
+    run = start("--duration", "10000", *clock)
+    run.wait_until_under_way()
+    for time_no in (1, 2):
+        before = run.pids["r2"]
+        os.kill(before, signal.SIGKILL)
+        wait_for(lambda before=before: run.read_pids()["r2"] != before, "another process")
+        wait_for(lambda time_no=time_no: run.text.count("r2 is back before block") == time_no, "its return")
+    assert "r2 was killed by signal 9; started again (2 of 3)" in run.words
+    assert run.ask("stop")[0] == 0
+    assert run.wait() in (0, 3), run.text
+    assert run.left() == []
+    assert "Traceback" not in run.text
+
+
+def test_an_agent_that_is_killed_once_too_often_ends_the_run_and_is_named(start: Callable[..., Run]) -> None:
+    run = start("--duration", "10000", "--restarts", "0")
     run.wait_until_under_way()
     os.kill(run.pids["r2"], signal.SIGKILL)
     assert run.wait() == 1
@@ -216,7 +241,7 @@ def test_a_server_that_is_killed_ends_the_run_and_is_named(start: Callable[..., 
     os.kill(run.pids["server"], signal.SIGKILL)
     assert run.wait() == 1
     assert run.left() == []
-    assert "server was killed by signal 9" in run.words
+    assert run.text.endswith("The run is over, because server was killed by signal 9.\n")
 
 
 def test_a_frozen_process_does_not_outlive_its_supervisor(start: Callable[..., Run]) -> None:
@@ -294,7 +319,7 @@ def test_loads_come_and_go_in_a_run_and_nonsense_is_refused(start: Callable[...,
 
 def test_watch_follows_a_run_to_its_end(start: Callable[..., Run]) -> None:
     run = start("--duration", "10000", "--quiet")
-    wait_for((run.folder / RUN_FILE).exists, "the run to be announced")
+    wait_for(lambda: run.ask("resume")[0] == 0, "the server to answer")  # announced before it listens
     watcher = subprocess.Popen(
         [sys.executable, "-m", "coheft", "watch", "--run", str(run.folder)], stdout=subprocess.PIPE, text=True
     )

@@ -12,9 +12,10 @@ import msgspec
 import pytest
 
 from coheft.app.inprocess import run_in_process
+from coheft.app.record import Record
 from coheft.app.report import RunInfo, build_report
 from coheft.wire.codec import decode, encode
-from coheft.wire.messages import Estimate, Message, Truth
+from coheft.wire.messages import Message
 from coheft.wire.scenario import LoadChange, Scenario
 from coheft.wire.scenario_file import load_scenario
 from consensus.graph import build_graph
@@ -40,18 +41,18 @@ def in_processes(estimator: str, folder: Path) -> dict[str, object]:
 
 def received(message: M) -> M:
     """As it would come over the wire: what the report computes of it depends on how arrays lie in memory."""
-    return decode(encode(message), type(message))
+    return decode(encode(message, "key"), type(message), "key")
 
 
 def in_one_process(scenario: Scenario) -> dict[str, object]:
     """The same from a run in this process."""
     graph = build_graph(scenario.graph, scenario.robot_names)
-    truths: list[Truth] = []
-    estimates: dict[str, list[Estimate]] = {name: [] for name in graph}
-    for record in run_in_process(scenario):
-        truths.append(received(record.truth))
-        for name, estimate in record.estimates.items():
-            estimates[name].append(received(estimate))
+    scene = received(Simulation(scenario, graph).scene)
+    record = Record(scene, scenario.duration, with_history=True)
+    for block in run_in_process(scenario):
+        record.add_truth(received(block.truth))
+        for estimate in block.estimates.values():
+            record.add_estimate(received(estimate))
     info = RunInfo(
         scenario=scenario.name,
         seed=scenario.seed,
@@ -60,7 +61,7 @@ def in_one_process(scenario: Scenario) -> dict[str, object]:
         real_time_factor=1.0,
         late_blocks=0,
     )
-    report = build_report(info, received(Simulation(scenario, graph).scene), truths, estimates, with_history=True)
+    report = build_report(info, record)
     loaded: dict[str, object] = json.loads(msgspec.json.encode(report))
     return loaded
 

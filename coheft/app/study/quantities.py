@@ -10,9 +10,10 @@ import numpy as np
 from coheft.app.judge import Judge
 from coheft.estimation.rigid_body import Inertia, pack_symmetric
 from coheft.estimation.spatial import Array, Pose, rotation_log
-from coheft.wire.messages import Estimate
+from coheft.wire.messages import Estimate, PayloadEstimate
 
 PAYLOAD_SIZE = 10
+_ROUNDING = 1e-9
 Edges = Sequence[tuple[str, str]]
 """Ordered pairs (i, j) of neighbours: i estimates ``pose_j_in_i``."""
 
@@ -98,13 +99,13 @@ def published_errors(judge: Judge, edges: Edges, estimates: Mapping[str, Estimat
         estimate = estimates.get(name)
         if estimate is not None and estimate.phase == "inertia" and other in estimate.poses:
             found = estimate.poses[other]
-            poses[k] = _pose_error(judge, name, other, Pose(found.rotation, found.translation))
+            poses[k] = pose_error(judge, name, other, Pose(found.rotation, found.translation))
             pose_covariances[k] = found.covariance
     for k, name in enumerate(names):
         estimate = estimates.get(name)
         if estimate is not None and estimate.payload is not None:
             believed = estimate.payload
-            payload[k] = _payload_error(
+            payload[k] = payload_error(
                 judge.payload(name, estimate.block), Inertia(believed.mass, believed.com, believed.tensor)
             )
             payload_covariances[k] = believed.covariance
@@ -119,23 +120,37 @@ def team_errors(judge: Judge, edges: Edges, block: int, poses: Sequence[Pose], i
     names = judge.scene.robots
     pose_of = dict(zip(names, poses, strict=True))
     return Errors(
-        poses=np.array([_pose_error(judge, i, j, pose_of[i].inverse() @ pose_of[j]) for i, j in edges]),
+        poses=np.array([pose_error(judge, i, j, pose_of[i].inverse() @ pose_of[j]) for i, j in edges]),
         payload=np.array(
-            [_payload_error(judge.payload(i, block), inertia.carried(pose_of[i].inverse())) for i in names]
+            [payload_error(judge.payload(i, block), inertia.carried(pose_of[i].inverse())) for i in names]
         ),
         pose_covariances=np.full((len(edges), 6, 6), np.nan),
         payload_covariances=np.full((len(names), 10, 10), np.nan),
     )
 
 
-def _pose_error(judge: Judge, name: str, other: str, estimate: Pose) -> Array:
+def pose_error(judge: Judge, name: str, other: str, estimate: Pose) -> Array:
+    """Truth minus estimate of a neighbour's pose in ``F_i``: rotation vector in its axes, translation; shape (6,)."""
     truth = judge.pose_payload_in[name] @ judge.pose_payload_in[other].inverse()
     return np.concatenate(
         [rotation_log(truth.rotation @ estimate.rotation.T), truth.translation - estimate.translation]
     )
 
 
-def _payload_error(truth: Inertia, estimate: Inertia) -> Array:
+def payload_error(truth: Inertia, estimate: Inertia) -> Array:
+    """Truth minus estimate of ``(m, h, J packed)``, shape (10,)."""
     return np.concatenate(
         [[truth.mass - estimate.mass], truth.com - estimate.com, pack_symmetric(truth.tensor - estimate.tensor)]
     )
+
+
+def payload_exists(payload: PayloadEstimate | None) -> bool:
+    """Whether a body with these mass properties can exist; claiming nothing is right."""
+    if payload is None:
+        return True
+    pseudo = Inertia(payload.mass, payload.com, payload.tensor).pseudo_inertia()
+    diagonal = np.diag(pseudo)
+    if not np.all(diagonal > 0.0):
+        return False
+    balanced = pseudo / np.sqrt(np.outer(diagonal, diagonal))
+    return bool(np.linalg.eigvalsh(balanced)[0] >= -_ROUNDING)

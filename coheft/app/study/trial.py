@@ -11,15 +11,20 @@ import numpy as np
 from coheft.app.inprocess import run_in_process
 from coheft.app.judge import Judge
 from coheft.app.study.exact_run import Bounds, ExactRun
-from coheft.app.study.quantities import QUANTITIES, Edges, Errors, directed_edges, published_errors, team_errors
+from coheft.app.study.quantities import (
+    QUANTITIES,
+    Edges,
+    Errors,
+    directed_edges,
+    payload_exists,
+    published_errors,
+    team_errors,
+)
 from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.estimation.centralised import estimate_centralised
-from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array
-from coheft.wire.messages import Estimate, LoadChangeNotice, PayloadEstimate
+from coheft.wire.messages import Estimate, LoadChangeNotice
 from coheft.wire.scenario import Scenario
-
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -126,7 +131,7 @@ def _outcome(scenario: Scenario, estimator: str, moments: Moments, judge: Judge,
         errors=published_errors(judge, edges, _latest(reports, moments.at)),
         recovered=None if moments.change is None else published_errors(judge, edges, last),
         notices={name: list(estimate.load_changes) for name, estimate in last.items()},
-        violations=sum(not _exists(e.payload) for report in reports for e in report.values()),
+        violations=sum(not payload_exists(e.payload) for report in reports for e in report.values()),
         curves=_curves(judge, edges, reports),
     )
 
@@ -137,18 +142,6 @@ def _latest(reports: Sequence[dict[str, Estimate]], time: float) -> dict[str, Es
     for report in reports:
         latest.update({name: estimate for name, estimate in report.items() if estimate.time <= time + 1e-9})
     return latest
-
-
-def _exists(payload: PayloadEstimate | None) -> bool:
-    """Whether a body with these mass properties can exist; claiming nothing is right."""
-    if payload is None:
-        return True
-    pseudo = Inertia(payload.mass, payload.com, payload.tensor).pseudo_inertia()
-    diagonal = np.diag(pseudo)
-    if not np.all(diagonal > 0.0):
-        return False
-    balanced = pseudo / np.sqrt(np.outer(diagonal, diagonal))
-    return bool(np.linalg.eigvalsh(balanced)[0] >= -_ROUNDING)
 
 
 def _curves(judge: Judge, edges: Edges, reports: Sequence[dict[str, Estimate]]) -> Curves:

@@ -1,0 +1,161 @@
+"""How one robot comes to know its own pose in the body frame, before the team's sums begin.
+
+Poses of the neighbours come from the twists that both measure. From neighbour to neighbour, along the shortest way to
+the reference robot, they make up the robot's own pose in a frame that all share: the **body frame**.
+
+When a robot starts again with an empty memory, or the team changes, nobody has to wait for that a second time: who knew
+the poses of the team before keeps to its body frame, and tells its neighbours theirs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.estimator import Channels
+from coheft.estimation.measurement import KINEMATICS
+from coheft.estimation.observability import PoseEstimate
+from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.twist_registration import TwistMoments, register_twists
+from coheft.wire.config import AgentConfig
+from consensus.gossip import Gossip
+from consensus.graph import distances
+
+_POSE_SIZE = 12
+
+
+@dataclass(frozen=True)
+class KeptPoses:
+    """Poses of a former team.
+
+    Attributes:
+        frame: Number of the body frame.
+        poses: By name of the robot and the block since which it has held the load: when it takes hold again, it will
+            be elsewhere.
+    """
+
+    frame: int
+    poses: Mapping[tuple[str, int], Pose]
+
+
+class BodyFrame:
+    """What one robot knows of poses while there are no sums.
+
+    Args:
+        config: The agent's settings.
+        gossip: Knows the graph.
+    """
+
+    def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
+        self._config = config
+        self._gossip = gossip
+        self._pairs: dict[str, TwistMoments] = {}
+        self._holds: dict[str, tuple[int, int]] = {}
+        self._kept: KeptPoses | None = None
+        self._told: tuple[int, Pose] | None = None
+
+    def keep(self, frame: int, poses: Mapping[str, Pose], holds: Mapping[str, int]) -> None:
+        """The team is dissolved; these were its poses, and the blocks since which its members had held the load.
+
+        Whoever has taken hold since then is elsewhere now. An agent that started again says that it has always held it.
+        """
+        since = {name: self._gossip.records[name].since for name in poses}
+        self._kept = KeptPoses(
+            frame, {(name, since[name]): pose for name, pose in poses.items() if since[name] in (holds[name], 0)}
+        )
+
+    def update_pairs(self, block: int, previous: Array | None, inbox: Mapping[str, Channels]) -> None:
+        """Take in neighbours' samples of a block, and the own ones, shape (B, 15)."""
+        own = self._gossip.own
+        for name, channels in inbox.items():
+            record = self._gossip.records.get(name)
+            if record is None or not record.holding or not own.holding:
+                continue
+            hold = (record.since, own.since)
+            if self._holds.get(name) != hold:
+                self._holds[name], self._pairs[name] = hold, TwistMoments.none()
+            if block < max(hold):
+                continue  # told ahead: one of them is still elsewhere
+            kinematics = channels.get("kinematics")
+            if previous is not None and kinematics is not None and kinematics.shape == previous[:, KINEMATICS].shape:
+                self._pairs[name] += TwistMoments.of(previous[:, :6], kinematics[:, :6])
+
+    def hear_kept_poses(self, inbox: Mapping[str, Channels]) -> None:
+        """Neighbours may know this robot's pose from a former team."""
+        name = self._gossip.name
+        for other, channels in inbox.items():
+            record, frame, rows = (
+                self._gossip.records.get(other),
+                channels.get("kept_frame"),
+                channels.get("kept_poses"),
+            )
+            if record is None or frame is None or rows is None or name not in record.neighbours:
+                continue
+            if frame.shape == (1,) and rows.shape == (len(record.neighbours), _POSE_SIZE):
+                row = rows[record.neighbours.index(name)]
+                if row.any() and frame[0] > 0.0:
+                    self._told = int(frame[0]), Pose.of_numbers(row)
+
+    def channels(self) -> dict[str, Array]:
+        """What neighbours may need of the kept poses."""
+        if self._kept is None:
+            return {}
+        rows = np.zeros((len(self._gossip.own.neighbours), _POSE_SIZE))
+        for row, other in zip(rows, self._gossip.own.neighbours, strict=True):
+            pose = self._kept_pose(other)
+            if pose is not None:
+                row[:] = pose.numbers()
+        return {"kept_frame": np.array([float(self._kept.frame)]), "kept_poses": rows}
+
+    def _kept_pose(self, name: str) -> Pose | None:
+        record = self._gossip.records.get(name)
+        if self._kept is None or record is None:
+            return None
+        return self._kept.poses.get((name, record.since))
+
+    def neighbours_poses(self) -> dict[str, PoseEstimate]:
+        """Of those neighbours with whom samples have been exchanged."""
+        return {name: self._pair(name) for name in sorted(self._pairs) if self._pairs[name].count > 1.0}
+
+    def kept_pose(self) -> tuple[Pose, int] | None:
+        """The own pose from a former team in the team's body frame, and the frame's number; None if there is none."""
+        name, frame = self._config.name, self._gossip.frame()
+        kept = self._kept_pose(name)
+        if kept is not None and self._kept is not None and self._kept.frame == frame:
+            return kept, frame
+        if self._told is not None and self._told[0] == frame:
+            return self._told[1], frame
+        return None
+
+    def found_pose(self) -> tuple[Pose, int] | None:
+        """The same from what neighbours have measured; None while it is not known well enough."""
+        graph, frame = self._gossip.graph, self._gossip.frame()
+        if graph is None or self._config.name not in graph:
+            return None
+        if frame == 0 and self._config.name == min(graph):
+            return Pose.identity(), self._gossip.team
+        pose = self._through_neighbour(graph)
+        return None if pose is None else (pose, frame)
+
+    def _through_neighbour(self, graph: Mapping[str, tuple[str, ...]]) -> Pose | None:
+        """Through the neighbour that is next on the way to the reference robot, among those that know theirs."""
+        hops = distances(graph, min(graph))
+        known = {other: self._gossip.pose(other) for other in graph[self._config.name] if other in self._pairs}
+        for parent in sorted(known, key=lambda other: (hops[other], other)):
+            parents_pose = known[parent]
+            if parents_pose is None or self._pairs[parent].count <= 1.0:
+                continue
+            pair = self._pair(parent)
+            limits = self._config.efficient
+            if (
+                not pair.unseen
+                and np.degrees(pair.rotation_std) <= limits.start_rotation_deg
+                and 1e3 * pair.translation_std <= limits.start_translation_mm
+            ):
+                return parents_pose @ pair.pose.inverse()
+        return None
+
+    def _pair(self, name: str) -> PoseEstimate:
+        return register_twists(self._pairs[name], self._config.noise, self._config.noise)

@@ -1,0 +1,109 @@
+"""Moments over those samples that every robot of the team has.
+
+Poses of a team are fitted to sums over samples, each robot's to its own. Where messages are lost, not everybody has the
+same samples, and what errors of the common body motion would cancel between robots does not: a fit to sums over
+different samples is far worse than it believes. So robots tell each other which blocks they have, a chunk of steps at a
+time, and count only what all of them have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from coheft.estimation.registration import RegistrationMoments
+from coheft.estimation.spatial import Array
+from consensus.flood import Flood
+
+_BITS = 48
+"""As many fit into a number of a table."""
+
+
+class CommonMoments:
+    """One robot's moments.
+
+    A chunk is agreed upon when everybody has told which of its blocks it has, and from which step on the next chunk
+    might begin: it begins at the latest of these. So nobody has to go through chunks for which nobody could be heard.
+
+    Args:
+        robots: Number of robots.
+        own: Index of this one.
+        start: First step.
+        chunk: Steps per chunk: more than it takes to hear from everybody.
+        parts: Blocks per step.
+
+    Attributes:
+        total: Over all chunks that are agreed upon.
+        chunks: Number of chunks that are agreed upon.
+        steps: Step, counted from the first, at which the next one begins.
+        flood: Tells the others, and hears them: per robot what it says about the chunk before, and about the present.
+    """
+
+    def __init__(self, robots: int, own: int, start: int, chunk: int, parts: int) -> None:
+        self._words = -(-chunk * parts // _BITS)
+        self.total = RegistrationMoments.none()
+        self.chunks = self.steps = 0
+        self.flood = Flood(robots, 2 * (1 + self._words))
+        self._own = own
+        self._start = start
+        self._chunk = chunk
+        self._parts = parts
+        self._pending: dict[int, RegistrationMoments] = {}
+        self._told_before = np.zeros(1 + self._words)
+
+    def add(self, step: int, blocks: Sequence[RegistrationMoments | None]) -> None:
+        """Take in what a step has given: moments of ``parts`` blocks, None for each that is missing."""
+        for part, moments in enumerate(blocks):
+            # While nobody answers, not more than can be told of: what comes later is not counted.
+            if moments is not None and len(self._pending) < 2 * self._chunk * self._parts:
+                self._pending[(step - self._start) * self._parts + part] = moments
+
+    def agree(self, step: int) -> bool:
+        """Count the next chunk if everybody has told what it has of it; returns whether that was so.
+
+        Args:
+            step: The present step, which ``add`` was called for.
+        """
+        passed = step - self._start + 1
+        if passed < self.steps + self._chunk:
+            return False
+        stamp, row = self.flood.row(self._own)
+        if stamp < self.chunks:
+            # Only whole chunks, so that robots that are a step or two apart propose the same.
+            following = self.steps + (passed - self.steps) // self._chunk * self._chunk
+            row = np.concatenate([self._told_before, [following], self._mask()])
+            self.flood.tell(self._own, self.chunks, row)
+        told = self._told()
+        if told is None:
+            return False
+        self._told_before = row[len(row) // 2 :]
+        common = np.bitwise_and.reduce(told[:, 1:].astype(np.int64), axis=0)
+        first, self.steps = self.steps * self._parts, int(told[:, 0].max())
+        for key in [key for key in self._pending if key < self.steps * self._parts]:
+            moments, (word, bit) = self._pending.pop(key), divmod(key - first, _BITS)
+            if key - first < self._chunk * self._parts and common[word] >> bit & 1:
+                self.total += moments
+        self.chunks += 1
+        return True
+
+    def _mask(self) -> Array:
+        words = np.zeros(self._words)
+        for key in range(self._chunk * self._parts):
+            if self.steps * self._parts + key in self._pending:
+                words[key // _BITS] += float(1 << key % _BITS)
+        return words
+
+    def _told(self) -> Array | None:
+        """What everybody says about the present chunk; None while somebody has not told."""
+        stamps, rows = self.flood.table[:, 0], self.flood.table[:, 1:]
+        is_ahead = stamps == self.chunks + 1
+        if not np.all((stamps == self.chunks) | is_ahead):
+            return None
+        before, present = np.split(rows, 2, axis=1)
+        return np.where(is_ahead[:, None], before, present)
+
+    def map(self, feature_map: Array) -> None:
+        """Everything, as if every sample's features had been ``feature_map`` (28, 28) times what they were."""
+        self.total = self.total.mapped(feature_map)
+        self._pending = {key: moments.mapped(feature_map) for key, moments in self._pending.items()}

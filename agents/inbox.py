@@ -1,0 +1,114 @@
+"""Which of the messages that came from neighbours are used, and when.
+
+Messages may come late, twice, out of order, from an agent's former life, or be nonsense. Those of the block before the
+present one are used; those of the next few wait for their time. What cannot be right is refused, in words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from agents.estimator import Channels
+from coheft.estimation.spatial import Pose
+from coheft.wire.messages import LinkState, NeighbourMessage
+from coheft.wire.scenario import MAX_ROBOTS
+
+AHEAD = 8
+"""A neighbour may be ahead by so many blocks: it got its measurements earlier."""
+_ALIKE = 4
+"""So many messages of the same sender and block are looked at."""
+_LARGEST = 1e12
+"""No number that an estimator sends is as large as this."""
+_POSE_SIZE = 12
+_LONGEST_NAME = 32
+_ROTATION_TOLERANCE = 1e-6
+
+
+class NeighbourInbox:
+    """What one agent's neighbours have said.
+
+    Args:
+        neighbours: Their names.
+    """
+
+    def __init__(self, neighbours: Iterable[str]) -> None:
+        self._incarnations = dict.fromkeys(sorted(neighbours), -1)
+        self._waiting: dict[tuple[str, int, int], list[NeighbourMessage]] = {}
+        self._last: dict[str, int] = {}
+
+    def take(
+        self, index: int, messages: Sequence[NeighbourMessage], fits: Callable[[Channels], bool] = lambda _: True
+    ) -> tuple[dict[str, NeighbourMessage], list[LinkState], list[str]]:
+        """What to use for a block.
+
+        Args:
+            index: Its number; grows from call to call.
+            messages: All that came since the last call.
+            fits: Whether a message's channels have the shapes that are read; of several with the same sender and block
+                the first one that does is used.
+
+        Returns:
+            The neighbours' messages of the block before, in the order of names; what they hand on about robots, from
+            all messages that are right; what was refused and why.
+        """
+        if not self._last:
+            self._last = dict.fromkeys(self._incarnations, index)  # nobody can have been heard before the first block
+        gossip: list[LinkState] = []
+        problems: list[str] = []
+        for message in sorted(messages, key=lambda message: (message.sender, message.incarnation, message.block)):
+            problem = self._problem(index, message)
+            if problem is not None:
+                problems.append(f"refused from {message.sender}, block {message.block}: {problem}")
+                continue
+            self._incarnations[message.sender] = message.incarnation
+            gossip += message.gossip
+            if message.block >= index - 1:
+                waiting = self._waiting.setdefault((message.sender, message.incarnation, message.block), [])
+                if len(waiting) < _ALIKE:
+                    waiting.append(message)
+        used = {}
+        for name, incarnation in self._incarnations.items():
+            found = self._waiting.get((name, incarnation, index - 1))
+            if found:
+                used[name] = next((message for message in found if fits(message.channels)), found[0])
+                self._last[name] = index
+        self._waiting = {key: waiting for key, waiting in self._waiting.items() if key[2] >= index}
+        return used, gossip, problems
+
+    def last_heard(self, name: str) -> int:
+        """The last block for which a message of this neighbour was used, or the first one at all."""
+        return self._last[name]
+
+    def _problem(self, index: int, message: NeighbourMessage) -> str | None:
+        """Why a message cannot be right, None if it can."""
+        known = self._incarnations.get(message.sender)
+        if known is None:
+            return f"no neighbour; neighbours are {', '.join(self._incarnations)}"
+        if message.incarnation < known:
+            return "it is from before its sender started again"
+        if message.block > index - 1 + AHEAD:
+            return f"it is {message.block - index + 1} blocks ahead, of {AHEAD} that are allowed"
+        for name, array in message.channels.items():
+            if not np.all(np.abs(array) < _LARGEST):  # false for what is not a number, too
+                return f"channels[{name!r}] holds numbers that are not finite, or not below {_LARGEST:g}"
+        for record in message.gossip:
+            if not _is_possible(record):
+                return f"what it says about {record.robot!r} is impossible"
+        return None
+
+
+def _is_possible(record: LinkState) -> bool:
+    """Whether a robot's record makes sense on its own."""
+    if record.robot in record.neighbours or min(record.incarnation, record.sequence, record.since) < 0:
+        return False
+    if len(record.neighbours) > MAX_ROBOTS or max(map(len, (record.robot, *record.neighbours))) > _LONGEST_NAME:
+        return False
+    if not record.pose:
+        return True
+    if len(record.pose) != _POSE_SIZE or not np.all(np.abs(record.pose) < _LARGEST):
+        return False
+    rotation = Pose.of_numbers(record.pose).rotation
+    is_orthonormal = np.abs(rotation.T @ rotation - np.eye(3)).max() < _ROTATION_TOLERANCE
+    return bool(is_orthonormal and np.linalg.det(rotation) > 0.0)

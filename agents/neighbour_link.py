@@ -1,0 +1,93 @@
+"""A neighbour as an agent's process sees it: whether its link stands, what it has said, whether to wait for it."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from coheft.wire.messages import Hello, NeighbourMessage
+
+KEPT = 64
+"""Messages that may wait for their step; a neighbour that is further ahead is not one to keep pace with."""
+
+
+class NeighbourLink:
+    """One neighbour.
+
+    Attributes:
+        name: Its name.
+        is_linked: Its link stands.
+        is_heard: It has said something since.
+        hears_us: It has said that it hears us.
+        keeps_pace: Its message of the next block can be expected in time.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.is_linked = False
+        self.is_heard = False
+        self.hears_us = False
+        self.keeps_pace = False
+        self._known: bool | None = None
+        self._incarnation = -1
+        self._messages: deque[NeighbourMessage] = deque(maxlen=KEPT)
+
+    def note_presence(self, is_here: bool) -> None:
+        """Its link stands now, or is gone."""
+        self.is_linked = is_here
+        if not is_here:
+            self.is_heard = self.hears_us = self.keeps_pace = False
+
+    def take_change(self) -> bool:
+        """Whether its link has gone, or come back, since this was asked; that it comes at first is no change."""
+        if self._known is None:
+            self._known = True if self.is_linked else None
+            return False
+        has_changed = self._known != self.is_linked
+        self._known = self.is_linked
+        return has_changed
+
+    def take_hello(self, hello: Hello, own_name: str) -> None:
+        """It is there, and may have started again."""
+        self._incarnation = max(self._incarnation, hello.incarnation)
+        self.is_heard = True
+        self.hears_us = own_name in hello.heard
+
+    def take_message(self, message: NeighbourMessage, next_block: int) -> None:
+        """Keep a message for its step.
+
+        Args:
+            message: It.
+            next_block: The block of the next step.
+        """
+        self._incarnation = max(self._incarnation, message.incarnation)
+        self._messages.append(message)
+        self.is_heard = True
+        self.keeps_pace = self.keeps_pace or self._can_be_of_use(message, next_block)
+
+    def forget(self) -> None:
+        """Forget what it has said: there are no steps for it now."""
+        self._messages.clear()
+        self.keeps_pace = False
+
+    def is_missing(self, block: int) -> bool:
+        """Whether the step of a block should wait for it."""
+        if not (self.is_linked and self.keeps_pace):
+            return False
+        return not any(self._can_be_of_use(message, block) for message in self._messages)
+
+    def take_messages(self, block: int) -> list[NeighbourMessage]:
+        """What it has said for the step of a block, or before; what is for later steps stays, however soon it came."""
+        now: list[NeighbourMessage] = []
+        later: list[NeighbourMessage] = []
+        for message in self._messages:
+            (later if self._can_be_of_use(message, block + 1) else now).append(message)
+        self._messages = deque(later, KEPT)
+        return now
+
+    def _can_be_of_use(self, message: NeighbourMessage, block: int) -> bool:
+        """Whether a message is the one that the step of a block needs, or of one of the next steps.
+
+        A neighbour may skip blocks: when a later message is here, those before it will not come. What it said before it
+        started again is of no use.
+        """
+        return message.incarnation == self._incarnation and block - 1 <= message.block < block - 1 + KEPT

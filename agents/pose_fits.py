@@ -1,0 +1,125 @@
+"""When and how a team fits its poses anew: scores told, a joint step by the reference robot, and a common switch.
+
+1. *tell*: at blocks that all agents know, each tells its score over the samples that all have;
+2. *fit*: when it has heard all, the reference robot computes the joint step, and tells all poses and the block from
+   which they count. Anybody could, but not everybody need be of the same opinion on the poses, where messages were
+   lost, and must not be of another one for that;
+3. *switch*: from that block on samples that enter the sums are carried with the new poses, and bear their version.
+
+Every step waits for what it needs, however long that takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from agents.common_moments import CommonMoments
+from coheft.estimation.registration import RegistrationMoments, score_and_information
+from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.team_registration import register_team
+from coheft.wire.config import AgentConfig
+from consensus.flood import Flood
+
+_SHORTEST_ROUND = 0.2
+"""Shortest time between two fits of the poses [s]."""
+_CHUNK = 0.1
+"""Robots tell each other every so often, or when all have been heard, which blocks they have [s]."""
+_SCORE_SIZE, _POSE_SIZE = 6, 12
+
+
+class PoseFits:
+    """One robot's part in the fits.
+
+    Args:
+        config: The agent's settings.
+        robots: Number of robots.
+        own: Index of this one; the first is the reference robot.
+        start: Block at which the sums begin.
+        under_way: Blocks from a sample's entering the sums to its leaving them.
+        hearing: Blocks until everybody has heard everybody.
+
+    Attributes:
+        common: Moments over the samples that all have.
+        told_moments: The same as they were when the own score was told last.
+        carried: Version of the poses that samples are carried with now, 0 at the start.
+        floods: What is told to neighbours and heard from them, by name.
+    """
+
+    def __init__(self, config: AgentConfig, robots: int, own: int, start: int, under_way: int, hearing: int) -> None:
+        self._config = config
+        self._own = own
+        self._hearing = hearing
+        self._shortest = max(1, round(_SHORTEST_ROUND * config.rate / config.block))
+        self._longest = 3 * hearing + under_way + 3
+        self._tells, self._tell_step = 0, under_way + self._shortest
+        chunk = max(1, round(_CHUNK * config.rate / config.block), 2 * hearing)
+        self.common = CommonMoments(robots, own, start, chunk, parts=2)
+        self._scores = Flood(robots, 1 + _SCORE_SIZE)
+        self._fits = Flood(1, 1 + robots * _POSE_SIZE)
+        self.floods = {"common": self.common.flood, "scores": self._scores, "fits": self._fits}
+        self.told_moments = RegistrationMoments.none()
+        self.carried = 0
+        self._told_poses: dict[int, tuple[Pose, ...]] = {}
+
+    def step(self, index: int, version: int, poses: Sequence[Pose], is_settled: bool) -> None:
+        """Whatever is due at a block.
+
+        Args:
+            index: Its number.
+            version: Of the poses in use.
+            poses: In use.
+            is_settled: Whether everything accumulated is seen with these poses.
+        """
+        while self.common.agree(index - 1):
+            self._tell_score(version, poses, is_settled and self.carried == version)
+        if self._own == 0:
+            self._fit(index, version, poses)
+        told_version, row = self._fits.row(0)
+        if told_version > self.carried and index >= row[0]:
+            numbers = row[1:].reshape(-1, _POSE_SIZE)
+            self._told_poses[told_version] = tuple(Pose.of_numbers(each) for each in numbers)
+            self.carried = told_version
+
+    def carrying_pose(self, poses: Sequence[Pose]) -> Pose:
+        """Own pose to carry samples with; ``poses`` are those in use."""
+        return self._told_poses.get(self.carried, tuple(poses))[self._own]
+
+    def take_poses(self, version: int) -> tuple[Pose, ...]:
+        """The poses of a version that has come into use; it and older ones are forgotten."""
+        poses = self._told_poses[version]
+        self._told_poses = {number: each for number, each in self._told_poses.items() if number > version}
+        return poses
+
+    def map(self, feature_map: Array) -> None:
+        """All samples' features are ``feature_map`` (28, 28) times what they were."""
+        self.common.map(feature_map)
+        self.told_moments = self.told_moments.mapped(feature_map)
+
+    def _tell_score(self, version: int, poses: Sequence[Pose], can_tell: bool) -> None:
+        """A chunk of steps has been agreed upon: if it is time, tell the own score at the poses in use.
+
+        When it is time depends on the agreed steps only: everybody tells of the same samples.
+        """
+        steps = self.common.steps
+        if steps < self._tell_step:
+            return
+        self._tells += 1
+        grown = round(self._config.efficient.refit_share * steps)
+        self._tell_step = steps + max(self._longest, self._shortest, grown)
+        if can_tell:
+            score, _, _ = score_and_information(self.common.total, poses[self._own], self._config.noise)
+            self._scores.tell(self._own, self._tells, np.concatenate([[version], score]))
+            self.told_moments = self.common.total
+
+    def _fit(self, index: int, version: int, poses: Sequence[Pose]) -> None:
+        """As the reference robot: all poses after the joint step, once everybody's score at those in use is known."""
+        rows = self._scores.rows(self._tells)
+        if self._tells <= self.carried or self._fits.row(0)[0] >= self._tells or rows is None:
+            return
+        if np.any(rows[:, 0] != version):
+            return
+        fitted = register_team(poses, rows[:, 1:], self.told_moments, self._config.noise)
+        numbers = [pose.numbers() for pose in fitted.poses]
+        self._fits.tell(0, self._tells, np.concatenate([[index + self._hearing], *numbers]))

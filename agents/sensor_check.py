@@ -1,0 +1,69 @@
+"""Blocks of samples that no working sensor gives: the robot finds them by itself, and does not use them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.spatial import Array
+
+_SENSORS = ("gyro", "velocity", "accelerometer", "force", "torque")
+_OUTLIER = 12.0
+"""A sample that differs by more standard deviations from both its neighbours, on the same side, is an outlier. What
+really changes at a sudden differs from one of them only. The last one of a block has one neighbour: it is an outlier if
+it is so far from where the two before it point,"""
+_UNUSUAL = 3.0
+"""and so many times as far as any other of the block."""
+
+
+class SensorCheck:
+    """Looks at one robot's samples.
+
+    Args:
+        noise: Of its sensors.
+
+    Attributes:
+        fault: What has been wrong with the last two blocks, None if one of them was right.
+    """
+
+    def __init__(self, noise: SensorNoise) -> None:
+        self._deviations = noise.per_column()
+        self._last = np.empty((0, len(self._deviations)))
+        self._before = True
+        self.fault: str | None = None
+
+    def work(self, samples: Array) -> bool:
+        """Whether a block of samples (B, 15) can be used."""
+        found = self._find(np.vstack([self._last, samples]))
+        self.fault = None if self._before else found
+        self._before = found is None
+        self._last = samples[-1:]
+        return found is None
+
+    def _find(self, samples: Array) -> str | None:
+        """What is wrong with samples (n, 15), the last one of the block before first."""
+        if not np.isfinite(samples).all():
+            return _in_words("is not a finite number", ~np.isfinite(samples).all(axis=0))
+        steps = np.diff(samples, axis=0) / self._deviations
+        # Noise does not repeat: what stays as it is, or at its largest value, for half of the samples does not measure.
+        still = 2 * (~steps.reshape(len(steps), -1, 3).any(axis=2)).sum(axis=0) >= len(steps)
+        still &= samples.reshape(len(samples), -1, 3).any(axis=(0, 2))
+        if still.any():
+            return _in_words("is frozen", np.repeat(still, 3))
+        limits = np.stack([samples.min(axis=0), samples.max(axis=0)])
+        at_limit = (2 * (samples == limits[:, None]).sum(axis=1) > len(samples)) & (limits != 0.0)
+        if at_limit.any():
+            return _in_words("is saturated", np.any(at_limit, axis=0))
+        peaks = np.minimum(np.abs(steps[:-1]), np.abs(steps[1:])) * (steps[:-1] * steps[1:] < 0.0)
+        bends = np.abs(np.diff(steps, axis=0))
+        far = (peaks > _OUTLIER).any(axis=0)
+        if len(bends):
+            far |= bends[-1] > np.maximum(_OUTLIER, _UNUSUAL * bends[:-1].max(axis=0, initial=0.0))
+        return _in_words("has outliers", far) if far.any() else None
+
+
+def _in_words(what: str, columns: Any) -> str:
+    """Names the first sensor of which a column (15,) is marked."""
+    return f"the {_SENSORS[int(np.argmax(columns)) // 3]} {what}"

@@ -1,0 +1,76 @@
+"""What an agent says about itself to observers: what it believes, whether that still holds, and if not, why not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from agents.estimator import Belief
+from coheft.wire.config import AgentConfig
+from coheft.wire.messages import Estimate, PoseEstimate
+
+_REPORT_INTERVAL = 0.1
+"""Time between reports to observers [s]; a change of status is told at once."""
+_LOAD_CHANGES = 32
+"""So many of the newest load changes are told."""
+
+
+class StatusKeeper:
+    """Turns beliefs and doubts into reports, and remembers the last belief that was beyond doubt.
+
+    Args:
+        config: The agent's settings.
+    """
+
+    def __init__(self, config: AgentConfig) -> None:
+        self._config = config
+        self._every = max(1, round(_REPORT_INTERVAL * config.rate / config.block))
+        self._valid: Belief | None = None
+        self._status: Literal["starting", "valid", "stale"] = "starting"
+        self._reasons: list[str] = []
+        self._doubted = False
+        self.problems = 0
+
+    def is_due(self, index: int, doubts: Sequence[str]) -> bool:
+        """Whether to report after this block: at times that are the same for all agents, and when doubts come or go."""
+        return (index + 1) % self._every == 0 or bool(doubts) != self._doubted
+
+    def report(self, index: int, belief: Belief, doubts: Sequence[str], members: int) -> Estimate:
+        """A report.
+
+        Args:
+            index: The last block that the agent has seen.
+            belief: What its estimator believes.
+            doubts: All that speaks against its being true now.
+            members: Size of the team, 0 while unknown.
+        """
+        self._doubted = bool(doubts)
+        self._reasons = list(doubts)
+        if not doubts and belief.payload is None:
+            self._reasons = list(belief.not_observable) or ["too few samples of this load"]
+        if not doubts and belief.payload is not None:
+            self._status, self._valid = "valid", belief
+        elif self._valid is not None:
+            self._status = "stale"
+        told = self._valid if self._status == "stale" and self._valid is not None else belief
+        return Estimate(
+            robot=self._config.name,
+            block=index,
+            time=(index + 1) * self._config.block / self._config.rate,
+            phase=told.phase,
+            converged=told.converged,
+            members=members,
+            payload=told.payload,
+            poses={
+                name: PoseEstimate(pose.pose.rotation, pose.pose.translation, pose.covariance)
+                for name, pose in told.poses.items()
+            },
+            total_block=told.total_block,
+            total_wrench=told.total_wrench,
+            not_observable=list(told.not_observable),
+            load_changes=list(belief.load_changes[-_LOAD_CHANGES:]),
+            problems=self.problems,
+            status=self._status,
+            reasons=self._reasons,
+            valid_block=told.learned_block,
+        )

@@ -1,0 +1,93 @@
+"""Whether what the team has measured lately can be true: one rigid body, and sensors with the noise that they claim.
+
+A sensor that has gone wrong, a clock that runs off, or a neighbour that does not tell the truth spoils the sums of the
+whole team, and sums do not say whose fault it is. But every robot can hold its own sensors against the motion that the
+sums say the body has, and they can tell each other how well that fits.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from coheft.estimation.measurement import KINEMATICS, SensorNoise
+from coheft.estimation.registration import (
+    ACCELERATION_ROWS,
+    TWIST_ROWS,
+    RegistrationMoments,
+    residual_derivative,
+    residual_operator,
+    score_and_information,
+)
+from coheft.estimation.spatial import Array, Pose
+
+MISFIT = 1.0
+"""From this on a robot's measurements contradict the team's motion."""
+_MEMORY = 0.3
+"""Time that is looked back on [s]."""
+_SLACK = 0.25
+"""Share by which squared residuals may be larger than noise explains, always."""
+_SIGMAS = 8.0
+"""Standard deviations by which they may be larger by chance."""
+_MEAN_LIMIT = 80.0
+"""Limit of the chi-square of the accelerometers' mean residual, three degrees of freedom: 1e-17 by chance."""
+_OTHERS = 3.0
+"""The body's motion is as far off as all robots' poses make it: as if the own pose's covariance were so many times
+itself."""
+
+
+class Watch:
+    """One robot's own sensors against the motion of the body.
+
+    Args:
+        noise: Of its sensors.
+        blocks_per_second: Blocks per second.
+    """
+
+    def __init__(self, noise: SensorNoise, blocks_per_second: float) -> None:
+        self._noise = noise
+        self._recent: deque[RegistrationMoments] = deque(maxlen=max(2, round(_MEMORY * blocks_per_second)))
+
+    def add(self, moments: RegistrationMoments) -> None:
+        """Take in the moments of a block."""
+        self._recent.append(moments)
+
+    def map(self, feature_map: Array) -> None:
+        """As if every sample's features had been ``feature_map`` (28, 28) times what they were."""
+        for k, moments in enumerate(self._recent):
+            self._recent[k] = moments.mapped(feature_map)
+
+    def misfit(self, pose: Pose, covariance: Array) -> float:
+        """How badly the own sensors fit lately; ``MISFIT`` is the limit.
+
+        Args:
+            pose: Own pose in the body frame.
+            covariance: Of its perturbation, shape (6, 6).
+        """
+        if not self._recent:
+            return 0.0
+        recent = sum(self._recent, RegistrationMoments.none())
+        count = recent.count
+        _, information, cost = score_and_information(recent, pose, self._noise)
+        by_noise = 9.0 * count
+        by_poses = _OTHERS * float(np.sum(information * covariance))
+        limit = (1.0 + _SLACK) * (by_noise + by_poses) + _SIGMAS * np.sqrt(2.0 * by_noise)
+        return float(max(2.0 * cost / limit, self._mean_statistic(recent, pose, covariance) / _MEAN_LIMIT))
+
+    def _mean_statistic(self, recent: RegistrationMoments, pose: Pose, covariance: Array) -> float:
+        """Chi-square of the accelerometer's mean residual; constant offsets of other sensors do no harm."""
+        count, rows = recent.count, ACCELERATION_ROWS
+        means = recent.gram[:, 0] / count
+        residual = residual_operator(pose)[rows] @ means
+        derivative = residual_derivative(pose)[:, rows] @ means
+        deviations = self._noise.per_column()[KINEMATICS][rows]
+        spread = np.diag(deviations**2) / count + _OTHERS * derivative.T @ covariance @ derivative
+        return float(residual @ np.linalg.solve(spread, residual))
+
+
+def block_misfit(moments: RegistrationMoments, pose: Pose, noise: SensorNoise) -> float:
+    """Mean square of one block's residuals in units of the noise, offsets and means left out."""
+    operator, gram = residual_operator(pose)[TWIST_ROWS], moments.centred()
+    weights = noise.per_column()[KINEMATICS][TWIST_ROWS, None] ** -2
+    return float(np.sum(weights * (operator @ gram) * operator) / (6.0 * max(moments.count, 1.0)))

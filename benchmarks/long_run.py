@@ -1,0 +1,159 @@
+"""A long run in real time, with loads that come and go and agents that are killed: does any process grow?
+
+    python -m benchmarks.long_run [--minutes M] [--scenario NAME] [--sensor-rate R]
+
+Prints, for every process that lived for ten minutes or more, its resident memory and open files five minutes after it
+started and at its end. Needs Linux: it reads /proc.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from coheft.app.observer import ask_run
+from coheft.app.run_folder import find_run
+from coheft.errors import CoheftError
+from coheft.wire.messages import InjectRequest, RemoveRequest, StatusRequest
+
+SAMPLE_EVERY = 10.0
+CHANGE_EVERY = 60.0
+KILL_EVERY = 600.0
+SETTLED = 300.0
+"""From then on a process should not grow [s]."""
+WINDOW = 60.0
+"""Memory is the median over this time [s]."""
+
+
+@dataclass
+class Life:
+    """One process from its start to its end: when it was looked at, its memory [B] and its open files."""
+
+    name: str
+    pid: int
+    times: list[float] = field(default_factory=list)
+    memory: list[int] = field(default_factory=list)
+    files: list[int] = field(default_factory=list)
+
+    def look(self, now: float) -> None:
+        """Note how it is, if it still is."""
+        try:
+            pages = int(Path(f"/proc/{self.pid}/statm").read_text().split()[1])
+            files = len(os.listdir(f"/proc/{self.pid}/fd"))
+        except (OSError, IndexError):
+            return
+        self.times.append(now)
+        self.memory.append(pages * os.sysconf("SC_PAGE_SIZE"))
+        self.files.append(files)
+
+    @property
+    def duration(self) -> float:
+        """For how long it has been looked at [s]."""
+        return self.times[-1] - self.times[0] if self.times else 0.0
+
+    def at(self, age: float) -> tuple[float, int]:
+        """Memory [B] and most open files within ``WINDOW`` before an age [s]."""
+        ages = [moment - self.times[0] for moment in self.times]
+        chosen = [k for k, value in enumerate(ages) if age - WINDOW <= value <= age]
+        return statistics.median(self.memory[k] for k in chosen), max(self.files[k] for k in chosen)
+
+
+class Troubles:
+    """Changes the load now and then, and kills agents in turn, all but the first."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._victims = self._next_victims()
+        self._next_change = CHANGE_EVERY
+        self._next_kill = KILL_EVERY
+        self.changes = 0
+        self.kills = 0
+
+    def make(self, elapsed: float) -> None:
+        """Do what is due."""
+        if elapsed >= self._next_change:
+            self._next_change += CHANGE_EVERY
+            loads = ask_run(StatusRequest(), self._folder).loads
+            put = InjectRequest(mass=2.0, position=(0.2, 0.1, 0.08))
+            ask_run(RemoveRequest(load=loads[-1].id) if loads else put, self._folder)
+            self.changes += 1
+        if elapsed >= self._next_kill:
+            self._next_kill += KILL_EVERY
+            os.kill(find_run(self._folder).pids[next(self._victims)], signal.SIGKILL)
+            self.kills += 1
+
+    def _next_victims(self) -> Iterator[str]:
+        while True:
+            yield from list(find_run(self._folder).agents)[1:]
+
+
+def follow(run: subprocess.Popen[bytes], folder: Path, seconds: float) -> tuple[list[Life], Troubles]:
+    """Look at all processes of a run until it ends."""
+    lives = [Life("supervisor", run.pid)]
+    troubles = Troubles(folder)
+    began = time.monotonic()
+    while run.poll() is None:
+        elapsed = time.monotonic() - began
+        try:
+            known = {life.pid for life in lives}
+            lives += [Life(name, pid) for name, pid in find_run(folder).pids.items() if pid not in known]
+            if elapsed < seconds - CHANGE_EVERY:
+                troubles.make(elapsed)
+        except CoheftError as error:  # the run has not begun, or is over
+            print(f"after {elapsed:.0f} s: {error}", file=sys.stderr)
+        for life in lives:
+            life.look(elapsed)
+        time.sleep(SAMPLE_EVERY)
+    return lives, troubles
+
+
+def print_table(lives: list[Life]) -> None:
+    """One line per process."""
+    print(
+        f"{'process':12}{'minutes':>8}{'MB at 5 min':>13}{'at its end':>12}{'growth':>9}{'files':>8}{'at its end':>12}"
+    )
+    for life in lives:
+        if life.duration < 2 * SETTLED - WINDOW:
+            continue
+        (before, files_before), (after, files_after) = life.at(SETTLED), life.at(life.duration)
+        print(
+            f"{life.name:12}{life.duration / 60:8.1f}{before / 1e6:13.1f}{after / 1e6:12.1f}"
+            f"{100 * (after / before - 1):8.1f}%{files_before:8}{files_after:12}"
+        )
+
+
+def main() -> None:
+    """Run, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--scenario", default="ring3")
+    parser.add_argument("--sensor-rate", type=int, default=200)
+    arguments = parser.parse_args()
+    seconds = 60.0 * arguments.minutes
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        run = subprocess.Popen(
+            [sys.executable, "-m", "coheft", "run", arguments.scenario, "--realtime", "--duration", str(seconds)]
+            + ["--sensor-rate", str(arguments.sensor_rate), "--restarts", "1000", "--logs", name],
+        )
+        try:
+            lives, troubles = follow(run, folder, seconds)
+        finally:
+            if run.poll() is None:
+                run.terminate()
+            run.wait()
+    print(f"\nexit status {run.returncode}; {troubles.changes} changes of the load, {troubles.kills} agents killed\n")
+    print_table(lives)
+
+
+if __name__ == "__main__":
+    main()

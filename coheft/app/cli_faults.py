@@ -1,0 +1,105 @@
+"""The command that breaks things."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from coheft.app.cli_base import EXIT_BROKEN_PROMISE, EXIT_CONVERGED, Count, Flag, ReportTarget, app
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from coheft.app.faults.schedule import FaultSchedule
+
+
+@app.command
+def faults(
+    *,
+    seeds: Count = 100,
+    first_seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
+    jobs: Count | None = None,
+    json: ReportTarget = None,
+    kept: Path | None = None,
+    mutant: str = "",
+    replay: str | None = None,
+    shrink: Flag = False,
+    quiet: Flag = False,
+) -> int:
+    """Let things go wrong in many simulated runs, and check after every block that the promises are kept.
+
+    Each seed draws a small team and up to four faults: of the network, of agents, of sensors, of clocks. Exit status 4
+    if a promise was broken; the last line then is the command that shows it again.
+
+    Parameters
+    ----------
+    seeds:
+        Number of runs.
+    first_seed:
+        Of the first run; the others count on from there.
+    jobs:
+        Number of processes, instead of one per core.
+    json:
+        Write the summary to this file; - for standard output.
+    kept:
+        Add every outcome to this file; a campaign that was cut off goes on where it was, if the code is the same.
+    mutant:
+        Put this deliberate bug into the agents: the campaign has to find it.
+    replay:
+        Instead: run the schedule of this seed, or that in this file (.json), and tell all.
+    shrink:
+        With replay: simplify the schedule as long as it fails, and write what is left to a file.
+    quiet:
+        Show nothing but errors.
+    """
+    from rich.console import Console
+
+    from coheft.app.faults.campaign import run_campaign
+    from coheft.app.faults.mutants import check_mutant
+    from coheft.app.faults.output import campaign_progress, print_campaign
+    from coheft.app.faults.summary import summarise
+    from coheft.app.report import write_report
+
+    check_mutant(mutant)
+    console = Console(stderr=json == "-", quiet=quiet)
+    if replay is not None:
+        return _replay(console, _schedule_of(replay), mutant, is_shrunk=shrink)
+    chosen = range(first_seed, first_seed + seeds)
+    with campaign_progress(console, len(chosen), quiet=quiet) as on_outcome:
+        outcomes = run_campaign(chosen, jobs=jobs, kept=kept, mutant=mutant, on_outcome=on_outcome)
+    summary = summarise(outcomes)
+    if json is not None:
+        write_report(summary, json)
+    print_campaign(console, summary, outcomes, mutant)
+    return EXIT_BROKEN_PROMISE if summary.violations else EXIT_CONVERGED
+
+
+def _schedule_of(text: str) -> FaultSchedule:
+    from coheft.app.faults.draw import draw_schedule
+    from coheft.app.faults.schedule import read_schedule
+
+    return draw_schedule(int(text)) if text.isdecimal() else read_schedule(Path(text))
+
+
+def _replay(console: Console, schedule: FaultSchedule, mutant: str, *, is_shrunk: bool) -> int:
+    from coheft.app.faults.mutants import mutated
+    from coheft.app.faults.output import print_outcome, print_schedule
+    from coheft.app.faults.schedule import write_schedule
+    from coheft.app.faults.shrink import breaks_same_promise, shrink
+    from coheft.app.faults.trial import try_schedule
+
+    with mutated(mutant):
+        outcome = try_schedule(schedule)
+        if is_shrunk and outcome.violations:
+            fails = breaks_same_promise(outcome)
+            schedule = shrink(schedule, fails, lambda simpler: print_schedule(console, simpler))
+            outcome = try_schedule(schedule)
+            path = Path(f"faults-{schedule.seed}.json")
+            write_schedule(schedule, path)
+            console.print(f"written to {path}")
+    print_schedule(console, schedule)
+    print_outcome(console, outcome)
+    return EXIT_BROKEN_PROMISE if outcome.violations else EXIT_CONVERGED

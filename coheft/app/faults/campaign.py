@@ -1,0 +1,146 @@
+"""Many schedules over all cores. What is done is kept in a file, so that a campaign can be cut off and go on."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+
+import coheft
+from coheft.app.faults.draw import draw_schedule
+from coheft.app.faults.mutants import mutated
+from coheft.app.faults.trial import Outcome, try_schedule
+from coheft.errors import CoheftError, MissingPackageError
+
+_PACKAGES = ("agents", "coheft", "consensus", "physics_server")
+
+
+class Header(msgspec.Struct, frozen=True):
+    """First line of a file of outcomes: they belong to this code, and to agents with this bug."""
+
+    code: str
+    mutant: str = ""
+
+
+class OutcomeFile:
+    """Outcomes, one a line, in the order in which they came.
+
+    Args:
+        path: The file. What other code has left there is thrown away.
+        mutant: The deliberate bug, if any.
+    """
+
+    def __init__(self, path: Path, mutant: str = "") -> None:
+        self._path = path
+        self._header = Header(code_hash(), mutant)
+
+    def read(self) -> list[Outcome]:
+        """What has been kept so far by the same code.
+
+        Raises:
+            CoheftError: The file cannot be read.
+        """
+        try:
+            lines = self._path.read_bytes().splitlines() if self._path.exists() else []
+        except OSError as error:
+            raise CoheftError(f"cannot read {self._path}: {error.strerror}") from error
+        try:
+            if not lines or msgspec.json.decode(lines[0], type=Header) != self._header:
+                return []
+        except msgspec.DecodeError:
+            return []
+        return list(_decoded(lines[1:]))
+
+    def write(self, outcomes: Sequence[Outcome]) -> None:
+        """Start the file anew.
+
+        Raises:
+            CoheftError: It cannot be written.
+        """
+        try:
+            self._path.write_bytes(_line(self._header) + b"".join(map(_line, outcomes)))
+        except OSError as error:
+            raise CoheftError(f"cannot write {self._path}: {error.strerror}") from error
+
+    def append(self, outcome: Outcome) -> None:
+        """Keep one more."""
+        with self._path.open("ab") as file:
+            file.write(_line(outcome))
+
+
+def _line(part: Header | Outcome) -> bytes:
+    return msgspec.json.encode(part) + b"\n"
+
+
+def _decoded(lines: Sequence[bytes]) -> Iterator[Outcome]:
+    """Outcomes up to the first line that was not written to its end."""
+    for line in lines:
+        try:
+            yield msgspec.json.decode(line, type=Outcome)
+        except msgspec.DecodeError:
+            return
+
+
+def code_hash() -> str:
+    """What tells one state of the code from another."""
+    root = Path(coheft.__file__).parents[1]
+    digest = hashlib.sha256()
+    for path in sorted(path for package in _PACKAGES for path in (root / package).rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def run_campaign(
+    seeds: Sequence[int],
+    *,
+    jobs: int | None = None,
+    kept: Path | None = None,
+    mutant: str = "",
+    on_outcome: Callable[[Outcome], None] = lambda outcome: None,
+) -> list[Outcome]:
+    """Try one schedule per seed.
+
+    Args:
+        seeds: Of the schedules.
+        jobs: Number of processes; None for one per core.
+        kept: File to which outcomes are added as they come; those that are there already are not tried again.
+        mutant: A deliberate bug to put into the agents, see ``mutants``.
+        on_outcome: Told every outcome, those that were kept first.
+
+    Returns:
+        All outcomes, in the order of seeds.
+
+    Raises:
+        MissingPackageError: A package that campaigns need is not installed.
+        CoheftError: The file cannot be read or written.
+    """
+    try:
+        import joblib
+    except ImportError as error:
+        raise MissingPackageError("joblib", "study") from error
+    file = None if kept is None else OutcomeFile(kept, mutant)
+    outcomes: dict[int, Outcome] = {}
+    if file is not None:
+        outcomes = {outcome.seed: outcome for outcome in file.read() if outcome.seed in set(seeds)}
+        file.write(list(outcomes.values()))
+    for outcome in outcomes.values():
+        on_outcome(outcome)
+    left = [seed for seed in seeds if seed not in outcomes]
+    # Linear algebra on small matrices only loses by threads of its own.
+    with joblib.parallel_config("loky", n_jobs=jobs or os.cpu_count(), inner_max_num_threads=1):
+        parallel = joblib.Parallel(return_as="generator_unordered")
+        for outcome in parallel(joblib.delayed(try_seed)(seed, mutant) for seed in left):
+            outcomes[outcome.seed] = outcome
+            if file is not None:
+                file.append(outcome)
+            on_outcome(outcome)
+    return [outcomes[seed] for seed in seeds]
+
+
+def try_seed(seed: int, mutant: str = "") -> Outcome:
+    """Try the schedule of a seed, with a deliberate bug if one is named."""
+    with mutated(mutant):
+        return try_schedule(draw_schedule(seed))

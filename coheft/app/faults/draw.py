@@ -1,0 +1,256 @@
+"""Schedules drawn at random: a small team, quick to simulate, and up to four faults."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+
+from coheft.app.faults.schedule import (
+    EVERYBODY,
+    AnyFault,
+    ClockSkew,
+    Corruption,
+    Crash,
+    Delay,
+    Duplication,
+    FaultSchedule,
+    Lie,
+    LieKind,
+    Loss,
+    Malformed,
+    Partition,
+    Pause,
+    Release,
+    Reordering,
+    Replay,
+    Sensor,
+    SensorFailure,
+    SensorFault,
+)
+from coheft.wire.scenario import (
+    Box,
+    Graph,
+    LoadChange,
+    Motion,
+    Payload,
+    Perimeter,
+    Robots,
+    Scenario,
+    Sensors,
+    Vector,
+)
+from consensus.graph import build_graph
+
+MOST_FAULTS = 4
+LATEST_START = 5.0
+"""Until then faults begin [s]; a team without faults is valid after 2 to 4 s."""
+RECOVERY = 5.0
+"""A run goes on for so long after its last fault [s]."""
+SHORTEST = 7.0
+"""Run [s]."""
+_COUNTS = (0.4, 0.3, 0.2, 0.1)
+"""Shares of teams of 3, 4, 5 and 6 robots: small ones are quick to simulate."""
+_FOR_EVER = 0.1
+"""Share of crashed agents that never come back."""
+
+_Fields = dict[str, Any]
+"""Fields of a fault."""
+
+T = TypeVar("T")
+
+
+def draw_schedule(seed: int) -> FaultSchedule:
+    """The schedule of a seed."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.choice([3, 4, 5, 6], p=_COUNTS))
+    team = _Team(rng, count)
+    faults = tuple(team.fault() for _ in range(rng.integers(0, MOST_FAULTS + 1)))
+    end = max((fault.end for fault in faults), default=0.0)
+    duration = _round(max(SHORTEST, end + RECOVERY))
+    faults = tuple(_for_ever(fault, duration) if rng.random() < _FOR_EVER else fault for fault in faults)
+    return FaultSchedule(seed=seed, scenario=team.scenario(seed, duration), faults=faults)
+
+
+class _Team:
+    """Draws what depends on the robots' names and on the graph."""
+
+    def __init__(self, rng: np.random.Generator, count: int) -> None:
+        self._rng = rng
+        self._extent = (_round(rng.uniform(0.6, 1.2)), _round(rng.uniform(0.5, 0.9)))
+        self._count = count
+        self._graph = Graph(
+            kind=self._pick("ring", "line", "star", "complete", "random"),
+            edge_probability=_round(rng.uniform(0.1, 0.5)),
+            seed=_seed(rng),
+        )
+        self._robots = Robots(perimeter=Perimeter(count=count, extent=self._extent, seed=_seed(rng)))
+        self._block = int(rng.choice([5, 8, 10]))
+        self._names = tuple(f"r{i + 1}" for i in range(count))
+        self._edges = [
+            (name, other) for name, others in build_graph(self._graph, self._names).items() for other in others
+        ]
+
+    def scenario(self, seed: int, duration: float) -> Scenario:
+        """What is simulated."""
+        rng = self._rng
+        width, depth = self._extent
+        plate = Box(mass=_round(rng.uniform(2.0, 8.0)), size=(width, depth, 0.05))
+        lump = Box(mass=_round(rng.uniform(0.5, 4.0)), size=(0.2, 0.15, 0.15), position=self._place())
+        changes = sorted(_round(rng.uniform(1.0, duration - RECOVERY)) for _ in range(rng.integers(0, 3)))
+        return Scenario(
+            name=f"faults-{seed}",
+            payload=Payload(boxes=(plate, lump)),
+            robots=self._robots,
+            graph=self._graph,
+            sensors=Sensors(rate=100, block=self._block, noise_scale=_round(0.3 * 3.0 ** rng.random())),
+            motion=Motion(rotation=0.3, ramp=_round(rng.uniform(0.3, 1.0))),
+            load_changes=tuple(self._load_change(time, number) for number, time in enumerate(changes)),
+            duration=duration,
+            seed=seed,
+            lookahead=int(rng.integers(1, 5)),
+        )
+
+    def _load_change(self, time: float, number: int) -> LoadChange:
+        if number == 1 and self._rng.random() < 0.5:
+            return LoadChange(at=time, remove=1)
+        return LoadChange(at=time, mass=_round(self._rng.uniform(0.5, 3.0)), position=self._place())
+
+    def _place(self) -> Vector:
+        """Somewhere on the plate."""
+        x, y = self._rng.uniform(-0.4, 0.4, size=2) * self._extent
+        return _round(x), _round(y), 0.1
+
+    def fault(self) -> AnyFault:
+        """One fault."""
+        kinds: list[Callable[[_Fields], AnyFault]] = [
+            self._delay,
+            self._loss,
+            self._duplication,
+            self._reordering,
+            self._corruption,
+            self._replay,
+            self._malformed,
+            self._partition,
+            self._crash,
+            self._crash,
+            self._pause,
+            self._release,
+            self._clock_skew,
+            self._sensor,
+            self._sensor,
+            self._lie,
+        ]
+        start = self._rng.uniform(0.0, LATEST_START)
+        end = start + 0.1 * 30.0 ** self._rng.random()
+        return kinds[self._rng.integers(len(kinds))](
+            {"start": _round(start), "end": _round(end), "seed": _seed(self._rng)}
+        )
+
+    def _pick(self, *choices: T) -> T:
+        return choices[self._rng.integers(len(choices))]
+
+    def _robot(self) -> str:
+        return self._pick(*self._names)
+
+    def _link(self) -> _Fields:
+        """One link, all to or from one robot, or all."""
+        sender, receiver = self._pick(*self._edges)
+        return {"sender": self._pick(sender, EVERYBODY), "receiver": self._pick(receiver, EVERYBODY)}
+
+    def _blocks(self, most: int = 10) -> int:
+        return int(self._rng.integers(1, most + 1))
+
+    def _delay(self, when: _Fields) -> AnyFault:
+        return Delay(**when, **self._link(), blocks=self._blocks())
+
+    def _loss(self, when: _Fields) -> AnyFault:
+        return Loss(**when, **self._link(), probability=_round(self._rng.uniform(0.01, 0.5)))
+
+    def _duplication(self, when: _Fields) -> AnyFault:
+        return Duplication(
+            **when, **self._link(), probability=_round(self._rng.uniform(0.1, 1.0)), blocks=self._blocks(20) - 1
+        )
+
+    def _reordering(self, when: _Fields) -> AnyFault:
+        return Reordering(**when, **self._link(), blocks=self._blocks())
+
+    def _corruption(self, when: _Fields) -> AnyFault:
+        return Corruption(
+            **when,
+            **self._link(),
+            probability=_round(0.01 * 100.0 ** self._rng.random()),
+            bits=round(32.0 ** self._rng.random()),
+            sealed=bool(self._rng.random() < 0.5),
+        )
+
+    def _replay(self, when: _Fields) -> AnyFault:
+        return Replay(
+            **when,
+            **self._link(),
+            probability=_round(self._rng.uniform(0.1, 1.0)),
+            source=self._pick("had before", "former incarnation", "other run"),
+        )
+
+    def _malformed(self, when: _Fields) -> AnyFault:
+        return Malformed(**when, **self._link(), probability=_round(self._rng.uniform(0.1, 1.0)))
+
+    def _partition(self, when: _Fields) -> AnyFault:
+        size = self._rng.integers(1, self._count // 2 + 1)
+        group = self._rng.choice(self._count, size=size, replace=False)
+        return Partition(**when, group=tuple(self._names[k] for k in sorted(group)))
+
+    def _crash(self, when: _Fields) -> AnyFault:
+        return Crash(**when, robot=self._robot())
+
+    def _pause(self, when: _Fields) -> AnyFault:
+        return Pause(**when, robot=self._robot())
+
+    def _release(self, when: _Fields) -> AnyFault:
+        if self._rng.random() < 0.3:
+            when = when | {"start": 0.0}
+        return Release(**when, robot=self._robot(), notice=self._blocks(10) if self._rng.random() < 0.5 else 0)
+
+    def _clock_skew(self, when: _Fields) -> AnyFault:
+        return ClockSkew(**when, robot=self._robot(), samples=self._blocks(2 * self._block))
+
+    def _sensor(self, when: _Fields) -> AnyFault:
+        rng = self._rng
+        sensor: Sensor = self._pick("gyro", "velocity", "acceleration", "force", "torque")
+        how: SensorFailure = self._pick("nan", "frozen", "outliers", "saturation", "offset")
+        size = {
+            "nan": rng.uniform(0.01, 1.0),
+            "frozen": 1.0,
+            "outliers": rng.uniform(0.01, 0.5),
+            "saturation": rng.uniform(0.2, 1.0),
+            "offset": 5.0 * 200.0 ** rng.random(),
+        }[how]
+        return SensorFault(**when, robot=self._robot(), sensor=sensor, how=how, size=_round(size))
+
+    def _lie(self, when: _Fields) -> AnyFault:
+        how: LieKind = self._pick("scaled", "offset", "garbage")
+        factor = 1.2 * 3.0 ** self._rng.random()
+        size = {
+            "scaled": factor if self._rng.random() < 0.5 else 1.0 / factor,
+            "offset": 0.03 * 100.0 ** self._rng.random(),
+        }
+        return Lie(**when, robot=self._robot(), how=how, size=_round(size.get(how, 1.0)))
+
+
+def _for_ever(fault: AnyFault, duration: float) -> AnyFault:
+    """A crash from which the agent does not come back; other faults as they are."""
+    return (
+        Crash(start=fault.start, end=duration, seed=fault.seed, robot=fault.robot)
+        if isinstance(fault, Crash)
+        else fault
+    )
+
+
+def _round(value: float) -> float:
+    """What people can read."""
+    return round(float(value), 3)
+
+
+def _seed(rng: np.random.Generator) -> int:
+    return int(rng.integers(2**32))

@@ -1,0 +1,135 @@
+"""What every published estimate must keep, checked after every block against the truth.
+
+- **P1**: while an estimate is ``valid``, each of its numbers (mass, the centre of mass's three, the inertia's six, each
+  neighbour's pose's six) is within five of its own standard deviations of the truth at its ``valid_block``; its
+  covariances are positive; a body with such mass properties can exist.
+- **P2**: nothing makes an agent fail. That harmless messages make no difference is looked at in ``trial``.
+
+A change of the load cannot be known before it was felt: a payload that belongs to less than ``GRACE`` after a change is
+not judged. An agent that lies, or has lied, is not judged either, nor where those are who do not hold the load.
+"""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import numpy as np
+
+from coheft.app.faults.run import FaultyBlock
+from coheft.app.faults.schedule import FaultSchedule, Lie, Release
+from coheft.app.judge import Judge
+from coheft.app.study.quantities import payload_error, payload_exists, pose_error
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Array, Pose
+from coheft.wire.messages import Estimate, Scene, Truth
+
+DEVIATIONS = 5.0
+"""So many of its own standard deviations a valid number may be off."""
+GRACE = 0.3
+"""Time from a change of the load until a valid payload must be the new one [s]."""
+_ROUNDING = 1e-9
+_AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
+_PAYLOAD = ("mass", *(f"centre of mass {axis}" for axis in "xyz"), *(f"inertia {axes}" for axes in _AXES))
+_POSE = (*(f"rotation {axis}" for axis in "xyz"), *(f"position {axis}" for axis in "xyz"))
+
+
+class Violation(msgspec.Struct, frozen=True):
+    """A broken promise.
+
+    Attributes:
+        promise: Which.
+        time: End of the block after which it was broken first [s].
+        robot: By whom.
+        what: In words.
+        size: For P1, how many standard deviations it was off at worst; for P3, how long it took [s].
+    """
+
+    promise: str
+    time: float
+    robot: str
+    what: str
+    size: float = 0.0
+
+
+class Watch:
+    """Looks at all that a team publishes, see the module."""
+
+    def __init__(self, schedule: FaultSchedule, scene: Scene) -> None:
+        scenario = schedule.scenario
+        self._judge = Judge(scene, [])
+        self._truths: list[Truth] = []
+        self._block_duration = scenario.block_duration
+        self._grace = math.ceil(GRACE / scenario.block_duration)
+        self._changes = [math.ceil(change.at / scenario.block_duration - 1e-9) for change in scenario.load_changes]
+        self._releases = [fault for fault in schedule.faults if isinstance(fault, Release)]
+        self._lies = {fault.robot: fault.start for fault in schedule.faults if isinstance(fault, Lie)}
+        self._found: dict[tuple[str, str, str], Violation] = {}
+        self._payloads: dict[tuple[str, int], Inertia] = {}
+
+    @property
+    def violations(self) -> list[Violation]:
+        """Broken promises, each with the first time and the worst size, in the order of time."""
+        return sorted(self._found.values(), key=lambda violation: violation.time)
+
+    def look(self, block: FaultyBlock) -> None:
+        """Check all that was published after a block."""
+        self._truths.append(block.truth)
+        for robot, error in block.crashes.items():
+            self._report("P2", block.truth.time, robot, f"raised {type(error).__name__}", str(error))
+        for robot, outbox in block.outboxes.items():
+            estimate = outbox.estimate
+            if estimate is not None and estimate.status == "valid" and self._lies.get(robot, math.inf) > estimate.time:
+                self._check_payload(estimate)
+                self._check_poses(estimate)
+
+    def _check_payload(self, estimate: Estimate) -> None:
+        robot, payload, block = estimate.robot, estimate.payload, estimate.valid_block
+        if payload is None or not 0 <= block < len(self._truths):
+            self._report("P1", estimate.time, robot, "claims nothing", f"{payload=}, {block=}")
+            return
+        if not payload_exists(payload):
+            self._report("P1", estimate.time, robot, "payload cannot exist", "")
+        if any(change <= block < change + self._grace for change in self._changes):
+            return
+        error = payload_error(self._true_payload(robot, block), Inertia(payload.mass, payload.com, payload.tensor))
+        self._compare(estimate, "payload", _PAYLOAD, error, payload.covariance)
+
+    def _check_poses(self, estimate: Estimate) -> None:
+        time = estimate.valid_block * self._block_duration
+        for other, pose in estimate.poses.items():
+            if any(release.robot in (other, estimate.robot) and release.is_active(time) for release in self._releases):
+                continue
+            error = pose_error(self._judge, estimate.robot, other, Pose(pose.rotation, pose.translation))
+            self._compare(estimate, f"pose of {other}", _POSE, error, pose.covariance)
+
+    def _compare(self, estimate: Estimate, what: str, names: tuple[str, ...], error: Array, covariance: Array) -> None:
+        """Errors (n,) against their covariance (n, n)."""
+        variances = np.diagonal(covariance)
+        if not (np.isfinite(covariance).all() and np.isfinite(error).all() and (variances > 0.0).all()):
+            self._report("P1", estimate.time, estimate.robot, f"{what}: no number, or no covariance", f"{variances}")
+            return
+        deviations = np.sqrt(variances)
+        if np.linalg.eigvalsh(covariance / np.outer(deviations, deviations))[0] < -_ROUNDING:
+            self._report("P1", estimate.time, estimate.robot, f"{what}: covariance not positive", "")
+        off = np.abs(error) / deviations
+        worst = int(np.argmax(off))
+        if off[worst] > DEVIATIONS:
+            text = f"{names[worst]} off by {abs(error[worst]):.3g}, {off[worst]:.1f} of its standard deviations"
+            self._report("P1", estimate.time, estimate.robot, what, text, float(off[worst]))
+
+    def _true_payload(self, robot: str, block: int) -> Inertia:
+        """As seen by the robot; it is the same from one change to the next."""
+        epoch = sum(change <= block for change in self._changes)
+        if (robot, epoch) not in self._payloads:
+            truth = self._truths[block].payload
+            inertia = Inertia(truth.mass, truth.com, truth.tensor)
+            self._payloads[robot, epoch] = inertia.carried(self._judge.pose_payload_in[robot])
+        return self._payloads[robot, epoch]
+
+    def _report(self, promise: str, time: float, robot: str, what: str, details: str, size: float = 0.0) -> None:
+        known = self._found.get((promise, robot, what))
+        if known is None:
+            self._found[promise, robot, what] = Violation(promise, time, robot, f"{what}: {details}".rstrip(": "), size)
+        elif size > known.size:
+            self._found[promise, robot, what] = msgspec.structs.replace(known, size=size)

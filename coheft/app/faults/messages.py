@@ -1,0 +1,79 @@
+"""What can become of a message: bits flip, someone lies, nonsense, an old one of another run."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+
+from coheft.app.faults.schedule import Corruption, Lie
+from coheft.errors import MessageError
+from coheft.estimation.spatial import Array
+from coheft.wire.codec import decode, encode, seal
+from coheft.wire.messages import NeighbourMessage
+
+_CHECKSUM_SIZE = 4
+_FAR = 10**9
+"""Number of a block that is never reached."""
+
+
+def _key(message: NeighbourMessage, run: str = "run") -> str:
+    return f"{run}/neighbours/{message.sender}"
+
+
+def flip_bits(message: NeighbourMessage, fault: Corruption, rng: np.random.Generator) -> NeighbourMessage | None:
+    """The message after some of its bits have flipped; None if the codec refuses it then."""
+    key = _key(message)
+    data = bytearray(encode(message, key))
+    first = 8 * _CHECKSUM_SIZE if fault.sealed else 0
+    for bit in rng.integers(first, 8 * len(data), size=fault.bits):
+        data[bit // 8] ^= 1 << (bit % 8)
+    try:
+        return decode(seal(bytes(data[_CHECKSUM_SIZE:]), key) if fault.sealed else bytes(data), NeighbourMessage, key)
+    except MessageError:
+        return None
+
+
+def is_refused_in_another_run(message: NeighbourMessage) -> bool:
+    """Whether the codec refuses a message that was said in another run."""
+    try:
+        decode(encode(message, _key(message, "other-run")), NeighbourMessage, _key(message))
+    except MessageError:
+        return True
+    return False
+
+
+def lie_about(message: NeighbourMessage, fault: Lie, rng: np.random.Generator) -> NeighbourMessage:
+    """The message with wrong numbers in all that is sampled or summed: its arrays of two or more dimensions."""
+    channels = {
+        name: _lie(array, fault, rng) if array.ndim > 1 else array for name, array in sorted(message.channels.items())
+    }
+    return msgspec.structs.replace(message, channels=channels)
+
+
+def _lie(array: Array, fault: Lie, rng: np.random.Generator) -> Array:
+    rms = float(np.sqrt(np.square(array).mean())) if array.size else 0.0
+    match fault.how:
+        case "scaled":
+            return fault.size * array
+        case "offset":
+            return array + fault.size * rms
+        case "garbage":
+            return rms * rng.standard_normal(array.shape)
+
+
+def malformed(message: NeighbourMessage, rng: np.random.Generator) -> NeighbourMessage:
+    """A message that nobody can have meant so, with no news in it."""
+    replace = msgspec.structs.replace
+    nonsense = replace(message, gossip=[])
+    match rng.integers(5) if message.channels else 0:
+        case 0:
+            return replace(nonsense, sender="nobody")
+        case 1:
+            return replace(nonsense, block=int(rng.choice([-_FAR, -1, _FAR])))
+        case 2:
+            return replace(nonsense, incarnation=-1)
+        case 3:
+            return replace(nonsense, channels={name: array[..., None] for name, array in message.channels.items()})
+        case _:
+            value = rng.choice([np.nan, np.inf, -np.inf])
+            return replace(nonsense, channels={name: np.full_like(a, value) for name, a in message.channels.items()})

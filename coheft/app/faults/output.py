@@ -1,0 +1,94 @@
+"""Campaigns and schedules in the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import msgspec
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from coheft.app.faults.schedule import FaultSchedule
+from coheft.app.faults.summary import CampaignSummary
+from coheft.app.faults.trial import Outcome
+
+_SHOWN = 10
+"""So many of the schedules that failed are shown."""
+
+
+@contextmanager
+def campaign_progress(console: Console, schedules: int, *, quiet: bool) -> Iterator[Callable[[Outcome], None]]:
+    """A bar, while a campaign runs; what is yielded has to be told every outcome."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, disable=quiet) as progress:
+        bar = progress.add_task("0 failed", total=schedules)
+        failed = 0
+
+        def on_outcome(outcome: Outcome) -> None:
+            nonlocal failed
+            failed += bool(outcome.violations)
+            progress.update(bar, advance=1, description=f"{failed} failed")
+
+        yield on_outcome
+
+
+def print_campaign(console: Console, summary: CampaignSummary, outcomes: Sequence[Outcome], mutant: str = "") -> None:
+    """What was injected and what came of it; the last line replays the first schedule that failed."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1))
+    table.add_column("fault")
+    for name in ("injected", "went stale", "violations", "all valid after [s]: median", "95 %", "worst"):
+        table.add_column(name, justify="right")
+    for kind in summary.kinds:
+        times = ("", "", "") if kind.recovered_s is None else tuple(f"{time:.2f}" for time in kind.recovered_s)
+        stale = f"{kind.went_stale} of {kind.schedules}"
+        table.add_row(kind.kind, str(kind.injected), stale, str(kind.violations), *times)
+    console.print(table)
+    console.print(
+        f"\n{summary.schedules} schedules, {summary.simulated_h:.1f} simulated hours, {summary.lost} loads lost"
+    )
+    lies, named = summary.lies
+    if lies:
+        console.print(f"{named} of {lies} agents that lied were named by others")
+    console.print(f"violations: {summary.violations}, in {len(summary.failed)} schedules")
+    failed = [outcome for outcome in outcomes if outcome.violations]
+    for outcome in failed[:_SHOWN]:
+        worst = outcome.violations[0]
+        text = f"{outcome.seed}: {worst.promise} at {worst.time:.2f} s, {worst.robot} {worst.what}"
+        console.print(text, highlight=False, markup=False)
+    if failed:
+        of_mutant = f" --mutant {mutant}" if mutant else ""
+        console.print(f"coheft faults --replay {failed[0].seed}{of_mutant}", highlight=False, markup=False)
+
+
+def print_schedule(console: Console, schedule: FaultSchedule) -> None:
+    """A schedule in a few lines."""
+    scenario = schedule.scenario
+    console.print(
+        f"seed {schedule.seed}: {scenario.robot_count} robots, {scenario.graph.kind}, {scenario.duration:g} s, "
+        f"blocks of {scenario.block_duration:g} s, noise × {scenario.sensors.noise_scale:g}"
+    )
+    for change in scenario.load_changes:
+        what = f"{change.mass:g} kg put on" if change.mass is not None else f"load {change.remove} taken away"
+        console.print(f"  {change.at:6.2f} s  {what}", highlight=False)
+    for fault in sorted(schedule.faults, key=lambda fault: fault.start):
+        fields = msgspec.to_builtins(fault)
+        rest = ", ".join(f"{k} {v}" for k, v in fields.items() if k not in ("kind", "start", "end", "seed"))
+        console.print(
+            f"  {fault.start:6.2f} s to {fault.end:.2f} s  {fault.kind}: {rest}", highlight=False, markup=False
+        )
+
+
+def print_outcome(console: Console, outcome: Outcome) -> None:
+    """What came out of a schedule."""
+    if outcome.lost:
+        console.print(f"the robots lost the load: {outcome.lost}", markup=False)
+    for violation in outcome.violations:
+        text = f"{violation.promise} at {violation.time:.2f} s, {violation.robot}: {violation.what}"
+        worst = f" (at worst {violation.size:.1f})" if violation.size else ""
+        console.print(text + worst, highlight=False, markup=False)
+    first, back = (("never" if t is None else f"after {t:.2f} s") for t in (outcome.first_valid, outcome.recovered))
+    console.print(f"all valid {first}; after the last fault and change of the load: {back}")
+    console.print(f"violations: {len(outcome.violations)}")

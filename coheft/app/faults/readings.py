@@ -1,0 +1,75 @@
+"""What faulty sensors and clocks make of a robot's measurements."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.app.faults.schedule import ClockSkew, FaultSchedule, SensorFault
+from coheft.estimation.measurement import ACCELERATION, FORCE, GYRO, TORQUE, VELOCITY
+from coheft.estimation.spatial import Array
+
+_COLUMNS = {"gyro": GYRO, "velocity": VELOCITY, "acceleration": ACCELERATION, "force": FORCE, "torque": TORQUE}
+_USUAL = {"gyro": 0.5, "velocity": 0.3, "acceleration": 10.0, "force": 30.0, "torque": 3.0}
+"""What the sensors of a team at work usually read: [rad/s], [m/s], [m/s²], [N], [N·m]."""
+_OUTLIER = 10.0
+"""Outliers lie within plus or minus so many times what is usual."""
+
+
+class Readings:
+    """One robot's measurements as its agent gets them.
+
+    Args:
+        schedule: What is wrong with them.
+        robot: Whose.
+    """
+
+    def __init__(self, schedule: FaultSchedule, robot: str) -> None:
+        scenario = schedule.scenario
+        self._block_duration = scenario.block_duration
+        self._deviations = scenario.noise.per_column()
+        self._skews = [f for f in schedule.faults if isinstance(f, ClockSkew) and f.robot == robot]
+        faults = [f for f in schedule.faults if isinstance(f, SensorFault) and f.robot == robot]
+        self._faults = [(fault, np.random.default_rng(fault.seed)) for fault in faults]
+        self._signs = [rng.choice([-1.0, 1.0], size=3) for _, rng in self._faults]
+        self._kept = max((skew.samples for skew in self._skews), default=0)
+        self._past = np.zeros((0, 15))
+        self._last: Array | None = None
+
+    def read(self, block: int, samples: Array) -> Array:
+        """The samples (B, 15) of a block, as they reach the agent."""
+        time = block * self._block_duration
+        if self._skews:
+            samples = self._late(samples, sum(skew.samples for skew in self._skews if skew.is_active(time)))
+        for (fault, rng), signs in zip(self._faults, self._signs, strict=True):
+            if fault.is_active(time):
+                samples = samples.copy()
+                self._spoil(samples, fault, rng, signs)
+        self._last = samples[-1]
+        return samples
+
+    def _late(self, samples: Array, late: int) -> Array:
+        """What was measured so many samples before; of the time before the run, its first sample."""
+        if len(self._past) == 0:
+            self._past = np.tile(samples[0], (self._kept * len(self._skews), 1))
+        self._past = np.concatenate([self._past, samples])
+        end = len(self._past) - late
+        taken = self._past[end - len(samples) : end]
+        self._past = self._past[len(samples) :]
+        return taken
+
+    def _spoil(self, samples: Array, fault: SensorFault, rng: np.random.Generator, signs: Array) -> None:
+        """Do to samples, in place, what the fault does."""
+        columns, usual = _COLUMNS[fault.sensor], _USUAL[fault.sensor]
+        values = samples[:, columns]
+        match fault.how:
+            case "nan":
+                values[rng.random(len(values)) < fault.size] = np.nan
+            case "frozen":
+                values[:] = samples[0, columns] if self._last is None else self._last[columns]
+            case "outliers":
+                hit = rng.random(len(values)) < fault.size
+                values[hit] += rng.uniform(-_OUTLIER * usual, _OUTLIER * usual, size=(int(hit.sum()), 3))
+            case "saturation":
+                np.clip(values, -fault.size * usual, fault.size * usual, out=values)
+            case "offset":
+                values += fault.size * self._deviations[columns] * signs

@@ -1,0 +1,91 @@
+"""P3: some time after the last fault has ended and the load has changed for the last time, everybody is valid again."""
+
+from __future__ import annotations
+
+from coheft.app.faults.hands import Hands
+from coheft.app.faults.invariants import Violation
+from coheft.app.faults.run import FaultyBlock
+from coheft.app.faults.schedule import Crash, FaultSchedule, Lie, Partition
+from coheft.wire.messages import Estimate
+
+BACK_FROM_SILENCE = 3.0
+"""Time until everybody is valid again after restarts and partitions [s],"""
+BACK = 4.5
+"""after other faults and changes of the load,"""
+START_UP = 6.0
+"""and where they had not all been valid before."""
+_ROUNDING = 1e-9
+
+
+class Recovery:
+    """Follows who is valid. Only those are asked who hold the load at the end, and never lie.
+
+    Attributes:
+        stale: Number of published estimates that were stale.
+        published: Number of all published estimates.
+    """
+
+    def __init__(self, schedule: FaultSchedule) -> None:
+        scenario = schedule.scenario
+        self._schedule = schedule
+        liars = {fault.robot for fault in schedule.faults if isinstance(fault, Lie)}
+        last = scenario.blocks - 1
+        self._asked = [n for n in scenario.robot_names if n not in liars and Hands(schedule, n).holds(last)]
+        self._latest: dict[str, Estimate] = {}
+        self._valid_times: list[float] = []
+        self.stale = self.published = 0
+
+    def look(self, block: FaultyBlock) -> None:
+        """Take in what was published after a block."""
+        for robot, outbox in block.outboxes.items():
+            if outbox.estimate is not None:
+                self._latest[robot] = outbox.estimate
+                self.published += 1
+                self.stale += outbox.estimate.status == "stale"
+        for robot in [name for name in self._latest if name not in block.outboxes]:
+            del self._latest[robot]
+        if all(self._is_valid(name) for name in self._asked):
+            self._valid_times.append(block.truth.time)
+
+    @property
+    def first_valid(self) -> float | None:
+        """When all were valid for the first time [s]; None if never."""
+        return self._valid_times[0] if self._valid_times else None
+
+    @property
+    def taken(self) -> float | None:
+        """Time from the last fault's end to all being valid [s]; None if they are not."""
+        calm = self._calm_from
+        return next((time - calm for time in self._valid_times if time > calm - _ROUNDING), None)
+
+    def violation(self) -> Violation | None:
+        """Whether it took too long, or went on for ever; None also if the run was too short to tell."""
+        calm, limit, taken = self._calm_from, self._limit, self.taken
+        if calm + limit > self._schedule.scenario.duration - _ROUNDING and taken is None:
+            return None
+        if taken is not None and taken <= limit + _ROUNDING:
+            return None
+        robot = next((name for name in self._asked if not self._is_valid(name)), "")
+        reasons = "; ".join(self._latest[robot].reasons) if robot in self._latest else "silent"
+        found = f"took {taken:.2f} s" if taken is not None else f"not at the end: {reasons}"
+        return Violation("P3", calm + limit, robot, f"all valid within {limit:g} s: {found}", taken or 0.0)
+
+    @property
+    def _calm_from(self) -> float:
+        """From when on nothing happens any more [s]."""
+        changes = [change.at for change in self._schedule.scenario.load_changes]
+        return max([self._schedule.last_fault_end, *changes])
+
+    @property
+    def _limit(self) -> float:
+        """Time that it may take [s]."""
+        faults = self._schedule.faults
+        first_fault = min((fault.start for fault in faults), default=0.0)
+        if self.first_valid is None or not faults or self.first_valid > first_fault:
+            return START_UP
+        calm = self._calm_from
+        last = [fault for fault in faults if fault.end > calm - BACK]
+        return BACK_FROM_SILENCE if last and all(isinstance(f, Crash | Partition) for f in last) else BACK
+
+    def _is_valid(self, robot: str) -> bool:
+        return robot in self._latest and self._latest[robot].status == "valid"

@@ -1,0 +1,121 @@
+"""Drives a simulation and its agents through a schedule, block by block."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from agents.agent import Agent, Outbox
+from coheft.app.faults.hands import Hands
+from coheft.app.faults.network import Network
+from coheft.app.faults.readings import Readings
+from coheft.app.faults.schedule import Crash, FaultSchedule, Pause, RobotFault
+from coheft.estimation.measurement import MeasurementBlock
+from coheft.wire.config import agent_config
+from coheft.wire.messages import Reference, Truth
+from consensus.graph import build_graph
+from physics_server.simulation import Simulation
+
+
+@dataclass(frozen=True, eq=False)
+class FaultyBlock:
+    """One block of a run.
+
+    Attributes:
+        block: Its number.
+        truth: What no robot knows.
+        outboxes: Of all agents that were at work, by name.
+        crashes: What agents raised, by name.
+    """
+
+    block: int
+    truth: Truth
+    outboxes: dict[str, Outbox]
+    crashes: dict[str, Exception]
+
+
+class FaultyRun:
+    """A team, what it holds, and what goes wrong.
+
+    An agent that raises an exception is dead from then on, as its process would be.
+
+    Args:
+        schedule: What to run.
+        harmless: Whether messages come that must not make any difference, see ``schedule.is_harmless``.
+
+    Attributes:
+        graph: Neighbours of every robot.
+        scene: Where they hold the load.
+        network: Between the agents.
+    """
+
+    def __init__(self, schedule: FaultSchedule, harmless: bool = True) -> None:
+        scenario = schedule.scenario
+        self.graph = build_graph(scenario.graph, scenario.robot_names)
+        self.network = Network(schedule, self.graph, harmless)
+        self._schedule = schedule
+        self._simulation = Simulation(scenario, self.graph)
+        self.scene = self._simulation.scene
+        self._readings = {name: Readings(schedule, name) for name in self.graph}
+        self._hands = {name: Hands(schedule, name) for name in self.graph}
+        self._incarnations = dict.fromkeys(self.graph, 0)
+        self._agents: dict[str, Agent | None] = {name: self._make_agent(name) for name in self.graph}
+        self._raised: set[str] = set()
+        self._references: dict[int, dict[str, Reference]] = {}
+
+    def __iter__(self) -> Iterator[FaultyBlock]:
+        """All blocks of the run.
+
+        Raises:
+            SimulationError: The robots have lost the payload.
+        """
+        for block in range(self._schedule.scenario.blocks):
+            yield self._advance(block)
+
+    def _advance(self, block: int) -> FaultyBlock:
+        time = block * self._schedule.scenario.block_duration
+        self._crash_and_restart(block, time)
+        self._move_hands(block)
+        result = self._simulation.advance(self._references.pop(block, {}))
+        samples = {name: self._readings[name].read(block, m.samples) for name, m in result.measurements.items()}
+        outboxes: dict[str, Outbox] = {}
+        crashes: dict[str, Exception] = {}
+        for name, agent in self._agents.items():
+            if agent is None or self._is_hit(Pause, name, time):
+                continue
+            try:
+                for notice in self._hands[name].tell(block):
+                    agent.set_holding(notice.holding, notice.from_block)
+                outboxes[name] = agent.step(
+                    block, MeasurementBlock(block, samples[name]), self.network.collect(block, name)
+                )
+            except Exception as error:  # whatever it is, the agent has broken a promise
+                crashes[name] = error
+        self._raised |= set(crashes)
+        for outbox in outboxes.values():
+            self.network.post(block, outbox.message)
+            self._references.setdefault(outbox.reference.block, {})[outbox.reference.robot] = outbox.reference
+        return FaultyBlock(block, result.truth, outboxes, crashes)
+
+    def _make_agent(self, name: str) -> Agent:
+        config = agent_config(self._schedule.scenario, name, self.graph[name])
+        return Agent(config, self._incarnations[name])
+
+    def _crash_and_restart(self, block: int, time: float) -> None:
+        for name, agent in self._agents.items():
+            if name in self._raised or self._is_hit(Crash, name, time):
+                self._agents[name] = None
+            elif agent is None:
+                self._incarnations[name] += 1
+                self.network.forget(block, name)
+                self._hands[name].restart(block)
+                self._agents[name] = self._make_agent(name)
+
+    def _move_hands(self, block: int) -> None:
+        for name, hands in self._hands.items():
+            if hands.holds(block) != (hands.holds(block - 1) if block else True):
+                (self._simulation.grasp if hands.holds(block) else self._simulation.release)(name)
+
+    def _is_hit(self, kind: type[RobotFault], robot: str, time: float) -> bool:
+        faults = self._schedule.faults
+        return any(isinstance(f, kind) and f.robot == robot and f.is_active(time) for f in faults)

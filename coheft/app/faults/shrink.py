@@ -1,0 +1,121 @@
+"""From a schedule that breaks a promise to the simplest one found that still does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import msgspec
+
+from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule
+from coheft.app.faults.trial import Outcome, try_schedule
+from coheft.errors import ScenarioError
+from coheft.wire.scenario import Graph
+
+_LEAST = 0.1
+"""Faults are not shortened below this [s]."""
+_replace = msgspec.structs.replace
+
+Fails = Callable[[FaultSchedule], bool]
+
+
+def shrink(
+    schedule: FaultSchedule, fails: Fails, on_progress: Callable[[FaultSchedule], None] = lambda _: None
+) -> FaultSchedule:
+    """Simplify a schedule as long as it fails: greedily, the largest simplifications first.
+
+    Args:
+        schedule: One that fails.
+        fails: Whether a schedule does.
+        on_progress: Told every simpler one that was found.
+
+    Returns:
+        One that fails, and of which no single simplification does.
+    """
+    while True:
+        simpler = next((candidate for candidate in _simpler(schedule) if fails(candidate)), None)
+        if simpler is None:
+            return schedule
+        schedule = simpler
+        on_progress(schedule)
+
+
+def breaks_same_promise(outcome: Outcome) -> Fails:
+    """Whether a schedule breaks a promise that was broken before; another failure would be another story."""
+    broken = {violation.promise for violation in outcome.violations}
+
+    def fails(schedule: FaultSchedule) -> bool:
+        try:
+            return any(violation.promise in broken for violation in try_schedule(schedule).violations)
+        except ScenarioError:  # without its load a change cannot take it away
+            return False
+
+    return fails
+
+
+def _simpler(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
+    """All single simplifications, from the largest to the smallest."""
+    yield from _without_faults(schedule)
+    yield from _without_load_changes(schedule)
+    yield from _plainer_scenarios(schedule)
+    yield from _shorter_runs(schedule)
+    yield from _narrower_faults(schedule)
+
+
+def _without_faults(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
+    faults = schedule.faults
+    if len(faults) > 1:
+        yield _replace(schedule, faults=())
+    for k in range(len(faults)):
+        yield _replace(schedule, faults=faults[:k] + faults[k + 1 :])
+
+
+def _without_load_changes(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
+    changes = schedule.scenario.load_changes
+    # From the last on: loads are taken away by their numbers.
+    for k in reversed(range(len(changes))):
+        yield _with_scenario(schedule, load_changes=changes[:k] + changes[k + 1 :])
+
+
+def _plainer_scenarios(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
+    scenario = schedule.scenario
+    if scenario.graph != Graph(kind="ring"):
+        yield _with_scenario(schedule, graph=Graph(kind="ring"))
+    if scenario.lookahead != 1:
+        yield _with_scenario(schedule, lookahead=1)
+    perimeter = scenario.robots.perimeter
+    if perimeter is not None and perimeter.count > 3 and not _names_last_robot(schedule, perimeter.count):
+        fewer = _replace(perimeter, count=perimeter.count - 1)
+        yield _with_scenario(schedule, robots=_replace(scenario.robots, perimeter=fewer))
+
+
+def _shorter_runs(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
+    duration = schedule.scenario.duration
+    for share in (0.5, 0.75, 0.9):
+        shorter = round(share * duration, 1)
+        if 1.0 <= shorter < duration and all(change.at < shorter for change in schedule.scenario.load_changes):
+            yield _with_scenario(schedule, duration=shorter)
+
+
+def _narrower_faults(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
+    """One fault lasts half as long, or hits one link instead of many."""
+    for k, fault in enumerate(schedule.faults):
+        for narrower in _narrower(fault):
+            yield _replace(schedule, faults=(*schedule.faults[:k], narrower, *schedule.faults[k + 1 :]))
+
+
+def _narrower(fault: AnyFault) -> Iterator[AnyFault]:
+    middle = round(0.5 * (fault.start + fault.end), 2)
+    if fault.end - fault.start > 2.0 * _LEAST:
+        yield _replace(fault, end=middle)
+        if not isinstance(fault, Crash):
+            yield _replace(fault, start=middle)
+
+
+def _names_last_robot(schedule: FaultSchedule, count: int) -> bool:
+    """Whether a fault concerns the robot with the highest number."""
+    last = f'"r{count}"'.encode()
+    return any(last in msgspec.json.encode(fault) for fault in schedule.faults)
+
+
+def _with_scenario(schedule: FaultSchedule, **changes: object) -> FaultSchedule:
+    return _replace(schedule, scenario=_replace(schedule.scenario, **changes))

@@ -1,0 +1,105 @@
+"""A campaign in numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import msgspec
+import numpy as np
+
+from coheft.app.faults.trial import Outcome
+
+
+class KindSummary(msgspec.Struct, frozen=True):
+    """Of all schedules with a kind of fault.
+
+    Attributes:
+        kind: The fault.
+        injected: How often.
+        schedules: In how many schedules.
+        went_stale: In how many of these somebody told that it could not know any more.
+        violations: Promises broken in these schedules.
+        recovered_s: Median, 95th percentile and largest time from its end until all were valid again [s], of the
+            schedules in which it ended last; None where there are none.
+    """
+
+    kind: str
+    injected: int
+    schedules: int
+    went_stale: int
+    violations: int
+    recovered_s: tuple[float, float, float] | None
+
+
+class CampaignSummary(msgspec.Struct, frozen=True):
+    """Of a whole campaign.
+
+    Attributes:
+        seeds: First and last.
+        schedules: Their number.
+        simulated_h: Simulated time [h].
+        violations: Broken promises.
+        failed: Seeds of the schedules with broken promises.
+        lost: Number of schedules in which the robots lost the payload, and which ended there.
+        first_valid_s: As ``KindSummary.recovered_s``, of the time until all were valid for the first time.
+        refused: Number of messages that the codec refused.
+        lies: Number of agents that lied, and of those whom another one named.
+        kinds: By kind of fault.
+    """
+
+    seeds: tuple[int, int]
+    schedules: int
+    simulated_h: float
+    violations: int
+    failed: list[int]
+    lost: int
+    first_valid_s: tuple[float, float, float] | None
+    refused: int
+    lies: tuple[int, int]
+    kinds: list[KindSummary]
+
+
+def summarise(outcomes: Sequence[Outcome]) -> CampaignSummary:
+    """The campaign with these outcomes, at least one."""
+    seeds = [outcome.seed for outcome in outcomes]
+    kinds = sorted({kind for outcome in outcomes for kind in outcome.faults})
+    return CampaignSummary(
+        seeds=(min(seeds), max(seeds)),
+        schedules=len(outcomes),
+        simulated_h=round(_total(outcomes, lambda outcome: outcome.simulated) / 3600.0, 3),
+        violations=int(_total(outcomes, lambda outcome: len(outcome.violations))),
+        failed=[outcome.seed for outcome in outcomes if outcome.violations],
+        lost=int(_total(outcomes, lambda outcome: bool(outcome.lost))),
+        first_valid_s=_spread([o.first_valid for o in outcomes if o.first_valid is not None]),
+        refused=int(_total(outcomes, lambda outcome: outcome.refused)),
+        lies=(
+            int(_total(outcomes, lambda outcome: outcome.lied)),
+            int(_total(outcomes, lambda outcome: outcome.named)),
+        ),
+        kinds=[_kind("none", [o for o in outcomes if not o.faults], outcomes)]
+        + [_kind(kind, [o for o in outcomes if kind in o.faults], outcomes) for kind in kinds],
+    )
+
+
+def _kind(kind: str, with_it: Sequence[Outcome], outcomes: Sequence[Outcome]) -> KindSummary:
+    last = "" if kind == "none" else kind
+    return KindSummary(
+        kind=kind,
+        injected=sum(outcome.faults.count(kind) for outcome in with_it),
+        schedules=len(with_it),
+        went_stale=sum(outcome.stale > 0.0 for outcome in with_it),
+        violations=sum(len(outcome.violations) for outcome in with_it),
+        recovered_s=_spread([o.recovered for o in outcomes if o.last == last and o.recovered is not None]),
+    )
+
+
+def _total(outcomes: Sequence[Outcome], of: Callable[[Outcome], float]) -> float:
+    return sum(of(outcome) for outcome in outcomes)
+
+
+def _spread(values: Sequence[float]) -> tuple[float, float, float] | None:
+    """Median, 95th percentile, largest."""
+    if not values:
+        return None
+    median, high, largest = np.quantile(values, [0.5, 0.95, 1.0])
+    return round(float(median), 2), round(float(high), 2), round(float(largest), 2)

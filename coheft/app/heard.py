@@ -1,0 +1,111 @@
+"""What an observer checks before it takes a message for one about its run: what it computes with it must not fail."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from coheft.app.record import Record
+from coheft.errors import MessageError, one_line
+from coheft.estimation.spatial import Array
+from coheft.wire.codec import check_array, check_field
+from coheft.wire.messages import Estimate, Message, PayloadEstimate, PoseEstimate, Problem, Scene, Truth
+
+_LARGEST = 1e15
+_ROTATION_TOLERANCE = 1e-6
+
+
+def hear(record: Record, source: str, message: Message) -> list[Problem]:
+    """Put what a source has said into the record; returns the problem, if it told one.
+
+    Raises:
+        MessageError: It makes no sense.
+    """
+    match message:
+        case Truth():
+            check_truth(message)
+            record.add_truth(message)
+        case Estimate():
+            check_estimate(message, source, record.scene)
+            record.add_estimate(message)
+        case Problem():
+            return [Problem(source=source, text=one_line(message.text))]
+    return []
+
+
+def check_truth(truth: Truth) -> None:
+    """Check what came under the server's key.
+
+    Raises:
+        MessageError: It cannot be about a payload.
+    """
+    _check_moment(truth.block, truth.time)
+    payload = truth.payload
+    _check_number(payload.mass, "mass")
+    if payload.mass <= 0.0:
+        raise MessageError(f"mass is {payload.mass} kg but expected more than 0")
+    _check_numbers(payload.com, (3,), "com")
+    _check_numbers(payload.tensor, (3, 3), "tensor")
+    if not payload.tensor.any():
+        raise MessageError("tensor is zero but expected a body's")
+    _check_numbers(truth.total_wrench, (6,), "total_wrench")
+
+
+def check_estimate(estimate: Estimate, source: str, scene: Scene) -> None:
+    """Check what came under a robot's key.
+
+    Raises:
+        MessageError: It is not what the robot called ``source`` can believe.
+    """
+    check_field("robot", estimate.robot, source)
+    check_field("robot is in the team", estimate.robot in scene.robots, True)
+    _check_moment(estimate.block, estimate.time)
+    _check_numbers(estimate.total_wrench, (6,), "total_wrench")
+    if estimate.payload is not None:
+        _check_payload(estimate.payload)
+    for name, pose in estimate.poses.items():
+        check_field(f"{name!r} is in the team", name in scene.robots, True)
+        _check_pose(pose, name)
+    for notice in estimate.load_changes:
+        _check_number(notice.noticed_at, "noticed_at")
+    for text in (*estimate.reasons, *estimate.not_observable):
+        check_field("text in one line", text, one_line(text))
+
+
+def _check_payload(payload: PayloadEstimate) -> None:
+    _check_number(payload.mass, "mass")
+    _check_numbers(payload.com, (3,), "com")
+    _check_numbers(payload.tensor, (3, 3), "tensor")
+    _check_covariance(payload.covariance, 10, "payload")
+
+
+def _check_pose(pose: PoseEstimate, name: str) -> None:
+    _check_numbers(pose.translation, (3,), f"translation of {name!r}")
+    _check_covariance(pose.covariance, 6, f"pose of {name!r}")
+    _check_numbers(pose.rotation, (3, 3), f"rotation of {name!r}")
+    difference = np.abs(pose.rotation.T @ pose.rotation - np.eye(3)).max()
+    if difference > _ROTATION_TOLERANCE or np.linalg.det(pose.rotation) < 0.0:
+        raise MessageError(f"rotation of {name!r} is none")
+
+
+def _check_covariance(covariance: Array, size: int, name: str) -> None:
+    _check_numbers(covariance, (size, size), f"covariance of {name}")
+    if (np.diagonal(covariance) < 0.0).any():
+        raise MessageError(f"covariance of {name} has a negative variance")
+
+
+def _check_moment(block: int, time: float) -> None:
+    _check_number(time, "time")
+    if block < 0 or time <= 0.0:
+        raise MessageError(f"block is {block}, which ends at {time} s, but expected a time after the start")
+
+
+def _check_numbers(array: Array, shape: tuple[int, ...], name: str) -> None:
+    check_array(array, shape, name)
+    _check_number(float(np.abs(array).max()), f"largest number of {name}")
+
+
+def _check_number(value: float, name: str) -> None:
+    if not (math.isfinite(value) and abs(value) < _LARGEST):
+        raise MessageError(f"{name} is {value} but expected less than {_LARGEST:g}")

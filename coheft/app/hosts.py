@@ -1,0 +1,129 @@
+"""Where the parts of a run are: on this machine, or each on a host of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import random
+import socket
+import tomllib
+from collections import defaultdict
+from itertools import count
+from pathlib import Path
+from typing import Annotated, Protocol
+
+import msgspec
+
+from coheft.errors import LinkError, ScenarioError
+from coheft.wire.planes import SERVER
+from coheft.wire.scenario import Scenario
+
+LOOPBACK = "127.0.0.1"
+_PORTS = range(20000, 32768)
+"""Above 32767 the system may give a port to an outgoing connection between our choice and its use."""
+
+
+class Places(Protocol):
+    """Gives every listener an address and a port of its own."""
+
+    def take(self, name: str) -> str:
+        """Another ``host:port`` for the part called ``name``."""
+
+
+class FreePorts:
+    """Free ports of the loopback interface.
+
+    Raises:
+        LinkError: There are not so many.
+    """
+
+    def __init__(self, number: int) -> None:
+        self._ports = iter(free_ports(number))
+
+    def take(self, name: str) -> str:
+        """The next one, whoever it is for."""
+        return f"{LOOPBACK}:{next(self._ports)}"
+
+
+class Hosts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where the parts run, as a TOML file tells.
+
+    Attributes:
+        hosts: Address or host name by part: ``server``, and robots by name; who is not named is on the server's host.
+        port: The first port that is used on every host; the others follow.
+    """
+
+    hosts: dict[str, str]
+    port: Annotated[int, msgspec.Meta(ge=1, le=65535)] = 20000
+
+    def of(self, name: str) -> str:
+        """Where a part is."""
+        return self.hosts.get(name, self.hosts.get("server", LOOPBACK))
+
+    @property
+    def are_remote(self) -> bool:
+        """Whether any part can be reached from another machine."""
+        return not all(_is_loopback(host) for host in self.hosts.values())
+
+
+class HostPorts:
+    """Consecutive ports on every host, so that a firewall can be told before."""
+
+    def __init__(self, hosts: Hosts) -> None:
+        self._hosts = hosts
+        self._next: defaultdict[str, count[int]] = defaultdict(lambda: count(hosts.port))
+
+    def take(self, name: str) -> str:
+        """The next one on the host of a part."""
+        host = self._hosts.of(name)
+        return f"{f'[{host}]' if ':' in host else host}:{next(self._next[host])}"
+
+
+def load_hosts(path: Path, scenario: Scenario) -> Hosts:
+    """Read where the parts of a scenario run.
+
+    Raises:
+        ScenarioError: The file cannot be used.
+    """
+    try:
+        hosts = msgspec.convert(tomllib.loads(path.read_text()), Hosts)
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: not valid TOML: {error}") from error
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{path}: {error}; expected a table [hosts], and perhaps port = 20000") from error
+    parts = (SERVER, *scenario.robot_names)
+    unknown = sorted(hosts.hosts.keys() - set(parts))
+    if unknown:
+        raise ScenarioError(f"{path}: key 'hosts.{unknown[0]}': no such part; there are: {', '.join(parts)}")
+    return hosts
+
+
+def free_ports(number: int) -> list[int]:
+    """Different ports of the loopback interface on which nobody listens now.
+
+    Raises:
+        LinkError: There are not enough.
+    """
+    found: list[int] = []
+    with contextlib.ExitStack() as held:
+        for port in random.sample(_PORTS, len(_PORTS)):
+            if len(found) == number:
+                break
+            candidate = held.enter_context(socket.socket())
+            try:
+                candidate.bind((LOOPBACK, port))
+            except OSError:
+                continue
+            found.append(port)
+    if len(found) < number:
+        raise LinkError(f"found {len(found)} free ports from {_PORTS[0]} to {_PORTS[-1]}, but the run needs {number}")
+    return found
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

@@ -1,0 +1,62 @@
+"""Agents that have failed while the run goes on are started again, and everybody is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from coheft.app.observer import Observer
+from coheft.app.processes import UNUSABLE_CONFIG, Child, Processes
+from coheft.app.terminal import Display
+from coheft.wire.messages import Problem
+
+_QUESTIONS = 5
+"""How often the server is asked, if it is there but does not answer."""
+
+
+@dataclass(frozen=True)
+class Restarts:
+    """Looks after the agents of a run.
+
+    Attributes:
+        limit: How often each may be started again.
+        processes: Of the run.
+        observer: Knows how the run is.
+        display: Where users are told.
+        announce: Tells other commands of the new processes.
+    """
+
+    limit: int
+    processes: Processes
+    observer: Observer
+    display: Display
+    announce: Callable[[], None]
+
+    def check(self) -> None:
+        """Start agents that have failed again.
+
+        Raises:
+            ProcessError: Something has failed that cannot be started again, or once too often, or the run is over.
+        """
+        failed = self.processes.failed
+        if not failed:
+            return
+        if not (all(self._may_try_again(child) for child in failed) and self._goes_on()):
+            self.processes.check()
+        for child in failed:
+            self.processes.start_again(child)
+            text = f"{child.name} {child.how}; started again ({child.restarts + 1} of {self.limit})"
+            self.display.problem(Problem(source="supervisor", text=text))
+        self.announce()
+
+    def _may_try_again(self, child: Child) -> bool:
+        return child.name != "server" and child.restarts < self.limit and child.process.returncode != UNUSABLE_CONFIG
+
+    def _goes_on(self) -> bool:
+        for _ in range(_QUESTIONS):
+            status = self.observer.status()
+            if status is not None:
+                return status.state in ("running", "paused")
+            if self.processes.ended("server"):
+                break
+        return False

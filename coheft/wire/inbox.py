@@ -1,0 +1,274 @@
+"""All that a process hears, decoded and checked; no source can crowd out the others, or fill the memory."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from threading import Lock
+from typing import Any, cast
+
+import zenoh
+
+from coheft.errors import MessageError
+from coheft.wire.codec import decode, encode
+from coheft.wire.messages import Message, Refusal, Request, Status
+from coheft.wire.security import Guard
+from coheft.wire.transport import Role
+
+ROOM = 8 * 2**20
+"""For what one source has said and nobody has read yet [B]: minutes of a listener's absence, and no more of its memory
+than that, however much is said."""
+_OVERHEAD = 512
+_BUFFER = 2**16
+"""What a query takes at least: one of Zenoh's receive buffers [B]."""
+
+
+@dataclass(frozen=True)
+class Received:
+    """A message, from the source whose key it came under."""
+
+    source: str
+    message: Message
+
+
+@dataclass(frozen=True)
+class Refused:
+    """What came from a source is not what its key promises, or more than there is room for, or it may not come here."""
+
+    source: str
+    error: MessageError
+
+
+@dataclass(frozen=True)
+class LinkChange:
+    """A process has come to, or gone from, the session called ``source``, which now has so many ``links``."""
+
+    source: str
+    links: int
+
+
+@dataclass(frozen=True)
+class Presence:
+    """A source has come within one hop, or has gone: one of its links stands, or none."""
+
+    source: str
+    is_here: bool
+
+
+@dataclass(frozen=True)
+class Question:
+    """A request that waits for its answer, and the role in which it was asked."""
+
+    role: Role
+    request: Request
+    _query: zenoh.Query
+
+    def answer(self, message: Status | Refusal) -> None:
+        """Answer it, once."""
+        _answer(self._query, message)
+
+
+Event = Received | Refused | LinkChange | Presence | Question
+
+
+@dataclass(frozen=True)
+class _Said:
+    """A message as it came."""
+
+    key: str
+    data: bytes
+
+
+class _Backlog:
+    """What one source has said and nobody has read yet; when there is no room, the oldest goes.
+
+    ``put`` is called by Zenoh's own threads. A backlog that is not empty has one turn in the queue of all of them, so
+    that no source waits for more than one message of each other source.
+    """
+
+    def __init__(self, source: str, turns: SimpleQueue[_Backlog]) -> None:
+        self.source = source
+        self._turns = turns
+        self._items: deque[tuple[object, int]] = deque()
+        self._size = 0
+        self._lock = Lock()
+        self._lost = 0
+
+    def put(self, item: object) -> None:
+        """Add a sample, a query, or an event as it is."""
+        if isinstance(item, zenoh.Sample):
+            # A copy, because the sample would keep a whole receive buffer alive.
+            item = _Said(str(item.key_expr), item.payload.to_bytes())
+            size = _OVERHEAD + len(item.data)
+        else:
+            size = _BUFFER
+        with self._lock:
+            if not self._items:
+                self._turns.put(self)
+            self._items.append((item, size))
+            self._size += size
+            while self._size > ROOM:
+                self._size -= self._items.popleft()[1]
+                self._lost += 1
+
+    @property
+    def size(self) -> int:
+        """What it takes [B]."""
+        return self._size
+
+    def take(self) -> object:
+        """The oldest item; before it, word of those that were lost."""
+        with self._lock:
+            if self._lost:
+                error = MessageError(f"{self._lost} messages are lost: it says more than can be read")
+                self._lost = 0
+                self._turns.put(self)
+                return Refused(self.source, error)
+            item, size = self._items.popleft()
+            self._size -= size
+            if self._items:
+                self._turns.put(self)
+            return item
+
+
+class Inbox:
+    """All that a process hears, on all of its sessions: one thread, the caller's, handles it.
+
+    Zenoh's own threads do no more than to put things into a queue, which costs a few microseconds per message; decoding
+    is done by the caller of ``receive``. What one source says stays in order.
+    """
+
+    def __init__(self) -> None:
+        self._turns: SimpleQueue[_Backlog] = SimpleQueue()
+        self._backlogs: dict[str, _Backlog] = {}
+        self._kinds: dict[str, tuple[str, type[Message]]] = {}
+        self._roles: dict[str, Role] = {}
+        self._kept: list[object] = []  # a subscriber that nobody holds goes silent
+
+    def listen(self, session: zenoh.Session, source: str, kinds: dict[str, type[Message]]) -> None:
+        """Hear one source.
+
+        Args:
+            session: Where.
+            source: Name under which events are reported.
+            kinds: What is expected under which key; keys differ in their last part only. One subscription serves them
+                all: when a message under one key has come through, those under the others will.
+
+        Raises:
+            ValueError: The keys differ in more than their last part.
+        """
+        places = {key.rpartition("/")[0] for key in kinds}
+        if len(places) != 1:
+            raise ValueError(f"keys are below {sorted(places)} but expected one place")
+        self._kinds |= {key: (source, kind) for key, kind in kinds.items()}
+        self._kept.append(
+            session.declare_subscriber(f"{places.pop()}/*", self._handler(source), allowed_origin=zenoh.Locality.REMOTE)
+        )
+
+    def watch_links(self, session: zenoh.Session, source: str, guard: Guard | None = None) -> None:
+        """Hear of processes that come and go at a session; with its guard, only of those that may come."""
+        linked: set[str] = set()  # the session's own list may lag behind its events
+        backlog = self._backlog(source)
+
+        def put(event: zenoh.LinkEvent) -> None:
+            if guard is not None and event.link.auth_identifier not in guard.names:
+                return
+            peer = str(event.link.zid)
+            if event.kind == zenoh.SampleKind.PUT:
+                linked.add(peer)
+            else:
+                linked.discard(peer)
+            backlog.put(LinkChange(source, len(linked)))
+
+        self._kept.append(session.info.declare_link_events_listener(put, history=True))
+
+    def announce(self, session: zenoh.Session, key: str) -> None:
+        """Be there for all who watch the presence under a key, as long as a link with them stands."""
+        self._kept.append(session.liveliness().declare_token(key))
+
+    def watch_presence(self, session: zenoh.Session, source: str, key: str) -> None:
+        """Hear whether a source that announces itself under a key is there.
+
+        On a session with several links this tells whose link it is; one that is cut takes its token along at once, one
+        that is frozen when its lease ends.
+        """
+        backlog = _Backlog(source, self._turns)
+
+        def put(sample: zenoh.Sample) -> None:
+            backlog.put(Presence(source, sample.kind == zenoh.SampleKind.PUT))
+
+        handler = zenoh.handlers.Callback(put, indirect=False)
+        self._kept.append(session.liveliness().declare_subscriber(key, handler, history=True))
+
+    def watch_strangers(self, session: zenoh.Session, guard: Guard | None) -> None:
+        """Hear of participants who dial a session though nothing of it is for them."""
+        backlog = self._backlog("strangers")
+        if guard is None:
+            return
+
+        def put(event: zenoh.LinkEvent) -> None:
+            name = event.link.auth_identifier
+            if name not in guard.names and event.kind == zenoh.SampleKind.PUT:
+                text = f"it dialled where only {', '.join(sorted(guard.names))} may"
+                backlog.put(Refused(str(name), MessageError(text)))
+
+        self._kept.append(session.info.declare_link_events_listener(put, history=True))
+
+    def serve(self, session: zenoh.Session, roles: dict[str, Role]) -> None:
+        """Hear questions; ``roles`` tells by the key in which role they are asked."""
+        self._roles |= roles
+        for key, role in roles.items():
+            self._kept.append(session.declare_queryable(key, self._handler(role), complete=True))
+
+    def _handler(self, source: str) -> Any:
+        return zenoh.handlers.Callback(self._backlog(source).put, indirect=False)
+
+    def _backlog(self, source: str) -> _Backlog:
+        return self._backlogs.setdefault(source, _Backlog(source, self._turns))
+
+    def backlog(self, source: str) -> int:
+        """Memory taken by what a source has said and nobody has read yet [B]."""
+        return self._backlogs[source].size
+
+    def receive(self, timeout: float | None = None) -> Event | None:
+        """The next event, or None if there is none within ``timeout`` [s] (None: wait for ever)."""
+        try:
+            backlog = self._turns.get(timeout=timeout) if timeout != 0.0 else self._turns.get_nowait()
+        except Empty:
+            return None
+        item = backlog.take()
+        if isinstance(item, _Said):
+            return self._decode(item)
+        if isinstance(item, zenoh.Query):
+            return self._decode_query(item, backlog.source)
+        return cast(LinkChange | Presence | Refused, item)
+
+    def _decode(self, said: _Said) -> Event:
+        source, kind = self._kinds.get(said.key, (said.key, None))
+        if kind is None:
+            return Refused(source, MessageError(f"nothing is expected under the key '{said.key}'"))
+        try:
+            return Received(source, decode(said.data, kind, said.key))
+        except MessageError as error:
+            return Refused(source, error)
+
+    def _decode_query(self, query: zenoh.Query, source: str) -> Event:
+        payload = query.payload.to_bytes() if query.payload is not None else b""
+        key = str(query.key_expr)
+        try:
+            if key not in self._roles:
+                raise MessageError(f"nothing is answered under the key '{key}'")
+            return Question(self._roles[key], decode(payload, cast(type[Request], Request), key), query)
+        except MessageError as error:
+            _answer(query, Refusal(reason=str(error)))
+            return Refused(f"the {source}", error)
+
+
+def _answer(query: zenoh.Query, message: Status | Refusal) -> None:
+    data = encode(message, str(query.key_expr))
+    with query:
+        if isinstance(message, Refusal):
+            query.reply_err(data)
+        else:
+            query.reply(query.key_expr, data)

@@ -1,0 +1,144 @@
+"""The secure profile of a session: who may dial or be dialled, and which keys may pass between whom.
+
+Two locks, one behind the other. Mutual TLS lets in only those who hold a certificate of the team's own authority; then
+Zenoh's access control lets each of them say, hear, ask and answer what its ``Party`` lists, by the name in its
+certificate, and nothing else: what is not listed does not even reach the session.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from coheft.errors import CoheftError
+
+
+class Credentials(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Files by which a participant is known and knows others.
+
+    Attributes:
+        authority: Certificate of the authority that all participants trust.
+        certificate: The participant's own; its common name is the participant's name.
+        key: Its private key.
+    """
+
+    authority: str
+    certificate: str
+    key: str
+
+
+def credentials_in(folder: Path, name: str) -> Credentials:
+    """A participant's credentials in a folder that ``coheft keys`` made; absolute paths.
+
+    Raises:
+        CoheftError: The folder does not hold them.
+    """
+    folder = folder.resolve()
+    paths = folder / "authority.crt", folder / f"{name}.crt", folder / f"{name}.key"
+    missing = [path.name for path in paths if not path.is_file()]
+    if missing:
+        raise CoheftError(f"there is no {' and no '.join(missing)} in {folder}: nobody can be {name} without")
+    return Credentials(authority=str(paths[0]), certificate=str(paths[1]), key=str(paths[2]))
+
+
+@dataclass(frozen=True)
+class Party:
+    """A participant at the other end of a session, and all that may pass between it and this end.
+
+    Attributes:
+        name: Common name in its certificate.
+        shows: Keys under which it may show that it is there.
+        watches: Keys under which it may see that we are there.
+        says: Keys under which it may tell us something.
+        hears: Keys under which we may tell it something.
+        asks: Keys under which it may ask us.
+        answers: Keys under which we may ask it.
+    """
+
+    name: str
+    shows: tuple[str, ...] = ()
+    watches: tuple[str, ...] = ()
+    says: tuple[str, ...] = ()
+    hears: tuple[str, ...] = ()
+    asks: tuple[str, ...] = ()
+    answers: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Guard:
+    """What makes a session secure: who we are, and who may be at the other ends."""
+
+    credentials: Credentials
+    parties: tuple[Party, ...]
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Who may be at the other ends."""
+        return frozenset(party.name for party in self.parties)
+
+    @property
+    def link_settings(self) -> dict[str, object]:
+        """Zenoh's ``transport.link``: TLS 1.3 both ways and no other protocol."""
+        own = {"private_key": self.credentials.key, "certificate": self.credentials.certificate}
+        tls = {f"{side}_{name}": path for side in ("listen", "connect") for name, path in own.items()}
+        return {
+            "protocols": ["tls"],
+            "tls": {
+                **tls,
+                "root_ca_certificate": self.credentials.authority,
+                "enable_mtls": True,
+                "verify_name_on_connect": True,
+                "close_link_on_expiration": True,
+            },
+        }
+
+    @property
+    def access_settings(self) -> dict[str, object]:
+        """Zenoh's ``access_control``: whatever is not allowed here is denied, both ways."""
+        rules = {party.name: list(_rules(party)) for party in self.parties}
+        return {
+            "enabled": True,
+            "default_permission": "deny",
+            "rules": [rule for of_party in rules.values() for rule in of_party],
+            "subjects": [{"id": name, "cert_common_names": [name], "link_protocols": ["tls"]} for name in rules],
+            "policies": [
+                {"subjects": [name], "rules": [rule["id"] for rule in of_party]} for name, of_party in rules.items()
+            ],
+        }
+
+
+def _rules(party: Party) -> Iterator[dict[str, object]]:
+    """What is allowed to a party: ``ingress`` is what comes from it, ``egress`` what goes to it."""
+    allowed = [
+        ("ingress", "liveliness_token", party.shows),
+        ("egress", "declare_liveliness_subscriber", party.shows),
+        ("egress", "liveliness_token", party.watches),
+        ("ingress", "declare_liveliness_subscriber", party.watches),
+        ("ingress", "put", party.says),
+        ("egress", "declare_subscriber", _places(party.says)),
+        ("egress", "put", party.hears),
+        ("ingress", "declare_subscriber", _places(party.hears)),
+        ("ingress", "query", party.asks),
+        ("egress", "reply", party.asks),
+        ("egress", "declare_queryable", party.asks),
+        ("egress", "query", party.answers),
+        ("ingress", "reply", party.answers),
+        ("ingress", "declare_queryable", party.answers),
+    ]
+    for flow, message, keys in allowed:
+        if keys:
+            yield {
+                "id": f"{party.name} {flow} {message}",
+                "permission": "allow",
+                "flows": [flow],
+                "messages": [message],
+                "key_exprs": list(keys),
+            }
+
+
+def _places(keys: Iterable[str]) -> tuple[str, ...]:
+    """What a listener subscribes to: one subscription serves all keys that differ in their last part only."""
+    return tuple(sorted({f"{key.rpartition('/')[0]}/*" for key in keys}))

@@ -1,0 +1,142 @@
+"""Writes docs/scenarios.md, the reference of all keys of a scenario, from the scenario's own types and docstrings.
+
+To be run again after a change of ``coheft/wire/scenario.py``; a test tells when that was forgotten.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from msgspec import inspect as types
+
+from coheft.wire.scenario import Scenario
+
+PAGE = Path(__file__).with_name("scenarios.md")
+
+_INTRODUCTION = """# Scenarios
+
+A scenario says what is held, by whom, how they talk, and what happens. It is a TOML file; `coheft run my.toml` runs it,
+and `coheft scenarios` lists those that come with coheft, in [configs](../configs). Two robots, and a load that is
+dropped after five seconds:
+
+```toml
+name = "two"
+duration = 12.0
+payload.boxes = [{ mass = 6.0, size = [0.8, 0.3, 0.1] }]
+robots.grasps = [{ position = [-0.4, 0.0, 0.0] }, { position = [0.4, 0.0, 0.0], rotation_deg = [0, 0, 180] }]
+graph.kind = "line"
+
+[[load_changes]]
+at = 5.0
+mass = 1.0
+position = [0.1, 0.0, 0.1]
+```
+
+A rotation is a rotation vector. Keys without a default can be left out, unless they are required. Unknown keys and
+values out of range are errors, which name the key, what was found, and what is allowed.
+
+This page is made from the code, by `python docs/scenario_reference.py`.
+"""
+
+
+def page() -> str:
+    """The whole page, in Markdown."""
+    return "\n".join([_INTRODUCTION, *(_section(place, section) for place, section in _sections("", Scenario))])
+
+
+def _sections(place: str, section: type[msgspec.Struct]) -> Iterator[tuple[str, type[msgspec.Struct]]]:
+    """A section and all within it, with the TOML header of each."""
+    yield place, section
+    for field in msgspec.structs.fields(section):
+        kind, brackets = _inner(types.type_info(field.type))
+        if isinstance(kind, types.StructType):
+            name = f"{place.strip('[]')}.{field.encode_name}".lstrip(".")
+            yield from _sections(f"[[{name}]]" if brackets else f"[{name}]", kind.cls)
+
+
+def _inner(kind: types.Type) -> tuple[types.Type, bool]:
+    """The type without "or none", and what it is a list of; and whether it is a list."""
+    if isinstance(kind, types.UnionType):
+        kind = next(inner for inner in kind.types if not isinstance(inner, types.NoneType))
+    return (kind.item_type, True) if isinstance(kind, types.VarTupleType) else (kind, False)
+
+
+def _section(place: str, section: type[msgspec.Struct]) -> str:
+    text = inspect.cleandoc(section.__doc__ or "")
+    summary, _, attributes = text.partition("Attributes:")
+    meanings = _meanings(attributes)
+    lines = [f"## {f'`{place}`' if place else 'Top level'}", "", _markdown(summary), ""]
+    lines += ["| key | value | unit | default | meaning |", "|---|---|---|---|---|"]
+    for field in msgspec.structs.fields(section):
+        meaning = meanings[field.encode_name]
+        units = ", ".join(re.findall(r"\[([^]]+)\]", meaning))
+        cells = (
+            f"`{field.encode_name}`",
+            _value(types.type_info(field.type)),
+            units,
+            _default(field),
+            _markdown(re.sub(r" \[[^]]+\]", "", meaning)),
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join([*lines, ""])
+
+
+def _meanings(attributes: str) -> dict[str, str]:
+    """The entries of a docstring's list of attributes."""
+    entries = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", attributes, re.MULTILINE)
+    return {name: " ".join(meaning.split()) for name, meaning in entries}
+
+
+def _markdown(text: str) -> str:
+    return " ".join(text.replace("``", "`").split())
+
+
+def _value(kind: types.Type) -> str:
+    """What may stand there, in words."""
+    match kind:
+        case types.FloatType():
+            return f"number{_range(kind)}"
+        case types.IntType():
+            return f"whole number{_range(kind)}"
+        case types.BoolType():
+            return "`true` or `false`"
+        case types.StrType(pattern=str() as pattern):
+            return f"text like `{pattern.removesuffix(chr(92) + 'Z')}$`"
+        case types.StrType():
+            return "text"
+        case types.LiteralType():
+            return ", ".join(f"`{json.dumps(value)}`" for value in kind.values)
+        case types.TupleType():
+            return f"{len(kind.item_types)} numbers{_range(kind.item_types[0])}"
+        case types.VarTupleType():
+            return "sections"
+        case types.StructType():
+            return "section"
+        case types.UnionType():
+            return " or ".join(_value(inner) for inner in kind.types if not isinstance(inner, types.NoneType))
+    raise NotImplementedError(kind)
+
+
+def _range(kind: Any) -> str:
+    low = f"> {kind.gt:g}" if kind.gt is not None else f"≥ {kind.ge}" if kind.ge is not None else ""
+    high = f"< {kind.lt}" if kind.lt is not None else f"≤ {kind.le:g}" if kind.le is not None else ""
+    return f" {low}{', ' * bool(low and high)}{high}".rstrip()
+
+
+def _default(field: msgspec.structs.FieldInfo) -> str:
+    if field.required:
+        return "**required**"
+    default = msgspec.to_builtins(field.default)
+    if default is None or default in ("", []) or isinstance(default, dict):
+        return ""
+    return f"`{json.dumps(default)}`"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page())

@@ -1,0 +1,110 @@
+"""Campaigns: the same whenever they are run, resumed where they were cut off; and deliberate bugs that they find."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from coheft.app.faults import campaign
+from coheft.app.faults.campaign import OutcomeFile, run_campaign, try_seed
+from coheft.app.faults.draw import draw_schedule
+from coheft.app.faults.invariants import Violation
+from coheft.app.faults.mutants import MUTANTS, mutated
+from coheft.app.faults.run import FaultyRun
+from coheft.app.faults.summary import summarise
+from coheft.app.faults.trial import Outcome, try_schedule
+from coheft.wire.codec import encode
+
+OUTCOME = Outcome(
+    seed=3,
+    faults=("crash", "loss"),
+    last="loss",
+    simulated=9.0,
+    violations=[Violation("P1", 3.0, "r1", "payload: mass off", 6.0)],
+    first_valid=2.0,
+    recovered=1.0,
+    stale=0.1,
+    refused=2,
+    lied=1,
+    named=1,
+)
+_replace = msgspec.structs.replace
+
+
+def short(seed: int) -> Outcome:
+    """The schedule of a seed, cut off after 1 s."""
+    schedule = draw_schedule(seed)
+    scenario = _replace(schedule.scenario, duration=1.0, load_changes=())
+    return try_schedule(_replace(schedule, scenario=scenario, faults=schedule.faults))
+
+
+def test_equal_schedules_give_equal_runs_bit_for_bit():
+    schedule = draw_schedule(11)
+    runs = [iter(FaultyRun(schedule)) for _ in range(2)]
+    for _ in range(40):
+        said = [next(run).outboxes for run in runs]
+        first, second = ([encode(box.message, "") for box in boxes.values()] for boxes in said)
+        assert first == second
+
+
+def test_a_campaign_goes_on_where_it_was_cut_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    tried: list[int] = []
+
+    def count(seed: int, mutant: str = "") -> Outcome:
+        tried.append(seed)
+        return _replace(OUTCOME, seed=seed)
+
+    monkeypatch.setattr(campaign, "try_seed", count)
+    kept = tmp_path / "outcomes"
+    run_campaign(range(3), jobs=1, kept=kept)
+    kept.write_bytes(kept.read_bytes()[:-20])  # cut off within the last line
+    told: list[int] = []
+    outcomes = run_campaign(range(5), jobs=1, kept=kept, on_outcome=lambda outcome: told.append(outcome.seed))
+    assert tried == [0, 1, 2, 2, 3, 4]
+    assert [outcome.seed for outcome in outcomes] == told == [0, 1, 2, 3, 4]
+    assert [outcome.seed for outcome in OutcomeFile(kept).read()] == [0, 1, 2, 3, 4]
+
+
+def test_what_other_code_or_a_mutant_has_left_does_not_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    file = OutcomeFile(tmp_path / "outcomes")
+    file.write([OUTCOME])
+    assert file.read() == [OUTCOME]
+    assert OutcomeFile(tmp_path / "outcomes", "wrong-tick").read() == []
+    monkeypatch.setattr(campaign, "code_hash", lambda: "other")
+    assert OutcomeFile(tmp_path / "outcomes").read() == []
+
+
+def test_a_summary_counts_what_happened():
+    good = _replace(OUTCOME, seed=4, faults=(), last="", violations=[], recovered=3.0, stale=0.0, lied=0, named=0)
+    worse = _replace(OUTCOME, seed=5, violations=[], faults=("loss", "loss"), recovered=2.0)
+    summary = summarise([OUTCOME, good, worse])
+    assert (summary.seeds, summary.schedules, summary.violations, summary.failed) == ((3, 5), 3, 1, [3])
+    assert summary.lies == (2, 2)
+    by_kind = {kind.kind: kind for kind in summary.kinds}
+    assert (by_kind["loss"].injected, by_kind["loss"].schedules, by_kind["loss"].went_stale) == (3, 2, 2)
+    assert by_kind["loss"].recovered_s == (1.5, 1.95, 2.0)
+    assert by_kind["crash"].recovered_s is None
+    assert by_kind["none"].recovered_s == (3.0, 3.0, 3.0)
+
+
+def test_every_kind_of_fault_is_survived_for_a_second():
+    """Nothing raises, whatever comes while agents start."""
+    for seed in range(6):
+        assert [violation for violation in short(seed).violations if violation.promise == "P2"] == []
+
+
+@pytest.mark.parametrize("mutant", MUTANTS)
+def test_a_mutant_leaves_nothing_behind(mutant: str):
+    owner, method, _ = MUTANTS[mutant]
+    right = getattr(owner, method)
+    with mutated(mutant):
+        assert getattr(owner, method) is not right
+    assert getattr(owner, method) is right
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("mutant", MUTANTS)
+def test_a_campaign_finds_every_deliberate_bug(mutant: str):
+    assert any(try_seed(seed, mutant).violations and not try_seed(seed).violations for seed in range(36))

@@ -1,0 +1,193 @@
+"""The watch: what it calls a broken promise, on estimates that are made up from the truth."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+import pytest
+
+from agents.agent import Outbox
+from coheft.app.faults.draw import draw_schedule
+from coheft.app.faults.invariants import Violation, Watch
+from coheft.app.faults.recovery import BACK, BACK_FROM_SILENCE, Recovery
+from coheft.app.faults.run import FaultyBlock
+from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, Lie, Loss, Release
+from coheft.app.judge import Judge
+from coheft.estimation.spatial import Array
+from coheft.wire.messages import Estimate, NeighbourMessage, PayloadEstimate, PoseEstimate, Reference, Scene, Truth
+from coheft.wire.scenario import LoadChange
+from physics_server.simulation import Simulation
+
+DEVIATION = 0.01
+BLOCK = 0.1
+
+
+def schedule(*faults: AnyFault, changes: tuple[LoadChange, ...] = ()) -> FaultSchedule:
+    drawn = draw_schedule(1)
+    sensors = msgspec.structs.replace(drawn.scenario.sensors, rate=100, block=10)
+    scenario = msgspec.structs.replace(drawn.scenario, load_changes=changes, duration=10.0, sensors=sensors)
+    return msgspec.structs.replace(drawn, faults=faults, scenario=scenario)
+
+
+class Team:
+    """Truths of a run, and estimates that are off by what is asked for."""
+
+    def __init__(self, run: FaultSchedule) -> None:
+        simulation = Simulation(run.scenario)
+        self.scene: Scene = simulation.scene
+        self.truths: list[Truth] = [simulation.advance({}).truth for _ in range(run.scenario.blocks)]
+        self.judge = Judge(self.scene, self.truths)
+
+    def estimate(
+        self,
+        block: int,
+        robot: str = "r1",
+        *,
+        off: Array | None = None,
+        pose_off: float = 0.0,
+        status: str = "valid",
+        valid_block: int | None = None,
+        covariance: Array | None = None,
+    ) -> Estimate:
+        of = block if valid_block is None else valid_block
+        truth, errors = self.judge.payload(robot, of), np.zeros(10) if off is None else off * DEVIATION
+        other = next(name for name in self.scene.robots if name != robot)
+        pose = self.judge.pose_payload_in[robot] @ self.judge.pose_payload_in[other].inverse()
+        payload = PayloadEstimate(
+            truth.mass + errors[0],
+            truth.com + errors[1:4],
+            truth.tensor,
+            DEVIATION**2 * np.eye(10) if covariance is None else covariance,
+        )
+        moved = pose.translation + pose_off * DEVIATION * np.array([0.0, 1.0, 0.0])
+        return Estimate(
+            robot=robot,
+            block=block,
+            time=(block + 1) * BLOCK,
+            phase="inertia",
+            converged=True,
+            members=3,
+            payload=payload,
+            poses={other: PoseEstimate(pose.rotation, moved, DEVIATION**2 * np.eye(6))},
+            total_block=block,
+            total_wrench=np.zeros(6),
+            not_observable=[],
+            load_changes=[],
+            status=status,  # type: ignore[arg-type]
+            valid_block=of,
+        )
+
+    def block(self, number: int, *estimates: Estimate, crashes: dict[str, Exception] | None = None) -> FaultyBlock:
+        message = NeighbourMessage(sender="r1", block=number, gossip=[], channels={})
+        reference = Reference(robot="r1", block=number, answers=number, motion=np.zeros((10, 12)), wrench=np.zeros(6))
+        outboxes = {estimate.robot: Outbox(message, reference, estimate) for estimate in estimates}
+        return FaultyBlock(number, self.truths[number], outboxes, crashes or {})
+
+
+def violations(run: FaultSchedule, number: int = 20, **made_up: object) -> list[Violation]:
+    """Of a run in which r1 publishes one estimate, after that block."""
+    team = Team(run)
+    watch = Watch(run, team.scene)
+    for block in range(number):
+        watch.look(team.block(block))
+    watch.look(team.block(number, team.estimate(number, **made_up)))  # type: ignore[arg-type]
+    return watch.violations
+
+
+def one(index: int, size: float) -> Array:
+    return size * np.eye(10)[index]
+
+
+def test_five_standard_deviations_are_the_limit_for_every_number():
+    for index in range(4):
+        for sign in (-1.0, 1.0):
+            assert violations(schedule(), off=one(index, 4.9 * sign)) == []
+            (found,) = violations(schedule(), off=one(index, 5.1 * sign))
+            assert (found.promise, found.robot, round(found.size, 6)) == ("P1", "r1", 5.1)
+    assert violations(schedule(), pose_off=4.9) == []
+    (found,) = violations(schedule(), pose_off=5.1)
+    assert found.what.startswith("pose of r2: position y off by 0.051")
+
+
+def test_what_is_not_called_valid_may_be_wrong():
+    for status in ("starting", "stale"):
+        assert violations(schedule(), off=one(0, 1000.0), status=status) == []
+
+
+def test_covariances_must_be_positive_and_payloads_possible():
+    negative = DEVIATION**2 * np.eye(10)
+    negative[1, 2] = negative[2, 1] = 1.1 * DEVIATION**2
+    for covariance, words in (
+        (negative, "not positive"),
+        (np.zeros((10, 10)), "no covariance"),
+        (np.nan * negative, "no"),
+    ):
+        (found,) = violations(schedule(), covariance=covariance)
+        assert words in found.what
+    (found, *_) = violations(schedule(), off=one(0, -2000.0))
+    assert found.what == "payload cannot exist"
+
+
+def test_a_change_of_the_load_must_be_known_after_the_time_of_grace():
+    """What is published is the payload of the block before the change."""
+    run = schedule(changes=(LoadChange(at=1.0, mass=2.0),))
+    team = Team(run)
+    old = team.estimate(9).payload
+    assert old is not None
+
+    def found(valid_block: int) -> list[Violation]:
+        watch = Watch(run, team.scene)
+        for block in range(20):
+            watch.look(team.block(block))
+        stays = msgspec.structs.replace(team.estimate(20, valid_block=valid_block), payload=old)
+        watch.look(team.block(20, stays))
+        return watch.violations
+
+    assert found(9) == found(12) == []
+    assert [violation.promise for violation in found(13)] == ["P1"]
+
+
+def test_poses_of_those_who_let_go_and_words_of_liars_are_not_judged():
+    assert violations(schedule(Release(start=1.0, end=3.0, robot="r2")), pose_off=50.0) == []
+    assert violations(schedule(Lie(start=1.0, end=1.5, robot="r1", how="garbage", size=1.0)), off=one(0, 50.0)) == []
+    assert violations(schedule(Lie(start=1.0, end=1.5, robot="r2", how="garbage", size=1.0)), off=one(0, 50.0)) != []
+
+
+def test_an_exception_is_a_broken_promise():
+    run = schedule()
+    team = Team(run)
+    watch = Watch(run, team.scene)
+    watch.look(team.block(0, crashes={"r2": ValueError("no such thing")}))
+    (found,) = watch.violations
+    assert (found.promise, found.robot, found.what) == ("P2", "r2", "raised ValueError: no such thing")
+
+
+def recovered(run: FaultSchedule, valid: float, again: float) -> tuple[float | None, list[Violation]]:
+    """All are valid from one time on, not during faults, and again from another time on."""
+    team = Team(run)
+    recovery = Recovery(run)
+    for block in range(run.scenario.blocks):
+        time = (block + 1) * BLOCK
+        faulty = any(fault.is_active(time) for fault in run.faults)
+        is_valid = valid - 1e-9 <= time and not faulty and not (run.last_fault_end <= time < again - 1e-9)
+        status = "valid" if is_valid else "stale"
+        recovery.look(team.block(block, *(team.estimate(block, name, status=status) for name in team.scene.robots)))
+    return recovery.taken, [violation for violation in [recovery.violation()] if violation is not None]
+
+
+@pytest.mark.parametrize(
+    ("fault", "limit"),
+    [
+        (Crash(start=2.0, end=3.0, robot="r1"), BACK_FROM_SILENCE),
+        (Loss(start=2.0, end=3.0, probability=0.5), BACK),
+    ],
+)
+def test_all_must_be_valid_again_in_time(fault: AnyFault, limit: float):
+    taken, found = recovered(schedule(fault), 1.0, 3.0 + limit)
+    assert taken == pytest.approx(limit)
+    assert found == []
+    _, found = recovered(schedule(fault), 1.0, 3.0 + limit + BLOCK)
+    assert [violation.promise for violation in found] == ["P3"]
+    taken, found = recovered(schedule(fault), 1.0, 99.0)
+    assert taken is None
+    assert [violation.promise for violation in found] == ["P3"]

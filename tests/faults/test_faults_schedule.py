@@ -1,0 +1,98 @@
+"""Schedules: drawn from seeds, written and read, simplified."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from coheft.app.faults.draw import LATEST_START, MOST_FAULTS, draw_schedule
+from coheft.app.faults.schedule import Crash, FaultSchedule, Loss, read_schedule, write_schedule
+from coheft.app.faults.shrink import shrink
+from coheft.errors import ScenarioError
+from coheft.wire.scenario import Graph
+from coheft.wire.scenario_checks import check_scenario
+
+DRAWN = [draw_schedule(seed) for seed in range(400)]
+
+
+def test_equal_seeds_draw_equal_schedules_and_others_others():
+    assert [draw_schedule(seed) for seed in range(20)] == DRAWN[:20]
+    assert len({msgspec.json.encode(schedule) for schedule in DRAWN}) == len(DRAWN)
+
+
+def test_all_scenarios_are_scenarios_and_long_enough_to_see_everybody_recover():
+    for schedule in DRAWN:
+        check_scenario(schedule.scenario, f"seed {schedule.seed}")
+        for fault in schedule.faults:
+            assert 0.0 <= fault.start <= LATEST_START
+            assert fault.start < fault.end <= schedule.scenario.duration
+            lasts_for_ever = fault.end == schedule.scenario.duration
+            assert fault.end <= schedule.scenario.duration - 4.5 or (lasts_for_ever and isinstance(fault, Crash))
+
+
+def test_every_kind_of_fault_number_of_faults_team_and_graph_is_drawn():
+    kinds = Counter(fault.kind for schedule in DRAWN for fault in schedule.faults)
+    assert set(kinds) == {
+        "delay",
+        "loss",
+        "duplication",
+        "reordering",
+        "corruption",
+        "corruption before the checksum",
+        "replay (had before)",
+        "replay (former incarnation)",
+        "replay (other run)",
+        "malformed",
+        "partition",
+        "crash",
+        "pause",
+        "release",
+        "clock skew",
+        *(f"sensor {how}" for how in ("nan", "frozen", "outliers", "saturation", "offset")),
+        *(f"lie ({how})" for how in ("scaled", "offset", "garbage")),
+    }
+    assert {len(schedule.faults) for schedule in DRAWN} == set(range(MOST_FAULTS + 1))
+    assert {schedule.scenario.robot_count for schedule in DRAWN} == {3, 4, 5, 6}
+    assert len({schedule.scenario.graph.kind for schedule in DRAWN}) == 5
+    assert {len(schedule.scenario.load_changes) for schedule in DRAWN} == {0, 1, 2}
+
+
+def test_schedules_are_written_and_read(tmp_path: Path):
+    for schedule in DRAWN[:50]:
+        write_schedule(schedule, tmp_path / "schedule.json")
+        assert read_schedule(tmp_path / "schedule.json") == schedule
+
+
+def test_what_is_no_schedule_is_refused_with_its_name(tmp_path: Path):
+    (tmp_path / "other.json").write_text('{"seed": 1}')
+    with pytest.raises(ScenarioError, match=r"other\.json: not a fault schedule"):
+        read_schedule(tmp_path / "other.json")
+
+
+def test_shrinking_leaves_only_what_the_failure_needs():
+    """A failure that takes two of four faults at the same time, on any graph."""
+
+    def fails(schedule: FaultSchedule) -> bool:
+        crashes = [fault for fault in schedule.faults if isinstance(fault, Crash) and fault.robot == "r1"]
+        losses = [fault for fault in schedule.faults if isinstance(fault, Loss)]
+        return any(loss.is_active(crash.start) for crash in crashes for loss in losses)
+
+    faults = (
+        Crash(start=0.5, end=1.0, robot="r2"),
+        Loss(start=0.0, end=4.0, probability=0.5),
+        Crash(start=1.0, end=3.0, robot="r1"),
+        Loss(start=2.0, end=4.0, probability=0.1, sender="r2"),
+    )
+    drawn = next(s for s in DRAWN if s.scenario.robot_count == 6 and s.scenario.load_changes)
+    found = shrink(msgspec.structs.replace(drawn, faults=faults), fails)
+    assert {fault.kind for fault in found.faults} == {"crash", "loss"}
+    assert len(found.faults) == 2
+    assert fails(found)
+    assert found.scenario.load_changes == ()
+    assert found.scenario.graph == Graph(kind="ring")
+    assert found.scenario.robot_count == 3
+    assert found.scenario.duration < 2.0
+    assert all(fault.end - fault.start <= 0.3 for fault in found.faults)

@@ -1,0 +1,154 @@
+"""Whatever neighbours or sensors say, an agent goes on; what it refuses changes nothing."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agents.agent import Agent, Outbox
+from coheft.estimation.measurement import MeasurementBlock
+from coheft.estimation.spatial import Array
+from coheft.wire.codec import encode
+from coheft.wire.config import agent_config
+from coheft.wire.messages import NeighbourMessage, Reference
+from coheft.wire.scenario_file import load_scenario
+from consensus.graph import build_graph
+from physics_server.simulation import Simulation
+from tests.fuzz.any_message import KEY, altered, values
+
+BLOCKS = 3
+some = settings(max_examples=settings.default.max_examples // 3)
+
+
+@dataclass(eq=False)
+class Moment:
+    """One agent in the middle of a run, and what comes next.
+
+    Attributes:
+        agent: To be copied.
+        first: The next block.
+        samples: The robot's own of the next blocks.
+        heard: What the neighbours send before each of these.
+    """
+
+    agent: Agent = field(repr=False)
+    first: int
+    samples: list[Array] = field(default_factory=list, repr=False)
+    heard: list[list[NeighbourMessage]] = field(default_factory=list, repr=False)
+
+    @cached_property
+    def undisturbed(self) -> list[bytes]:
+        """What the agent says if nothing goes wrong."""
+        return said(self.go_on(self.samples, self.heard))
+
+    def go_on(self, samples: list[Array], heard: list[list[NeighbourMessage]]) -> list[Outbox]:
+        """What a copy of the agent says in the next blocks."""
+        agent = copy.deepcopy(self.agent)
+        return [
+            agent.step(self.first + k, MeasurementBlock(self.first + k, rows), messages)
+            for k, (rows, messages) in enumerate(zip(samples, heard, strict=True))
+        ]
+
+
+@pytest.fixture(
+    scope="module",
+    params=[("efficient", 1.0), ("efficient", 4.0), ("seed", 5.0)],
+    ids=lambda param: f"{param[0]} at {param[1]:g} s",
+)
+def moment(request: pytest.FixtureRequest) -> Moment:
+    """The first of three robots, while it finds poses, or sums up."""
+    estimator, time = request.param
+    scenario = msgspec.structs.replace(load_scenario("ring3"), estimator=estimator)
+    graph = build_graph(scenario.graph, scenario.robot_names)
+    agents = {name: Agent(agent_config(scenario, name, graph[name])) for name in graph}
+    simulation = Simulation(scenario, graph)
+    references: dict[int, dict[str, Reference]] = {}
+    sent: list[NeighbourMessage] = []
+    first, name = round(time / scenario.block_duration), scenario.robot_names[0]
+    for block in range(first + BLOCKS):
+        if block == first:
+            moment = Moment(copy.deepcopy(agents[name]), first)
+        result = simulation.advance(references.pop(block, {}))
+        heard = {robot: [message for message in sent if message.sender in graph[robot]] for robot in graph}
+        if block >= first:
+            moment.samples.append(result.measurements[name].samples)
+            moment.heard.append(heard[name])
+        outboxes = {
+            robot: agent.step(block, MeasurementBlock(block, result.measurements[robot].samples), heard[robot])
+            for robot, agent in agents.items()
+        }
+        sent = [outbox.message for outbox in outboxes.values()]
+        references[block + scenario.lookahead] = {robot: outbox.reference for robot, outbox in outboxes.items()}
+    return moment
+
+
+def said(outboxes: list[Outbox]) -> list[bytes]:
+    """All that others hear, but for the number of messages that were refused."""
+    parts = [part for box in outboxes for part in (box.message, box.reference, box.estimate) if part is not None]
+    return [
+        encode(msgspec.structs.replace(part, problems=0) if hasattr(part, "problems") else part, KEY) for part in parts
+    ]
+
+
+def assert_finite(outboxes: list[Outbox]) -> None:
+    for outbox in outboxes:
+        arrays = [outbox.reference.motion, outbox.reference.wrench, *outbox.message.channels.values()]
+        if outbox.estimate is not None and (payload := outbox.estimate.payload) is not None:
+            arrays += [payload.com, payload.tensor, payload.covariance]
+        assert all(np.isfinite(array).all() for array in arrays)
+
+
+@some
+@given(data=st.data())
+def test_what_is_refused_changes_nothing(moment: Moment, data: st.DataObject) -> None:
+    """Nor does what comes twice, or again."""
+    heard: list[list[NeighbourMessage]] = []
+    sound: list[NeighbourMessage] = []
+    strange = 0
+    for messages in moment.heard:
+        sound += messages
+        again = data.draw(st.lists(st.sampled_from(sound), max_size=3)) if sound else []
+        more = data.draw(st.lists(values(NeighbourMessage), max_size=2))
+        heard.append(data.draw(st.permutations([*messages, *more, *again])))
+        strange += len(more)
+    found = moment.go_on(moment.samples, heard)
+    assert sum(len(outbox.problems) for outbox in found) == strange
+    assert said(found) == moment.undisturbed
+
+
+@some
+@given(data=st.data())
+def test_a_message_with_another_value_in_a_place_does_not_stop_an_agent(moment: Moment, data: st.DataObject) -> None:
+    """It may be believed: this is what neighbours say. But it must not end in nonsense."""
+    heard = [list(messages) for messages in moment.heard]
+    block = data.draw(st.sampled_from([k for k, messages in enumerate(heard) if messages]))
+    for _ in range(data.draw(st.integers(1, 2))):
+        place = data.draw(st.integers(0, len(heard[block]) - 1))
+        heard[block][place] = data.draw(altered(heard[block][place]))
+    assert_finite(moment.go_on(moment.samples, heard))
+
+
+FAULTS = st.tuples(
+    st.integers(0, BLOCKS - 1),
+    st.integers(0, 9),
+    st.integers(0, 14),
+    st.floats() | st.sampled_from([np.nan, np.inf, 0.0, 1e3, -1e15, 1e300]),
+)
+"""Block, sample from which on, column, and what the sensor says from then on."""
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # overflows, and what comes of them, are no error in a process
+@some
+@given(faults=st.lists(FAULTS, min_size=1, max_size=4))
+def test_broken_sensors_do_not_stop_an_agent(moment: Moment, faults: list[tuple[int, int, int, float]]) -> None:
+    samples = [rows.copy() for rows in moment.samples]
+    for block, start, column, value in faults:
+        samples[block][start:, column] = value
+    assert_finite(moment.go_on(samples, moment.heard))

@@ -1,0 +1,74 @@
+"""No bytes, however malformed, make a decoder do anything but refuse them or find a sound message, in little memory."""
+
+from __future__ import annotations
+
+import tracemalloc
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from coheft.errors import MessageError
+from coheft.wire.codec import decode, encode, seal
+from coheft.wire.messages import Message
+from tests.fuzz.any_message import KEY, KINDS, damaged, plain, trees, values, with_a_part_replaced
+
+_MEMORY = 1 << 17
+_MEMORY_PER_BYTE = 100
+
+many = settings(max_examples=5 * settings.default.max_examples)
+kinds = st.sampled_from(KINDS)
+
+
+def decode_or_refuse(data: bytes, kind: Any) -> None:
+    """Bytes that arrived as they were sent, by somebody who means ill."""
+    refusal = None
+    tracemalloc.start()
+    try:
+        message = decode(seal(data, KEY), kind, KEY)
+    except MessageError as error:
+        refusal = str(error)
+    finally:
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < _MEMORY + _MEMORY_PER_BYTE * len(data)
+    if refusal is not None:
+        assert refusal.isprintable()  # it goes into logs, and to observers
+        assert len(refusal) < 1000
+        return
+    assert isinstance(message, Message)
+    assert plain(decode(encode(message, KEY), kind, KEY)) == plain(message)
+
+
+@many
+@given(kind=kinds, data=st.data())
+def test_damaged_messages(kind: Any, data: st.DataObject) -> None:
+    sound, other = (encode(data.draw(values(kind)), KEY) for kind in (kind, data.draw(kinds)))
+    decode_or_refuse(data.draw(damaged(sound[4:], other[4:])), kind)
+    bad = data.draw(damaged(sound, other))
+    if bad not in (sound, other):
+        with pytest.raises(MessageError):
+            decode(bad, kind, KEY)
+
+
+@many
+@given(kind=kinds, data=st.data())
+def test_messages_with_something_else_in_a_place(kind: Any, data: st.DataObject) -> None:
+    tree = msgspec.msgpack.decode(encode(data.draw(values(kind)), KEY)[4:])
+    decode_or_refuse(msgspec.msgpack.encode(data.draw(with_a_part_replaced(tree, trees()))), kind)
+
+
+@many
+@given(kinds, trees())
+def test_any_tree(kind: Any, tree: Any) -> None:
+    decode_or_refuse(msgspec.msgpack.encode(tree), kind)
+
+
+@many
+@given(kinds, st.binary(max_size=300))
+def test_any_bytes(kind: Any, data: bytes) -> None:
+    decode_or_refuse(data, kind)
+    with pytest.raises(MessageError):
+        decode(data, kind, KEY)

@@ -1,0 +1,92 @@
+"""Whatever comes under the keys of a run, whoever watches it refuses it, or can show it and report on it."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+
+from coheft.app.final_table import print_report
+from coheft.app.heard import hear
+from coheft.app.record import Record
+from coheft.app.report import RunInfo, build_report
+from coheft.app.terminal import LineDisplay, LiveDisplay
+from coheft.errors import MessageError
+from coheft.wire.codec import decode, encode, seal
+from coheft.wire.messages import Estimate, LoadChangeNotice, Message, Problem, Truth
+from tests.fuzz.any_message import KEY, altered, array_extensions, trees, values, with_a_part_replaced
+from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, estimate, truth
+
+INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, real_time_factor=1.0)
+
+
+SOUND: list[Message] = [
+    truth(11, HEAVY),
+    estimate("r1", 11, HEAVY),
+    msgspec.structs.replace(
+        estimate("r1", 11, HEAVY, changes=[LoadChangeNotice(0.15, 0.1)]), status="stale", reasons=["r2 is silent"]
+    ),
+]
+
+
+def record_of_a_run() -> Record:
+    record = Record(SCENE, duration=4.0, with_history=True)
+    for block in range(10):
+        record.add_truth(truth(block, LIGHT if block < 5 else HEAVY))
+        for name in ROBOTS:
+            record.add_estimate(estimate(name, block, LIGHT))
+    return record
+
+
+def hear_show_and_report(message: Message) -> None:
+    record = record_of_a_run()
+    try:
+        problems = hear(record, "r1", message)
+    except MessageError:
+        return
+    console = Console(file=io.StringIO(), width=80, force_terminal=True)
+    for display in (LiveDisplay(console), LineDisplay(console)):
+        with display:
+            display.update(record)
+            for problem in problems:
+                assert problem.source == "r1"
+                display.problem(problem)
+    for name in ROBOTS:
+        record.add_estimate(estimate(name, 12, HEAVY))
+    record.add_truth(truth(20, LIGHT))
+    report = build_report(INFO, record)
+    msgspec.json.encode(report)
+    print_report(console, report, Path("logs"))
+
+
+@given(data=st.data())
+def test_a_sound_message_with_something_else_in_a_place(data: st.DataObject) -> None:
+    sound = data.draw(st.sampled_from([*SOUND, Problem(source="r1", text="?")]))
+    tree = msgspec.msgpack.decode(encode(sound, KEY)[4:])
+    changed = data.draw(with_a_part_replaced(tree, st.floats() | array_extensions() | trees()))
+    try:
+        message = decode(seal(msgspec.msgpack.encode(changed), KEY), type(sound), KEY)
+    except MessageError:
+        return
+    hear_show_and_report(message)
+
+
+@settings(max_examples=5 * settings.default.max_examples)
+@given(message=st.sampled_from(SOUND).flatmap(altered))
+def test_a_sound_message_with_another_value_in_a_place(message: Message) -> None:
+    hear_show_and_report(message)
+
+
+@given(message=values(Estimate) | values(Truth) | values(Problem))
+def test_any_message(message: Message) -> None:
+    hear_show_and_report(message)
+
+
+def test_nobody_speaks_for_another_robot() -> None:
+    with pytest.raises(MessageError, match="robot is 'r2' but expected 'r1'"):
+        hear(record_of_a_run(), "r1", estimate("r2", 11, HEAVY))

@@ -1,0 +1,84 @@
+"""Whatever robots and operators say, the server refuses it with a reason, or goes on with it."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from coheft.app.hosts import free_ports
+from coheft.errors import LoadError, MessageError
+from coheft.wire.inbox import Inbox
+from coheft.wire.messages import InjectRequest, Measurements, Ready, Reference, RemoveRequest
+from coheft.wire.scenario_file import load_scenario
+from coheft.wire.transport import Keys, open_session
+from physics_server.robot_link import RobotLink
+from physics_server.simulation import Simulation
+from tests.fuzz.any_message import NUMBERS, altered, values
+
+LAG, SAMPLES = 4, 10
+
+
+@pytest.fixture(scope="module")
+def link() -> Iterator[RobotLink]:
+    with open_session(listen=[f"tcp/127.0.0.1:{free_ports(1)[0]}"]) as session:
+        yield RobotLink("r1", session, Inbox(), Keys("fuzz"), world=1, lag=LAG, samples_per_block=SAMPLES)
+
+
+@given(data=st.data())
+def test_a_robot_link_refuses_what_does_not_fit(link: RobotLink, data: st.DataObject) -> None:
+    block = link.answered + 1
+    sound = Reference(robot="r1", block=block + LAG, answers=block, motion=np.zeros((SAMPLES, 12)), wrench=np.zeros(6))
+    link.send_measurements(Measurements(robot="r1", block=block, samples=np.zeros((SAMPLES, 15))))
+    other = st.sampled_from([sound, Ready(robot="r1")]).flatmap(altered) | values(Ready) | values(Reference)
+    for message in data.draw(st.lists(other, max_size=3)):
+        with contextlib.suppress(MessageError):
+            link.take(message)
+    if link.owes_answer:
+        link.take(sound)
+    assert link.answered == block
+    reference = link.take_reference(block + LAG)
+    assert reference is None or np.isfinite(reference.motion).all()
+
+
+def test_a_robot_link_takes_an_answer_once(link: RobotLink) -> None:
+    block = link.answered + 1
+    link.send_measurements(Measurements(robot="r1", block=block, samples=np.zeros((SAMPLES, 15))))
+    sound = Reference(robot="r1", block=block + LAG, answers=block, motion=np.zeros((SAMPLES, 12)), wrench=np.zeros(6))
+    link.take(sound)
+    with pytest.raises(MessageError, match="was answered already"):
+        link.take(sound)
+
+
+@pytest.fixture(scope="module")
+def simulation() -> Simulation:
+    return Simulation(msgspec.structs.replace(load_scenario("ring3"), load_changes=()))
+
+
+@given(
+    requests=st.lists(
+        values(InjectRequest)
+        | values(RemoveRequest)
+        | st.builds(InjectRequest, mass=NUMBERS, position=st.tuples(*3 * [NUMBERS])),
+        max_size=6,
+    )
+)
+def test_loads_that_cannot_be_are_refused(
+    simulation: Simulation, requests: list[InjectRequest | RemoveRequest]
+) -> None:
+    for request in requests:
+        with contextlib.suppress(LoadError):
+            if isinstance(request, InjectRequest):
+                simulation.inject(request.mass, request.position, request.size)
+            else:
+                simulation.remove(request.load)
+        assert np.isfinite(simulation.data.qvel).all()
+        assert all(np.isfinite([load.mass, *load.position]).all() for load in simulation.loads)
+    for load in simulation.loads:
+        simulation.remove(load.id)
+    assert simulation.slots_free == 4

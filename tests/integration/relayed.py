@@ -1,0 +1,33 @@
+"""Plans in which some edges of the graph lead through a relay."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import ExitStack
+
+from msgspec import structs
+
+from coheft.app.hosts import free_ports
+from coheft.app.plan import Plan
+
+from .relay import Relay
+
+Edge = tuple[str, str]
+
+
+def with_relays(plan: Plan, edges: Iterable[Edge], stack: ExitStack) -> tuple[Plan, dict[Edge, Relay]]:
+    """The plan with relays on some edges, which end with the stack."""
+    relays: dict[Edge, Relay] = {}
+    agents = dict(plan.agents)
+    for edge in edges:
+        dialling, listening = sorted(edge, reverse=True)  # who comes first listens
+        endpoint = f"tcp/127.0.0.1:{free_ports(1)[0]}"
+        relays[edge] = stack.enter_context(Relay(endpoint, agents[listening].listen))
+        agents[dialling] = structs.replace(
+            agents[dialling],
+            neighbours=tuple(
+                structs.replace(other, endpoint=endpoint) if other.name == listening else other
+                for other in agents[dialling].neighbours
+            ),
+        )
+    return Plan(plan.server, agents, plan.keys), relays

@@ -1,0 +1,159 @@
+"""One agent's process, with the test as its server and its only neighbour: whatever these do, it answers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+from msgspec import structs
+
+from coheft.app.plan import make_plan
+from coheft.estimation.measurement import SAMPLE_SIZE
+from coheft.estimation.spatial import Array
+from coheft.wire.inbox import Inbox, Received
+from coheft.wire.messages import Hello, Measurements, NeighbourMessage, Ready, Reference, Stop
+from coheft.wire.transport import Keys, Sender, open_session
+
+from .team import AGENT, LIMIT, Team, small_scenario, wait_until
+
+WRONG_SHAPES = {"kinematics": np.zeros(3), "sums": np.zeros(1), "sums_valid": np.ones(1), "load_change": np.zeros(0)}
+
+
+class Surroundings:
+    """The server and the neighbour of one agent."""
+
+    def __init__(self, team: Team, stack: ExitStack) -> None:
+        self.name, self.other = team.plan.agents
+        self._team = team
+        plan, keys = team.plan, team.keys
+        dialled = [robot.endpoint for robot in plan.agents[self.other].neighbours if robot.endpoint is not None]
+        self.server = stack.enter_context(open_session(listen=[plan.server.robots[self.name]]))
+        self.neighbour = stack.enter_context(open_session(listen=[plan.agents[self.other].listen], connect=dialled))
+        self._from_agent = Inbox()
+        ready, reference = (keys.robot(self.name, topic) for topic in ("ready", "reference"))
+        self._from_agent.listen(self.server, self.name, {ready: Ready, reference: Reference})
+        self._from_agent.announce(self.neighbour, keys.agent(self.other, "alive"))
+        self._measurements = Sender(self.server, keys.robot(self.name, "measurements"), may_drop=False)
+        self._stop = Sender(self.server, keys.robot(self.name, "stop"), may_drop=False)
+        self._hello = Sender(self.neighbour, keys.agent(self.other, "hello"), may_drop=False)
+        self._block = Sender(self.neighbour, keys.agent(self.other, "block"), may_drop=False)
+        self._rng = np.random.default_rng(1)
+        self.attempt = 0
+
+    def meet(self) -> None:
+        """Wait for the links, say hello, wait until the agent asks for measurements and misses nobody."""
+        wait_until(lambda: self._hello.has_listener and self._measurements.has_listener, "the agent's links")
+        self._hello.send(Hello(sender=self.other, heard=[self.name]))
+        ready = self._next()
+        while not isinstance(ready, Ready) or ready.missing:
+            ready = self._next()
+        self.attempt = ready.attempt
+
+    def measure(self, block: int, world: int = 0, attempt: int | None = None) -> None:
+        """Let its sensors measure something."""
+        samples = self._rng.normal(size=(self._team.plan.agents[self.name].agent.block, SAMPLE_SIZE))
+        attempt = self.attempt if attempt is None else attempt
+        self._measurements.send(
+            Measurements(robot=self.name, block=block, samples=samples, world=world, attempt=attempt)
+        )
+
+    def say(self, block: int, channels: dict[str, Array] | None = None) -> None:
+        """As its neighbour."""
+        self._block.send(NeighbourMessage(sender=self.other, block=block, gossip=[], channels=channels or {}))
+
+    def refuse(self, what: bytes = b"rubbish") -> None:
+        """Say rubbish as its neighbour; when that is refused, all that was said before is there."""
+        before = len(self._team.refusals(self.name))
+        self.neighbour.put(self._team.keys.agent(self.other, "block"), what)
+        wait_until(lambda: len(self._team.refusals(self.name)) > before, "the refusal")
+
+    def answers(self, count: int) -> list[int]:
+        """The blocks of measurements that it answers next."""
+        found: list[int] = []
+        while len(found) < count:
+            message = self._next()
+            if isinstance(message, Reference):
+                found.append(message.answers)
+        return found
+
+    def _next(self) -> Ready | Reference:
+        event = self._from_agent.receive(LIMIT)
+        assert isinstance(event, Received), self._team.log(self.name)
+        assert isinstance(event.message, Ready | Reference)
+        return event.message
+
+    def finish(self) -> str:
+        """Stop it; what it has said to its log."""
+        self._stop.send(Stop(reason="enough"))
+        assert self._team.exit_status(self.name) == 0
+        return self._team.log(self.name)
+
+
+@contextmanager
+def lone_agent(folder: Path, patience: float = LIMIT) -> Iterator[Surroundings]:
+    """An agent that has met its surroundings."""
+    plan = make_plan(small_scenario(2, "line"))
+    with ExitStack() as stack:
+        team = Team(plan, Keys(plan.run), folder, None, {})
+        surroundings = Surroundings(team, stack)
+        config = structs.replace(plan.agents[surroundings.name], patience=patience)
+        team.start(surroundings.name, AGENT, config)
+        stack.callback(team.end, surroundings.name)
+        surroundings.meet()
+        yield surroundings
+
+
+def test_channels_that_come_before_their_shape_is_known_do_no_harm(tmp_path):
+    with lone_agent(tmp_path) as around:
+        around.say(0, WRONG_SHAPES)
+        around.refuse()
+        around.measure(0)
+        around.measure(1)
+        assert around.answers(2) == [0, 1]
+        around.finish()
+
+
+def test_a_message_that_is_lost_holds_up_one_step_only(tmp_path):
+    with lone_agent(tmp_path, patience=0.5) as around:
+        for block in range(20):
+            around.measure(block)
+        assert around.answers(20) == list(range(20))
+        around.finish()
+
+
+def test_messages_may_come_early_late_doubled_and_out_of_order(tmp_path):
+    with lone_agent(tmp_path) as around:
+        for block in (3, 0, 0, 5, 2, 1, 4, 1, 0, 7, 6, 8):
+            around.say(block)
+        around.refuse()
+        for block in range(10):
+            around.measure(block)
+        assert around.answers(10) == list(range(10))
+        around.finish()
+
+
+def test_blocks_of_measurements_may_be_missing_but_not_go_back(tmp_path):
+    with lone_agent(tmp_path, patience=0.1) as around:
+        for block in (5, 6, 9, 8, 12):
+            around.measure(block)
+        assert around.answers(4) == [5, 6, 9, 12]
+        assert "block is 8 but expected one after 9" in around.finish()
+
+
+def test_measurements_for_a_former_life_are_not_answered(tmp_path):
+    with lone_agent(tmp_path, patience=0.1) as around:
+        around.measure(7, attempt=around.attempt - 1)
+        around.measure(3)
+        assert around.answers(1) == [3]
+        assert around.finish() == ""
+
+
+def test_a_new_world_is_met_with_a_new_mind(tmp_path):
+    with lone_agent(tmp_path, patience=0.1) as around:
+        around.measure(40, world=1)
+        assert around.answers(1) == [40]
+        around.measure(0, world=2)
+        assert around.answers(1) == [0]
+        assert around.finish() == "the server has started again: so does this agent\n"

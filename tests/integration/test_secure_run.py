@@ -1,0 +1,251 @@
+"""Secure runs of real processes: what roles may do, and what a neighbour that floods can spoil."""
+
+from __future__ import annotations
+
+import os
+import stat
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from pathlib import Path
+
+import msgspec
+import pytest
+import zenoh
+
+from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, run_command_line
+from coheft.app.hosts import Hosts, free_ports, load_hosts
+from coheft.app.keys import check_keys, make_keys
+from coheft.app.plan import make_plan
+from coheft.errors import CoheftError, LinkError, ScenarioError
+from coheft.wire import inbox as inbox_module
+from coheft.wire.config import AgentProcessConfig
+from coheft.wire.inbox import Inbox, Received, Refused
+from coheft.wire.messages import Hello, InjectRequest, Ready, Refusal, Status, StatusRequest, StopRequest
+from coheft.wire.planes import guard_observer
+from coheft.wire.problem_log import BURST
+from coheft.wire.transport import Keys, Role, Sender, ask, open_session
+
+from .attacker import Profile, raw_session, tls_settings
+from .team import Team, running_team, small_scenario, wait_until
+
+COUNT = 4
+
+
+@pytest.fixture
+def secure(tmp_path: Path) -> Profile:
+    make_keys(tmp_path / "keys", small_scenario(COUNT))
+    return Profile(tmp_path / "keys")
+
+
+@contextmanager
+def role_at(team: Team, profile: Profile, role: Role) -> Iterator[zenoh.Session]:
+    guard = guard_observer(profile.credentials(role), team.keys, role, [])
+    with open_session(connect=[team.plan.server.observe], guard=guard) as session:
+        yield session
+
+
+def asked(session: zenoh.Session, key: str, request: StatusRequest | InjectRequest) -> Status | Refusal:
+    """The answer, as soon as the link stands."""
+    answers: list[Status | Refusal] = []
+
+    def is_answered() -> bool:
+        try:
+            answers.append(ask(session, key, request, timeout=0.5))
+        except LinkError:
+            return False
+        return True
+
+    wait_until(is_answered, "an answer")
+    return answers[0]
+
+
+def test_only_the_operator_changes_the_load_and_the_server_tells_who_tried(secure, tmp_path):
+    load = InjectRequest(mass=0.5, position=(0.1, 0.0, 0.1))
+    with running_team(small_scenario(COUNT), tmp_path, keys_folder=secure.keys) as team:
+        team.wait_for_block(1)
+        with role_at(team, secure, "observer") as session:
+            status = asked(session, team.keys.request("observer"), StatusRequest())
+            assert isinstance(status, Status)
+            refused = asked(session, team.keys.request("observer"), load)
+            assert isinstance(refused, Refusal)
+            assert "only the operator may change a run" in refused.reason
+            with pytest.raises(LinkError, match="no answer"):
+                ask(session, team.keys.request("operator"), load, timeout=1.0)
+        assert team.ask(StatusRequest()).loads == []
+        with role_at(team, secure, "operator") as session:
+            done = asked(session, team.keys.request("operator"), load)
+            assert isinstance(done, Status)
+            assert [load.mass for load in done.loads] == [0.5]
+        team.ask(StopRequest())
+        assert team.exit_status("server") == 0
+        log = team.log("server")
+        assert "refused to the observer: InjectRequest(mass=0.5" in log
+        assert "done for the operator before block" in log
+
+
+def test_a_robots_certificate_shows_it_no_truth(secure, tmp_path):
+    """In the open profile whoever dials the observers' port hears the truth."""
+    for keys_folder in (None, secure.keys):
+        folder = tmp_path / ("secure" if keys_folder else "open")
+        folder.mkdir()
+        profile = Profile(keys_folder)
+        with running_team(small_scenario(COUNT), folder, keys_folder=keys_folder) as team:
+            team.wait_for_block(1)
+            tls = tls_settings(profile.credentials("r1"))
+            with raw_session([team.plan.server.observe], tls=tls) as session:
+                heard: set[str] = set()
+                kept = [
+                    session.declare_subscriber(key, lambda sample, heard=heard: heard.add(str(sample.key_expr)))
+                    for key in ("**", f"{team.keys.run}/observe/server/*")
+                ]
+                if keys_folder is None:
+                    wait_until(lambda heard=heard: team.keys.observe_server("truth") in heard, "the truth")
+                team.wait_for_block(team.ask(StatusRequest()).block + 100)
+                if keys_folder is not None:
+                    assert heard == set()
+                    assert "refused from r1: it dialled where only observer, operator may" in team.log("server")
+                assert len(kept) == 2
+
+
+def memory(team: Team, name: str) -> float:
+    """Resident memory of a process [MiB]."""
+    pages = Path(f"/proc/{team.processes[name].pid}/statm").read_text().split()[1]
+    return int(pages) * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the system does not tell a process's memory")
+@pytest.mark.parametrize("size", [1_000, 200_000, 1_000_000], ids=["small", "large", "too large"])
+def test_a_neighbour_that_floods_fills_no_memory_and_no_disk_and_spoils_nobody_elses_run(secure, tmp_path, size):
+    with running_team(small_scenario(COUNT, "line"), tmp_path, "realtime", keys_folder=secure.keys) as team:
+        team.wait_for_block(50)
+        before = {name: memory(team, name) for name in team.processes}
+        key, stop = team.keys.agent("r2", "block"), threading.Event()
+        with raw_session([team.plan.agents["r1"].listen], tls=tls_settings(secure.credentials("r2"))) as session:
+            said = []
+
+            def flood() -> None:
+                rubbish = os.urandom(size)
+                while not stop.is_set():
+                    session.put(key, rubbish, congestion_control=zenoh.CongestionControl.BLOCK)
+                    said.append(size)
+
+            thread = threading.Thread(target=flood)
+            thread.start()
+            team.wait_for_block(team.ask(StatusRequest()).block + 100)
+            during = {name: memory(team, name) for name in team.processes}
+            stop.set()
+            thread.join()
+        team.wait_for_block(team.ask(StatusRequest()).block + 50)
+        assert sum(said) > 10 * 2**20
+        for name in team.processes:
+            assert during[name] - before[name] < 40.0, (name, before, during)
+        assert ("refused from r2" in team.log("r1")) == (size < 2**18)
+        assert len(team.log("r1").splitlines()) < 4 * BURST
+        assert not any("refused" in team.log(name) for name in ("r2", "r3", "r4"))
+        team.ask(StopRequest())
+        assert team.exit_status("server") == 0
+
+
+@pytest.mark.parametrize("room", [inbox_module.ROOM, 2**40], ids=["bounded", "without bound"])
+def test_what_nobody_reads_is_bounded_and_does_not_keep_others_waiting(room, monkeypatch):
+    """Without the bound all of it is kept: so this can fail."""
+    monkeypatch.setattr(inbox_module, "ROOM", room)
+    keys, endpoint, size, count = Keys("run"), f"tcp/127.0.0.1:{free_ports(1)[0]}", 100_000, 400
+    inbox = Inbox()
+    with open_session([endpoint]) as near, open_session(connect=[endpoint]) as far:
+        inbox.listen(near, "r2", {keys.agent("r2", "block"): Hello})
+        inbox.listen(near, "r3", {keys.agent("r3", "hello"): Hello, keys.agent("r3", "ready"): Ready})
+        flood = far.declare_publisher(keys.agent("r2", "block"), congestion_control=zenoh.CongestionControl.BLOCK)
+        other = Sender(far, keys.agent("r3", "hello"), may_drop=False)
+        wait_until(lambda: flood.matching_status.matching and other.has_listener, "the links")  # type: ignore[attr-defined]
+        for _ in range(count):
+            flood.put(bytes(size))
+        other.send(Hello(sender="r3", heard=[]))
+        wait_until(lambda: inbox.backlog("r3") > 0, "the other's message")
+        kept = inbox.backlog("r2")
+        events = [inbox.receive(0.0) for _ in range(3)]
+    assert any(isinstance(event, Received) and event.source == "r3" for event in events)
+    if room == inbox_module.ROOM < 2**40:
+        assert kept <= room
+        assert isinstance(events[0], Refused)
+        assert "messages are lost" in str(events[0].error)
+    else:
+        assert kept >= size * count
+
+
+def test_keys_are_secret_and_never_overwritten(secure):
+    assert secure.keys is not None
+    names = {"authority", "server", "observer", "operator", "r1", "r2", "r3", "r4"}
+    assert (
+        {path.stem for path in secure.keys.glob("*.crt")} == {path.stem for path in secure.keys.glob("*.key")} == names
+    )
+    for path in secure.keys.glob("*.key"):
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    before = {path: path.read_bytes() for path in secure.keys.iterdir()}
+    with pytest.raises(CoheftError, match="never overwritten"):
+        make_keys(secure.keys, small_scenario(COUNT))
+    assert {path: path.read_bytes() for path in secure.keys.iterdir()} == before
+
+
+def test_a_plan_gives_every_host_consecutive_ports(secure):
+    hosts = Hosts({"server": "10.0.0.1", "r1": "10.0.0.2", "r2": "fd00::2", "r3": "robot3.local"}, port=30000)
+    plan = make_plan(small_scenario(COUNT), hosts=hosts, keys=secure.keys)
+    assert plan.server.observe == "tls/10.0.0.1:30000"
+    assert list(plan.server.robots.values()) == [f"tls/10.0.0.1:{port}" for port in range(30001, 30005)]
+    assert plan.agents["r2"].listen == "tls/[fd00::2]:30000"
+    assert plan.agents["r3"].observe == "tls/robot3.local:30001"
+    # r4 is not named: it is where the server is.
+    assert plan.agents["r4"].listen == "tls/10.0.0.1:30005"
+    assert plan.agents["r1"].server == plan.server.robots["r1"]
+
+
+def test_parts_are_not_spread_over_hosts_in_the_open_profile():
+    make_plan(small_scenario(COUNT), hosts=Hosts({"server": "127.0.0.1", "r1": "127.0.0.2"}))
+    with pytest.raises(CoheftError, match="add --secure"):
+        make_plan(small_scenario(COUNT), hosts=Hosts({"r1": "10.0.0.2"}))
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("hosts = 3", "object"),
+        ("[hosts]\nr9 = '10.0.0.1'", "key 'hosts.r9': no such part; there are: server, r1"),
+        ("port = 0\n[hosts]", "port"),
+        ("[host]", "host"),
+        ("[hosts", "not valid TOML"),
+    ],
+)
+def test_a_table_of_hosts_that_cannot_be_used_is_explained(text, what, tmp_path):
+    path = tmp_path / "hosts.toml"
+    path.write_text(text)
+    with pytest.raises(ScenarioError, match=what) as error:
+        load_hosts(path, small_scenario(COUNT))
+    assert str(path) in str(error.value)
+
+
+def test_keys_that_would_open_nothing_are_refused_before_the_run(secure, tmp_path):
+    scenario = small_scenario(COUNT)
+    check_keys(secure.keys, scenario)
+    with pytest.raises(CoheftError, match=r"r1.crt is not for 10.0.0.2, where r1 runs"):
+        check_keys(secure.keys, scenario, Hosts({"r1": "10.0.0.2", "server": "127.0.0.1"}))
+    with pytest.raises(CoheftError, match=r"there is no r5.crt and no r5.key"):
+        check_keys(secure.keys, small_scenario(COUNT + 1))
+    make_keys(tmp_path / "old", scenario, lifetime=timedelta(seconds=-1))
+    with pytest.raises(CoheftError, match=r"server.crt has expired on .* UTC"):
+        check_keys(tmp_path / "old", scenario)
+
+
+def test_the_command_line_makes_keys_and_runs_with_them(tmp_path):
+    assert run_command_line(["keys", str(tmp_path / "keys"), "ring3", "--days", "2"]) == EXIT_CONVERGED
+    assert run_command_line(["keys", str(tmp_path / "keys"), "ring3"]) == EXIT_ERROR
+    parts = tmp_path / "parts"
+    command = ["run", "ring3", "--keys", str(tmp_path / "keys"), "--write-configs", str(parts)]
+    assert run_command_line(command) == EXIT_CONVERGED
+    config = msgspec.json.decode((parts / "r2.json").read_bytes(), type=AgentProcessConfig)
+    assert config.security is not None
+    assert config.security.key == "../keys/r2.key"
+    command = ["run", "ring3", "--duration", "8", "--secure", "--logs", str(tmp_path / "run"), "--quiet"]
+    assert run_command_line(command) == EXIT_CONVERGED
+    assert (tmp_path / "run" / "keys" / "operator.key").exists()

@@ -1,0 +1,275 @@
+"""A robot comes to know its pose in the team's body frame, and need not find it again when others come and go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from copy import deepcopy
+from functools import cache
+
+import numpy as np
+import pytest
+
+from agents.body_frame import BodyFrame
+from coheft.estimation.body_motion import grasp_measurements, perturbation_between
+from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE
+from coheft.estimation.spatial import Array, Pose
+from coheft.wire.config import agent_config
+from coheft.wire.messages import LinkState
+from consensus.gossip import Gossip
+from tests.estimation.team import body_motion, random_pose
+from tests.in_process import changed
+
+SCENARIO = changed("line4")
+NAMES = SCENARIO.robot_names
+GRAPH = {"r1": ("r2",), "r2": ("r1", "r3"), "r3": ("r2", "r4"), "r4": ("r3",)}
+SIZE, RATE = SCENARIO.sensors.block, SCENARIO.sensors.rate
+ENOUGH = 150
+"""Blocks that show everybody's pose."""
+CLOSE = 0.1
+"""As well as poses have to be known at first [rad, m]."""
+ROUNDING = 1e-12
+
+
+@cache
+def motion() -> Array:
+    """Of the body, exact, shape (400 B, 12)."""
+    return body_motion(np.random.default_rng(4), np.arange(400 * SIZE) / RATE)
+
+
+class Robot:
+    """One robot before the sums begin."""
+
+    def __init__(self, name: str, incarnation: int = 0) -> None:
+        self.gossip = Gossip(name, GRAPH[name], incarnation)
+        self.frame = BodyFrame(agent_config(SCENARIO, name, GRAPH[name]), self.gossip)
+        self.samples: Array | None = None
+        self.said: dict[str, Array] = {}
+        self.records: list[LinkState] = []
+
+    def pose(self) -> Pose | None:
+        return self.gossip.pose(self.gossip.name)
+
+
+class Team:
+    """Four robots in a line that move a body together, and talk with each other.
+
+    Attributes:
+        grasps: Where they hold it; None: an arm that waits.
+        block: The next one.
+    """
+
+    def __init__(self) -> None:
+        rng = np.random.default_rng(3)
+        self.grasps: dict[str, Pose | None] = {name: random_pose(rng) for name in NAMES}
+        self._motion = motion()
+        self._rng = rng
+        self.block = 0
+        self.robots = {name: Robot(name) for name in NAMES}
+
+    def run(self, blocks: int, cut_off: str = "") -> None:
+        """Everybody talks with everybody but for one robot, and announces its pose when it knows it."""
+        for _ in range(blocks):
+            self._advance(cut_off)
+
+    def _advance(self, cut_off: str) -> None:
+        for name, robot in self.robots.items():
+            heard = [] if name == cut_off else [other for other in GRAPH[name] if other != cut_off]
+            for other in heard:
+                robot.gossip.hear(self.robots[other].records)
+            inbox = {other: self.robots[other].said for other in heard if self.robots[other].said}
+            robot.frame.update_pairs(self.block - 1, robot.samples, inbox)
+            robot.frame.hear_kept_poses(inbox)
+            own = robot.gossip.own
+            if robot.gossip.graph is not None and not (own.ready_block >= 0 and own.team == robot.gossip.team):
+                known = robot.frame.kept_pose() or (robot.frame.found_pose() if self.block % 10 == 0 else None)
+                if known is not None:
+                    robot.gossip.announce_ready(self.block, *known)
+        for name, robot in self.robots.items():
+            robot.samples = self._measured(name)
+            robot.said = robot.frame.channels() | {"kinematics": robot.samples[:, KINEMATICS]}
+            robot.records = robot.gossip.news()
+        self.block += 1
+
+    def _measured(self, name: str) -> Array:
+        samples = np.zeros((SIZE, SAMPLE_SIZE))
+        motion = self._motion[self.block * SIZE : (self.block + 1) * SIZE]
+        grasp = self.grasps[name]
+        if grasp is not None:
+            samples[:, KINEMATICS] = grasp_measurements(grasp, motion)
+        result: Array = samples + SCENARIO.noise.per_column() * self._rng.normal(size=samples.shape)
+        return result
+
+    def assemble(self, blocks: int = ENOUGH) -> dict[str, Pose]:
+        """Go on until everybody knows its pose, all in the same frame; returns the poses of those who hold the load."""
+        self.run(blocks)
+        one, *others = self.robots.values()
+        members = one.gossip.graph
+        assert members is not None
+        poses = {name: one.gossip.pose(name) for name in members}
+        known = {name: pose for name, pose in poses.items() if pose is not None}
+        assert known.keys() == members.keys()
+        assert len({one.gossip.records[name].frame for name in members} | {one.gossip.frame()}) == 1
+        assert one.gossip.frame() > 0
+        for robot in others:
+            assert robot.gossip.records == one.gossip.records
+        return known
+
+    def begin_sums(self, poses: dict[str, Pose]) -> None:
+        """The team's sums begin, and fits make the poses better: here, exact."""
+        self.holds = {name: self.robots[name].gossip.own.since for name in poses}
+        self.exact = {name: poses[min(poses)] @ self.true_pose(min(poses), name) for name in poses}
+        self.number = self.robots["r1"].gossip.frame()
+
+    def dissolve(self, names: Iterable[str] = NAMES) -> None:
+        """The team is another one: these robots keep what they know."""
+        for name in names:
+            self.robots[name].frame.keep(self.number, self.exact, self.holds)
+
+    def restart(self, name: str) -> None:
+        self.robots[name] = Robot(name, self.robots[name].gossip.own.incarnation + 1)
+
+    def take_hold(self, name: str) -> None:
+        """Elsewhere than ever before."""
+        self.grasps[name] = random_pose(np.random.default_rng(self.block))
+
+    def true_pose(self, i: str, j: str) -> Pose:
+        """``pose_j_in_i``."""
+        grasp_i, grasp_j = self.grasps[i], self.grasps[j]
+        assert grasp_i is not None
+        assert grasp_j is not None
+        return grasp_i.inverse() @ grasp_j
+
+    def distance(self, a: Pose, b: Pose) -> float:
+        return float(np.abs(perturbation_between(a, b)).max())
+
+
+@cache
+def assembled() -> Team:
+    result = Team()
+    result.begin_sums(result.assemble())
+    return result
+
+
+@pytest.fixture
+def team() -> Team:
+    """One whose sums have begun."""
+    return deepcopy(assembled())
+
+
+def others_than(*names: str) -> list[str]:
+    return [name for name in NAMES if name not in names]
+
+
+def test_at_first_everybody_finds_its_pose_from_neighbour_to_neighbour() -> None:
+    team = Team()
+    poses = team.assemble()
+    assert team.distance(poses["r1"], Pose.identity()) == 0.0
+    team.begin_sums(poses)
+    for name in NAMES:
+        assert team.distance(poses[name], team.exact[name]) < CLOSE
+    seen = team.robots["r2"].frame.neighbours_poses()
+    assert set(seen) == {"r1", "r3"}
+    for name, estimate in seen.items():
+        assert team.distance(estimate.pose, team.true_pose("r2", name)) < CLOSE
+        assert not estimate.unseen
+
+
+def test_nobody_guesses_a_pose_before_it_has_been_seen() -> None:
+    team = Team()
+    team.run(11)
+    assert team.robots["r1"].pose() is not None  # that of the frame itself
+    assert all(team.robots[name].pose() is None for name in others_than("r1"))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_who_starts_again_is_told_its_pose(team: Team, name: str) -> None:
+    """The reference robot as well: the frame stays where it was."""
+    team.restart(name)
+    team.run(1)
+    team.dissolve(others_than(name))
+    poses = team.assemble(10)  # far too few to find any
+    assert team.robots["r1"].gossip.frame() == team.number
+    for other in NAMES:
+        assert team.distance(poses[other], team.exact[other]) < ROUNDING
+
+
+def test_who_has_no_neighbour_that_knows_its_pose_finds_it_in_the_same_frame(team: Team) -> None:
+    for name in ("r3", "r4"):
+        team.restart(name)
+    team.run(1)
+    team.dissolve(("r1", "r2"))
+    poses = team.assemble()
+    assert team.robots["r1"].gossip.frame() == team.number
+    for name in ("r1", "r2", "r3"):
+        assert team.distance(poses[name], team.exact[name]) < ROUNDING
+    assert ROUNDING < team.distance(poses["r4"], team.exact["r4"]) < CLOSE
+
+
+def test_when_all_start_again_it_is_another_frame(team: Team) -> None:
+    for name in NAMES:
+        team.restart(name)
+    poses = team.assemble()
+    assert team.robots["r1"].gossip.frame() != team.number
+    for name in NAMES:
+        assert team.distance(poses[name], team.exact[name]) < CLOSE
+
+
+def test_those_who_hold_on_keep_their_poses_and_who_takes_hold_elsewhere_finds_its_new_one(team: Team) -> None:
+    team.robots["r4"].gossip.announce_holding(False, team.block)
+    team.grasps["r4"] = None
+    team.run(3)
+    team.dissolve()
+    poses = team.assemble(10)
+    assert poses.keys() == {"r1", "r2", "r3"}
+    for name, pose in poses.items():
+        assert team.distance(pose, team.exact[name]) < ROUNDING
+
+    team.begin_sums(poses)
+    team.robots["r4"].gossip.announce_holding(True, team.block + 10)  # told ahead: the arm waits still
+    team.run(3)
+    team.dissolve(("r1", "r2", "r3"))
+    team.run(7)
+    team.take_hold("r4")
+    poses = team.assemble()
+    assert team.robots["r1"].gossip.frame() == team.number
+    for name in ("r1", "r2", "r3"):
+        assert team.distance(poses[name], team.exact[name]) < ROUNDING
+    assert team.distance(poses["r4"], team.true_pose("r1", "r4")) < CLOSE
+
+
+def test_a_robot_that_let_go_and_took_hold_while_nobody_heard_it_is_not_taken_to_be_where_it_was(team: Team) -> None:
+    team.robots["r4"].gossip.announce_holding(False, team.block)
+    team.grasps["r4"] = None
+    team.run(3, cut_off="r4")
+    team.robots["r4"].gossip.announce_holding(True, team.block)
+    team.take_hold("r4")
+    team.run(3, cut_off="r4")
+    team.dissolve(("r4",))
+    team.run(3)
+    team.dissolve(("r1", "r2", "r3"))
+    poses = team.assemble()
+    assert team.distance(poses["r4"], team.true_pose("r1", "r4")) < CLOSE
+
+
+@pytest.mark.parametrize(
+    "nonsense",
+    [
+        {"kept_frame": np.array([1.0])},
+        {"kept_poses": np.ones((2, 12))},
+        {"kept_frame": np.array([1.0, 2.0]), "kept_poses": np.ones((2, 12))},
+        {"kept_frame": np.array([1.0]), "kept_poses": np.ones((3, 12))},
+        {"kept_frame": np.array([1.0]), "kept_poses": np.ones((2, 11))},
+        {"kept_frame": np.array([1.0]), "kept_poses": np.zeros((2, 12))},
+        {"kept_frame": np.array([0.0]), "kept_poses": np.ones((2, 12))},
+        {"kept_frame": np.array([1.0]), "kept_poses": np.ones((2, 12))},  # not the frame of this team
+        {"kinematics": np.ones((SIZE + 1, 9))},
+    ],
+)
+def test_nonsense_teaches_nobody_a_pose(nonsense: dict[str, Array]) -> None:
+    team = Team()
+    team.run(3)
+    robot = team.robots["r3"]
+    robot.frame.hear_kept_poses({"r2": nonsense})
+    robot.frame.update_pairs(team.block - 1, robot.samples, {"r2": nonsense})
+    assert robot.frame.kept_pose() is None
+    assert robot.frame.found_pose() is None

@@ -1,0 +1,154 @@
+"""All robots count exactly the same blocks, whatever each of them has, and whatever gets lost on the way."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.common_moments import CommonMoments
+from coheft.estimation.registration import FEATURES, RegistrationMoments
+from coheft.wire.scenario import Graph
+from consensus.graph import Neighbours, build_graph, diameter
+from tests.test_graph import names
+
+START = 1000
+PARTS = 2
+small_graphs = st.builds(
+    lambda kind, n, seed: build_graph(Graph(kind=kind, seed=seed), names(n)),
+    st.sampled_from(["ring", "line", "star", "complete", "random"]),
+    st.integers(2, 7),
+    st.integers(0, 10**6),
+)
+
+
+def moments_of(step: int, part: int) -> RegistrationMoments:
+    """Moments by which this block can be told among all others in a sum."""
+    gram = np.zeros((FEATURES, FEATURES))
+    gram.ravel()[(step - START) * PARTS + part] = 1.0
+    return RegistrationMoments(gram)
+
+
+def blocks_in(moments: RegistrationMoments) -> set[tuple[int, int]]:
+    """Steps and parts; each of them counts once."""
+    counts = moments.gram.ravel()
+    assert set(counts) <= {0.0, 1.0}
+    return {(START + k // PARTS, k % PARTS) for k in np.flatnonzero(counts).tolist()}
+
+
+class Team:
+    """Robots that add up what they have.
+
+    Attributes:
+        had: Blocks that all of them have had.
+        totals: What each robot had counted after so many chunks.
+    """
+
+    def __init__(self, graph: Neighbours, chunk: int) -> None:
+        self.graph = graph
+        self.robots = {
+            name: CommonMoments(len(graph), own, START, chunk, PARTS) for own, name in enumerate(sorted(graph))
+        }
+        self.had: set[tuple[int, int]] = set()
+        self.totals: dict[str, list[set[tuple[int, int]]]] = {name: [] for name in graph}
+        self._sent = {name: (robot.flood.digest, robot.flood.told()) for name, robot in self.robots.items()}
+
+    def step(self, step: int, rng: np.random.Generator, loss: float, missing: float) -> None:
+        """One step: messages of the step before come, or do not; a robot has a block, or misses it."""
+        everybody = {(step, part) for part in range(PARTS)}
+        for name, robot in self.robots.items():
+            for other in self.graph[name]:
+                if rng.random() >= loss:
+                    robot.flood.hear(other, *self._sent[other])
+            while robot.agree(step - 1):
+                self.totals[name].append(blocks_in(robot.total))
+            has = [rng.random() >= missing for _ in range(PARTS)]
+            robot.add(step, [moments_of(step, part) if has[part] else None for part in range(PARTS)])
+            everybody -= {(step, part) for part in range(PARTS) if not has[part]}
+        self.had |= everybody
+        self._sent = {name: (robot.flood.digest, robot.flood.told()) for name, robot in self.robots.items()}
+
+    def assert_alike(self) -> None:
+        """Whoever has agreed upon as many chunks has counted the same blocks, and only what all have had."""
+        longest = max(self.totals.values(), key=len)
+        for totals in self.totals.values():
+            assert totals == longest[: len(totals)]
+        for before, after in pairwise(longest):
+            assert before <= after
+        assert not longest or longest[-1] <= self.had
+
+
+chunks = st.integers(1, 9)
+seeds = st.integers(0, 10**6)
+
+
+@given(small_graphs, chunks, st.floats(0.0, 0.95), st.floats(0.0, 0.5), seeds)
+def test_all_count_the_same_under_any_losses(
+    graph: Neighbours, chunk: int, loss: float, missing: float, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    team = Team(graph, chunk)
+    for step in range(START, START + 60):
+        team.step(step, rng, loss, missing)
+    # Without losses everybody goes on from there, and nobody stays behind.
+    before = max(map(len, team.totals.values()))
+    for step in range(START + 60, START + 60 + 4 * (diameter(graph) + chunk + 2)):
+        team.step(step, rng, 0.0, 0.0)
+    team.assert_alike()
+    assert min(map(len, team.totals.values())) >= before + 2
+
+
+@given(small_graphs, st.floats(0.0, 0.5), seeds)
+def test_without_losses_all_that_everybody_has_counts(graph: Neighbours, missing: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    chunk = diameter(graph) + 2
+    team = Team(graph, chunk)
+    for step in range(START, START + 50):
+        team.step(step, rng, 0.0, missing)
+    for name, robot in team.robots.items():
+        assert team.totals[name][-1] == {block for block in team.had if block[0] < START + robot.steps}
+        assert robot.steps >= 50 - 3 * chunk
+
+
+@given(small_graphs)
+def test_after_a_long_silence_the_newest_samples_count_soon(graph: Neighbours) -> None:
+    rng = np.random.default_rng(0)
+    chunk = diameter(graph) + 2
+    team = Team(graph, chunk)
+    for step in range(START, START + 150):
+        team.step(step, rng, 1.0, 0.0)
+    for step in range(START + 150, START + 150 + 3 * (diameter(graph) + chunk + 2)):
+        team.step(step, rng, 0.0, 0.0)
+    team.assert_alike()
+    for totals in team.totals.values():
+        assert max(block[0] for block in totals[-1]) >= START + 150
+
+
+def test_chunks_may_be_longer_than_a_number_has_bits() -> None:
+    graph = build_graph(Graph(kind="line"), names(3))
+    rng = np.random.default_rng(1)
+    team = Team(graph, 70)
+    for step in range(START, START + 300):
+        team.step(step, rng, 0.1, 0.1)
+    team.assert_alike()
+    for name, robot in team.robots.items():
+        assert robot.steps >= 140
+        assert team.totals[name][-1] == {block for block in team.had if block[0] < START + robot.steps}
+
+
+def test_a_map_is_of_all_that_counts_and_of_what_will() -> None:
+    rng = np.random.default_rng(2)
+    feature_map = rng.normal(size=(FEATURES, FEATURES))
+    blocks = [RegistrationMoments.of(rng.normal(size=(5, 9)), rng.normal(size=(5, 12))) for _ in range(3)]
+    alone = CommonMoments(1, 0, START, 1, 1)
+    alone.add(START, [blocks[0]])
+    alone.add(START + 1, [blocks[1]])
+    assert alone.agree(START)
+    alone.map(feature_map)
+    assert alone.agree(START + 1)
+    alone.add(START + 2, [blocks[2].mapped(feature_map)])
+    assert alone.agree(START + 2)
+    expected = sum((moments.mapped(feature_map).gram for moments in blocks), np.zeros((FEATURES, FEATURES)))
+    np.testing.assert_allclose(alone.total.gram, expected, rtol=1e-12)

@@ -1,0 +1,167 @@
+"""Which of the neighbours' messages are used: those of their time, however they come, and none that cannot be right."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from agents.inbox import AHEAD, NeighbourInbox
+from coheft.estimation.spatial import Pose
+from coheft.wire.messages import LinkState, NeighbourMessage
+
+NEIGHBOURS = ("b", "c")
+
+
+def message(sender: str = "b", block: int = 9, incarnation: int = 0) -> NeighbourMessage:
+    """What this agent said after that block: nothing else will ever bear these numbers."""
+    return NeighbourMessage(
+        sender=sender,
+        block=block,
+        gossip=[LinkState(sender, block, ("a",), incarnation=incarnation)],
+        channels={"x": np.array([float(block), float(incarnation)])},
+        incarnation=incarnation,
+    )
+
+
+def take(
+    inbox: NeighbourInbox, index: int, messages: Sequence[NeighbourMessage]
+) -> tuple[list[NeighbourMessage], set[LinkState], Counter[str]]:
+    """What is used, in order, what is heard of robots, and what was refused: no matter in which order."""
+    used, gossip, problems = inbox.take(index, messages)
+    assert list(used) == [each.sender for each in used.values()]
+    return list(used.values()), set(gossip), Counter(problems)
+
+
+senders = st.sampled_from(NEIGHBOURS)
+
+
+@given(
+    st.lists(st.builds(message, st.sampled_from(["b", "c", "z"]), st.integers(0, 30), st.integers(0, 2)), max_size=12),
+    st.data(),
+)
+def test_neither_order_nor_copies_matter(messages: list[NeighbourMessage], data: st.DataObject) -> None:
+    plain, shuffled = NeighbourInbox(NEIGHBOURS), NeighbourInbox(NEIGHBOURS)
+    for index in range(8, 13):
+        coming = messages if index == 10 else []
+        used, gossip, problems = take(plain, index, coming)
+        again = take(shuffled, index, data.draw(st.permutations(2 * coming)))
+        assert [(each.sender, each.block, each.incarnation) for each in again[0]] == [
+            (each.sender, each.block, each.incarnation) for each in used
+        ]
+        assert again[1] == gossip
+        assert again[2] == problems + problems
+        assert [shuffled.last_heard(name) for name in NEIGHBOURS] == [plain.last_heard(name) for name in NEIGHBOURS]
+
+
+@given(st.lists(st.tuples(senders, st.integers(0, 15), st.integers(1 - AHEAD, 3)), max_size=30))
+def test_a_message_is_used_at_the_next_block_if_it_comes_until_then(sent: list[tuple[str, int, int]]) -> None:
+    """Each comes some blocks late, or early, because its sender is ahead."""
+    inbox = NeighbourInbox(NEIGHBOURS)
+    for index in range(20):
+        coming = [message(sender, block) for sender, block, late in sent if block + late == index]
+        used, gossip, problems = take(inbox, index, coming)
+        assert [(each.sender, each.block) for each in used] == sorted(
+            {(sender, block) for sender, block, late in sent if block + 1 == index and late <= 1 and block + late >= 0}
+        )
+        assert gossip == {record for each in coming for record in each.gossip}  # never too late
+        assert problems == {}
+
+
+def test_who_was_last_heard_when() -> None:
+    inbox = NeighbourInbox(NEIGHBOURS)
+    inbox.take(100, [])
+    assert inbox.last_heard("b") == 100  # there was nothing to be heard before
+    inbox.take(101, [message("b", 100)])
+    inbox.take(105, [message("b", 100)])
+    assert inbox.last_heard("b") == 101
+    assert inbox.last_heard("c") == 100
+
+
+def test_after_blocks_that_were_missed_only_the_newest_messages_are_used() -> None:
+    inbox = NeighbourInbox(NEIGHBOURS)
+    inbox.take(0, [])
+    used, _, problems = inbox.take(40, [message("b", block) for block in range(42)])
+    assert used["b"].block == 39
+    assert problems == []
+    used, _, _ = inbox.take(41, [])
+    assert used["b"].block == 40
+
+
+def test_what_a_former_agent_said_is_void_as_soon_as_its_successor_has_spoken() -> None:
+    inbox = NeighbourInbox(NEIGHBOURS)
+    inbox.take(9, [message("b", 9)])  # waits
+    used, _, problems = inbox.take(10, [message("b", 5, incarnation=1)])
+    assert used == {}
+    assert problems == []
+    used, gossip, problems = inbox.take(11, [message("b", 10, incarnation=0)])
+    assert used == {}
+    assert gossip == []
+    assert "before its sender started again" in problems[0]
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_of_two_agents_that_speak_of_one_block_the_newer_one_is_used(together: bool) -> None:
+    inbox = NeighbourInbox(NEIGHBOURS)
+    old, new = message("b", 9), message("b", 9, incarnation=1)
+    inbox.take(9, [old, new] if together else [old])
+    used, _, _ = inbox.take(10, [] if together else [new])
+    assert used["b"].incarnation == 1
+
+
+def with_record(**changes: object) -> NeighbourMessage:
+    return replace(message(), gossip=[replace(LinkState("d", 0, ("b",)), **changes)])
+
+
+def numbers(*, flipped: bool = False, scale: float = 1.0, off: float = 0.0) -> tuple[float, ...]:
+    rotation = scale * np.eye(3)
+    if flipped:
+        rotation[0] *= -1.0
+    return (*rotation.ravel().tolist(), off, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (message("z"), "no neighbour; neighbours are b, c"),
+        (message("b", 10 + AHEAD), "9 blocks ahead"),
+        (replace(message(), channels={"x": np.array([1.0, np.nan])}), "channels['x']"),
+        (replace(message(), channels={"y": np.array([[-np.inf]])}), "channels['y']"),
+        (replace(message(), channels={"y": np.array([1e12])}), "channels['y']"),
+        (with_record(sequence=-1), "'d' is impossible"),
+        (with_record(incarnation=-1), "'d' is impossible"),
+        (with_record(since=-1), "'d' is impossible"),
+        (with_record(neighbours=("b", "d")), "'d' is impossible"),
+        (with_record(pose=(1.0,)), "'d' is impossible"),
+        (with_record(pose=numbers(off=np.nan)), "'d' is impossible"),
+        (with_record(pose=numbers(off=1e12)), "'d' is impossible"),
+        (with_record(pose=numbers(flipped=True)), "'d' is impossible"),
+        (with_record(pose=numbers(scale=1.001)), "'d' is impossible"),
+    ],
+)
+def test_what_cannot_be_right_is_refused_as_a_whole(wrong: NeighbourMessage, words: str) -> None:
+    inbox = NeighbourInbox(NEIGHBOURS)
+    inbox.take(9, [])
+    used, gossip, (problem,) = inbox.take(10, [wrong, message("c")])
+    assert words in problem
+    assert f"refused from {wrong.sender}, block {wrong.block}" in problem
+    assert list(used) == ["c"]
+    assert gossip == message("c").gossip
+    # The true one may still come.
+    used, _, problems = inbox.take(11, [message("b", 10)])
+    assert list(used) == ["b"]
+    assert problems == []
+
+
+def test_possible_poses_and_empty_channels_are_welcome() -> None:
+    pose = tuple(Pose.exp(np.array([0.1, -2.0, 0.3, 1.0, 2.0, 3.0])).numbers().tolist())
+    welcome = replace(with_record(pose=pose), channels={"x": np.empty((0, 3)), "y": np.array(7.0)})
+    used, gossip, problems = NeighbourInbox(NEIGHBOURS).take(10, [welcome])
+    assert used == {"b": welcome}
+    assert gossip[0].pose == pose
+    assert problems == []

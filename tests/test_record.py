@@ -1,0 +1,100 @@
+"""What an observer keeps: the same whatever comes first, and no more after hours than after minutes."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from coheft.app.record import REMEMBERED, SILENT, Record
+from coheft.app.report import RunInfo, build_report
+from coheft.wire.messages import LoadChangeNotice
+from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, changing_run, estimate, recorded, truth
+
+INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, real_time_factor=1.0)
+
+
+def test_the_order_of_arrival_does_not_matter() -> None:
+    truths, estimates = changing_run({"r1": 110, "r2": 120, "r3": 115}, {"r1": 2.06, "r2": 2.04, "r3": 2.1})
+    truths_first, estimates_first = (Record(SCENE, duration=4.0, with_history=True) for _ in range(2))
+    for each in truths:
+        truths_first.add_truth(each)
+    for record in (truths_first, estimates_first):
+        for name in reversed(ROBOTS):
+            for belief in estimates[name]:
+                record.add_estimate(belief)
+    for each in truths:
+        estimates_first.add_truth(each)
+    expected = build_report(INFO, recorded(truths, estimates, with_history=True))
+    assert expected.load_changes[0].detected_at_s == pytest.approx(2.1)
+    assert build_report(INFO, truths_first) == expected
+    assert build_report(INFO, estimates_first) == expected
+
+
+def test_a_record_is_complete_when_all_robots_have_spoken_of_the_newest_block() -> None:
+    record = Record(SCENE, duration=1.0)
+    assert not record.complete
+    record.add_truth(truth(0, LIGHT))
+    record.add_truth(truth(1, LIGHT))
+    record.add_estimate(estimate("r1", 1, LIGHT))
+    record.add_estimate(estimate("r2", 0, LIGHT))
+    assert record.silent == ["r3"]
+    record.add_estimate(estimate("r3", 1, LIGHT))
+    assert not record.complete
+    record.add_estimate(estimate("r2", 1, LIGHT))
+    assert record.complete
+    assert record.silent == []
+
+
+def test_estimates_of_a_block_whose_truth_has_not_come_wait() -> None:
+    record = Record(SCENE, duration=1.0)
+    record.add_truth(truth(0, LIGHT))
+    record.add_estimate(estimate("r1", 7, HEAVY))
+    assert record.latest["r1"].block == 7
+    assert "r1" in record.silent
+    record.add_truth(truth(7, HEAVY))
+    report = record.robots["r1"].report
+    assert report is not None
+    assert report.mass.error_pct == pytest.approx(0.0, abs=1e-9)
+
+
+def test_who_falls_silent_is_stale() -> None:
+    record = Record(SCENE, duration=10.0)
+    for block in range(300):
+        record.add_truth(truth(block, LIGHT))
+        for name in ROBOTS:
+            if name != "r2" or block <= 150:
+                record.add_estimate(estimate(name, block, LIGHT))
+        is_silent = block > 150 + SILENT
+        assert [name for name, belief in record.beliefs.items() if belief.status == "stale"] == ["r2"] * is_silent
+    report = build_report(INFO, record)
+    assert report.robots["r2"].reasons == ["r2 has said nothing since 3.02 s"]
+    assert report.robots["r2"].converged
+    assert not report.converged
+
+
+def test_memory_does_not_grow_with_time() -> None:
+    """Robots that answer late, and one whose link breaks after a while."""
+    record = Record(SCENE, duration=1e6)
+    change = LoadChangeNotice(noticed_at=5.1, changed_at=4.9)
+
+    def run(start: int, count: int) -> None:
+        for block in range(start, start + count):
+            record.add_truth(truth(block, LIGHT if block < 250 else HEAVY))
+            for name in ROBOTS:
+                if block % 5 == 4 and block > 10 and not (name == "r3" and block > 3000):
+                    record.add_estimate(estimate(name, block - 3, HEAVY, changes=[change]))
+
+    run(0, 3 * REMEMBERED)
+    tracemalloc.start()
+    run(3 * REMEMBERED, 2 * REMEMBERED)  # what is replaced from now on is counted
+    before, _ = tracemalloc.get_traced_memory()
+    run(5 * REMEMBERED, 6 * REMEMBERED)
+    after, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert before > 1_000_000, "the newest truths are there"
+    assert after < 1.02 * before
+    (period,) = record.periods[1:]
+    assert period.noticed == dict.fromkeys(ROBOTS, 5.1)
+    assert np.isclose(record.time, 11 * REMEMBERED * BLOCK)
