@@ -112,10 +112,10 @@ class Server:
         finally:
             self._stopwatch.stop()
             self._state = "finished"
-            if self._recorder is not None and self._save_data is not None and self._simulation.block > 0:
-                write_recording(self._recorder.recording(), Path(self._save_data))
             for robot in self._robots.values():
                 robot.send_stop(reason)
+            if self._recorder is not None and self._save_data is not None and self._simulation.block > 0:
+                write_recording(self._recorder.recording(), Path(self._save_data))
 
     def linger(self, seconds: float) -> None:
         """Go on answering requests."""

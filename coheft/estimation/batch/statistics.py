@@ -8,6 +8,8 @@ from coheft.estimation.spatial import Array
 
 SPAN = 1.0
 """Scores are summed over so long [s]: much longer than filtered noise is correlated."""
+_FEWEST_SUMS = 4
+"""Per unknown; of short recordings the sums are over less."""
 _EXACT = 1e-9
 """No unknown is known better than this, in its own unit."""
 _SINGULAR = 1e-12
@@ -37,8 +39,10 @@ def sandwich_information(derivative: Array, scores: Array, rate: float) -> Array
 
 def batch_scatter(scores: Array, rate: float) -> Array:
     """Covariance of the sum of consecutive scores (n, u), shape (u, u)."""
-    sums = np.add.reduceat(scores, np.arange(0, len(scores), max(1, round(SPAN * rate))), axis=0)
+    count, unknowns = scores.shape
+    length = max(1, min(round(SPAN * rate), count // (_FEWEST_SUMS * unknowns)))
+    sums = np.add.reduceat(scores, np.arange(0, count, length), axis=0)
     # The solution takes up some of the scatter.
-    degrees = max(len(sums) - scores.shape[1] / 2.0, 1.0)
+    degrees = max(len(sums) - unknowns / 2.0, 1.0)
     scatter: Array = sums.T @ sums * (len(sums) / degrees)
     return scatter
