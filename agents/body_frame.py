@@ -137,6 +137,9 @@ class BodyFrame:
         if frame == 0 and self._config.name == min(graph):
             return Pose.identity(), self._gossip.team
         pose = self._through_neighbour(graph)
+        own = self._gossip.own
+        if pose is None and own.pose and own.frame == frame:
+            pose = Pose.of_numbers(own.pose)  # a team that dissolved before its sums began: nobody has kept any
         return None if pose is None else (pose, frame)
 
     def _through_neighbour(self, graph: Mapping[str, tuple[str, ...]]) -> Pose | None:

@@ -82,7 +82,7 @@ class CommonMoments:
         first, self.steps = self.steps * self._parts, int(told[:, 0].max())
         for key in [key for key in self._pending if key < self.steps * self._parts]:
             moments, (word, bit) = self._pending.pop(key), divmod(key - first, _BITS)
-            if key - first < self._chunk * self._parts and common[word] >> bit & 1:
+            if 0 <= key - first < self._chunk * self._parts and common[word] >> bit & 1:
                 self.total += moments
         self.chunks += 1
         return True

@@ -127,9 +127,7 @@ class EfficientEstimator:
             )
         return Belief(
             phase="inertia",
-            converged=found.payload is not None
-            and not found.unseen
-            and is_converged(found.payload, self._config.converged),
+            converged=found.payload is not None and is_converged(found.payload, self._config.converged),
             payload=found.payload,
             poses=_seen(found.poses),
             total_block=self._team.total_block,

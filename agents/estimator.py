@@ -80,7 +80,9 @@ class EstimatorFactory(Protocol):
 
 
 def is_converged(payload: PayloadEstimate, limits: Converged) -> bool:
-    """Whether all standard deviations are within a scenario's limits."""
+    """Whether all is known, and all standard deviations are within a scenario's limits."""
+    if payload.com is None or payload.tensor is None:
+        return False
     deviations = np.sqrt(np.diag(payload.covariance))
     inertia_deviation = inertia_std(payload.covariance)
     return bool(

@@ -7,7 +7,7 @@ when all have told theirs, the moments are corrected for poses that have become 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +35,7 @@ from coheft.estimation.pose_sensitivity import (
     PoseSensitivity,
     inertia_by_poses,
 )
+from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.config import AgentConfig
@@ -50,6 +51,8 @@ _COHERENCE = 1.0
 """Time for which what the robots push against each other keeps its direction, more or less [s]."""
 _SPOILT = 1.0
 """Where poses disturb wrenches more than this, samples are not compared: the first fits of few samples are rough."""
+_SAME = 30.0
+"""Limit of the chi-square of the difference between two estimates, ten degrees of freedom: 1e-3 by chance."""
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
 _LOOK = 0.1
@@ -60,7 +63,7 @@ _CONTRADICTION = 80.0
 """Limit of the chi-square of the mean recent residual, six degrees of freedom: 4e-15 by chance."""
 _GIVE_UP = 0.5
 """After so long a contradiction what is remembered is forgotten: it was of another load [s]."""
-_LEAST = 0.2
+_LEAST = 0.3
 """Least time of samples from which anything is estimated [s]."""
 
 
@@ -91,6 +94,7 @@ class LoadMemory:
 
     def __init__(self, config: AgentConfig, robots: int, own: int) -> None:
         self._config = config
+        self._own = own
         self._offsets = config.efficient.offsets
         self._window: Memory
         memory = config.efficient.memory
@@ -231,6 +235,39 @@ class LoadMemory:
             self._window.accept(changed_at, self._model)
         return True
 
+    @property
+    def is_rough(self) -> bool:
+        """Whether samples cannot be compared with each other yet, because poses are not known well enough."""
+        return self._disturbance > _SPOILT
+
+    @property
+    def count(self) -> float:
+        """Number of samples that count."""
+        return float(self._window.total[0])
+
+    def successor(self) -> LoadMemory:
+        """An empty memory with the same knowledge of poses."""
+        result = LoadMemory(self._config, len(self._poses), self._own)
+        assert self._fusion is not None
+        result.set_poses(self._poses, self._fusion)
+        result._mean_crosses = self._mean_crosses
+        if self._disturbance_shape is not None:
+            result._expect_disturbance(self._disturbance * self._disturbance_shape)
+        return result
+
+    def absorb(self, older: LoadMemory) -> bool:
+        """Take in what was remembered before, if it seems to be of the same load; returns whether it does."""
+        if self._model is None or not self._is_enough() or self._changed_at >= 0:
+            return False
+        mine, theirs = self._estimate(self._model), older._estimate(self._model)
+        # What the poses' errors do to both is much the same.
+        spread = mine.parameters_covariance + theirs.parameters_covariance
+        difference = mine.parameters - theirs.parameters
+        if not difference @ np.linalg.solve(spread, difference) < _SAME:
+            return False
+        self._window.push_early(older._window.total)
+        return True
+
     def told(self) -> Array:
         """What everybody has to know of the samples so far, shape (81,).
 
@@ -307,7 +344,7 @@ class LoadMemory:
         motion_gram = unpacked_gram(total[:GRAM_SIZE])[MOTION_FEATURES, MOTION_FEATURES]
         self._told_left = 1.0
         self._since_told = np.zeros(GRAM_SIZE)
-        self._told = _Told(cross, motion_gram, self._count(), self._changed_at, self._last_block, old_poses, new_poses)
+        self._told = _Told(cross, motion_gram, self.count, self._changed_at, self._last_block, old_poses, new_poses)
 
     def payload(self, own: int, team: TeamPoses) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
         """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable."""
@@ -323,10 +360,9 @@ class LoadMemory:
         covariance = seen_by_own[:, 6:] @ estimate.covariance @ seen_by_own[:, 6:].T
         covariance += by_poses @ team.covariance @ by_poses.T
         unseen = unseen_quantities(covariance, estimate.inertia.mass, self._length())
-        if unseen:
-            return None, tuple(f"{part.what}: {part.remedy}" for part in unseen)
         inertia = estimate.inertia.carried(self._poses[own].inverse())
-        return PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, covariance), ()
+        sentences = tuple(f"{part.what}: {part.remedy}" for part in unseen)
+        return _published(inertia, covariance, {part.quantity for part in unseen}), sentences
 
     def _by_poses(self, estimate: InertiaEstimate) -> Array:
         """Derivative of ``theta`` by all poses, shape (10, 6 N)."""
@@ -337,7 +373,7 @@ class LoadMemory:
             self._window.information(self._model),
             estimate.inertia.barycentric(),
             unpacked_gram(self._window.total[:GRAM_SIZE]),
-            self._mean_crosses * self._count(),
+            self._mean_crosses * self.count,
             self._sensitivity,
         )
 
@@ -350,12 +386,19 @@ class LoadMemory:
         places = np.array([pose.translation for pose in self._poses])
         return float(np.sqrt(np.square(places - places.mean(axis=0)).sum(axis=1).mean()))
 
-    def _count(self) -> float:
-        """Number of samples that count."""
-        return float(self._window.total[0])
-
     def _is_enough(self) -> bool:
-        return self._count() >= _LEAST * self._config.rate
+        return self.count >= _LEAST * self._config.rate
+
+
+def _published(inertia: Inertia, covariance: Array, unseen: Collection[str]) -> PayloadEstimate | None:
+    """What is seen: inertia is about the centre of mass, and so unseen with it, and both with the mass."""
+    if "mass" in unseen:
+        return None
+    if "com" in unseen:
+        return PayloadEstimate(inertia.mass, None, None, covariance[:1, :1])
+    if "inertia" in unseen:
+        return PayloadEstimate(inertia.mass, inertia.com, None, covariance[:4, :4])
+    return PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, covariance)
 
 
 def _moments(motion: Array, wrench: Array, own_wrench: Array, disturbance: float) -> Array:

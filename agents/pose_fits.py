@@ -44,6 +44,7 @@ class PoseFits:
         common: Moments over the samples that all have.
         told_moments: The same as they were when the own score was told last.
         carried: Version of the poses that samples are carried with now, 0 at the start.
+        switched_at: Block from which on they are.
         floods: What is told to neighbours and heard from them, by name.
     """
 
@@ -60,7 +61,7 @@ class PoseFits:
         self._fits = Flood(1, 1 + robots * _POSE_SIZE)
         self.floods = {"common": self.common.flood, "scores": self._scores, "fits": self._fits}
         self.told_moments = RegistrationMoments.none()
-        self.carried = 0
+        self.carried = self.switched_at = 0
         self._told_poses: dict[int, tuple[Pose, ...]] = {}
 
     def step(self, index: int, version: int, poses: Sequence[Pose], is_settled: bool) -> None:
@@ -80,7 +81,7 @@ class PoseFits:
         if told_version > self.carried and index >= row[0]:
             numbers = row[1:].reshape(-1, _POSE_SIZE)
             self._told_poses[told_version] = tuple(Pose.of_numbers(each) for each in numbers)
-            self.carried = told_version
+            self.carried, self.switched_at = told_version, int(row[0])
 
     def carrying_pose(self, poses: Sequence[Pose]) -> Pose:
         """Own pose to carry samples with; ``poses`` are those in use."""

@@ -10,6 +10,8 @@ from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.spatial import Array
 
 _SENSORS = ("gyro", "velocity", "accelerometer", "force", "torque")
+_LARGEST = 1e6
+"""No sensor of an arm reads more, whatever its unit [rad/s, m/s, m/s², N, N·m]; squares of it are still harmless."""
 _OUTLIER = 12.0
 """A sample that differs by more standard deviations from both its neighbours, on the same side, is an outlier. What
 really changes at a sudden differs from one of them only. The last one of a block has one neighbour: it is an outlier if
@@ -46,6 +48,8 @@ class SensorCheck:
         """What is wrong with samples (n, 15), the last one of the block before first."""
         if not np.isfinite(samples).all():
             return _in_words("is not a finite number", ~np.isfinite(samples).all(axis=0))
+        if np.abs(samples).max() > _LARGEST:
+            return _in_words("is out of range", np.abs(samples).max(axis=0) > _LARGEST)
         steps = np.diff(samples, axis=0) / self._deviations
         # Noise does not repeat: what stays as it is, or at its largest value, for half of the samples does not measure.
         still = 2 * (~steps.reshape(len(steps), -1, 3).any(axis=2)).sum(axis=0) >= len(steps)

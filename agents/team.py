@@ -55,6 +55,9 @@ _JUMP = 30.0
 changes for longer than a block."""
 _NONSENSE = 15.0
 """The same for the motion of the body, which does not change at a sudden: such a block is not used."""
+_MUCH_MORE = 8.0
+"""What was learned with rough poses is looked at again when there are so many times as many samples: then, if it is of
+a slightly different load that nobody noticed, it does no harm."""
 _BLAMED = 0.6
 """After so long a contradiction a robot starts over [s]."""
 _MISFIT_TOLD = 0.1
@@ -147,19 +150,28 @@ class Team:
         self._fitted: TeamPoses | None = None
         self._memory = LoadMemory(config, len(self._names), self._own)
         self._memory.set_poses(self._poses, self._fusion)
+        # What was learned with rough poses stands aside until it can be seen that it is of the same load.
+        self._first: LoadMemory | None = None
 
         members = len(self._names)
         self._fits = PoseFits(config, members, self._own, start, schedule.rounds, self._hearing)
         # Versions of the poses that the past was mapped to, and corrected for.
         self._version = self._corrected = 0
         self._steps: list[Array] = []
-        self._crosses = Flood(members, LoadMemory.told_size)
+        self._crosses, self._first_crosses = (Flood(members, LoadMemory.told_size) for _ in range(2))
         self._misfits = Flood(members, 1)
-        self._floods = Floods({**self._fits.floods, "crosses": self._crosses, "misfits": self._misfits})
+        self._floods = Floods({
+                **self._fits.floods,
+                "crosses": self._crosses,
+                "first_crosses": self._first_crosses,
+                "misfits": self._misfits,
+            })
         self._watch = Watch(config.noise, config.rate / config.block)
         self._misfit_every = self._blocks(_MISFIT_TOLD)
         self._held: _Block | None = None
         self._blamed = 0
+        self._has_begun = False
+        self._begins_at = -1
         self._rounds = schedule.rounds
         self._patience = self._blocks(_PATIENCE)
         self._resumed_block = self._settled_block = -1
@@ -227,6 +239,8 @@ class Team:
         age = self._next - 1 - self._rounds - self.learned_block
         if age > self._patience:
             return (f"no complete sum of the team since {self._time(self.learned_block + 1):.2f} s",)
+        if not self._has_begun:
+            return ("the poses are still being found",)
         if self._fitted is not None:
             deviations = np.sqrt(np.diag(self._fitted.covariance)[_POSE_FREEDOM:])
             if np.any(np.abs(np.concatenate(self._steps[1:])) > _MOVING * deviations):
@@ -269,7 +283,7 @@ class Team:
             return None
         entered, sums = finished
         motion = self._fusion.motion(sums)
-        self._memory.push_early(motion, sums[:, 0], entered.samples[:, WRENCH])
+        (self._first or self._memory).push_early(motion, sums[:, 0], entered.samples[:, WRENCH])
         return RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
 
     def _take_in(self, entered: Entered, sums: Array, index: int) -> RegistrationMoments | None:
@@ -316,6 +330,9 @@ class Team:
         if found.number > self.learned_block + self._patience and self.learned_block >= 0:
             self._resumed_block, self._settled_block = found.number, found.number + self._patience
         self.learned_block = found.number
+        if not self._has_begun and 0 <= self._begins_at <= found.number:
+            self._has_begun = True
+            self._first, self._memory = self._memory, self._memory.successor()
         changed_at = self._memory.push(found.number, found.motion, found.wrench, found.own_wrench)
         if changed_at is not None:
             self._notice(changed_at, index)
@@ -350,11 +367,24 @@ class Team:
 
     def _fit_poses(self, index: int) -> None:
         self._fits.step(index, self._version, self._poses, self._corrected == self._version)
-        rows = self._crosses.rows(self._version)
-        if self._corrected < self._version and rows is not None:
-            assert self._fitted is not None  # as there is a version
-            self._memory.correct(rows, self._fitted)
-            self._corrected = self._version
+        rows, first_rows = self._crosses.rows(self._version), self._first_crosses.rows(self._version)
+        if self._fitted is None or self._corrected == self._version or rows is None:
+            return
+        self._memory.correct(rows, self._fitted)
+        self._corrected = self._version
+        if self._first is not None:
+            self._review_first(self._first, self._fitted, first_rows)
+        elif self._begins_at < 0 and not self._memory.is_rough:
+            self._begins_at = self._fits.switched_at + 2 * self._hearing  # when all have heard, at the same block
+
+    def _review_first(self, first: LoadMemory, fitted: TeamPoses, rows: Array | None) -> None:
+        """Whether what was learned with rough poses is to count, once there is much more to hold it against."""
+        first.correct(rows, fitted)
+        if rows is None or self._memory.changed_at >= 0:
+            self._first = None
+        elif self._memory.count > _MUCH_MORE * first.count:
+            self._memory.absorb(first)
+            self._first = None
 
     def _map_to(self, version: int) -> None:
         """All samples so far count from now on as if they had been carried with the poses of a version."""
@@ -365,11 +395,15 @@ class Team:
         self._watch.map(feature_map)
         self._memory.map_features(feature_map, self._poses, poses)
         self._steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
-        self._poses, self._version = poses, version
+        old_poses, self._poses, self._version = self._poses, poses, version
         self._fusion = self._fuse()
         self._memory.set_poses(poses, self._fusion)
         self._fitted = self._known(poses)
         self._crosses.tell(self._own, version, self._memory.told())
+        if self._first is not None:
+            self._first.map_features(feature_map, old_poses, poses)
+            self._first.set_poses(poses, self._fusion)
+            self._first_crosses.tell(self._own, version, self._first.told())
 
     def _known(self, poses: tuple[Pose, ...]) -> TeamPoses:
         """How well poses are known that have just been fitted: by the samples that they were fitted to."""

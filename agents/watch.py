@@ -11,9 +11,10 @@ from collections import deque
 
 import numpy as np
 
-from coheft.estimation.measurement import KINEMATICS, SensorNoise
+from coheft.estimation.measurement import GYRO, KINEMATICS, SensorNoise
 from coheft.estimation.registration import (
     ACCELERATION_ROWS,
+    ALPHA,
     TWIST_ROWS,
     RegistrationMoments,
     residual_derivative,
@@ -32,6 +33,10 @@ _SIGMAS = 8.0
 """Standard deviations by which they may be larger by chance."""
 _MEAN_LIMIT = 80.0
 """Limit of the chi-square of the accelerometers' mean residual, three degrees of freedom: 1e-17 by chance."""
+_CLOCK = 5e-4
+"""So far a robot's clock may be off, always [s]."""
+_STILL = 1e-6
+"""Sum of squared angular accelerations below which nothing turns [rad²/s⁴]."""
 _OTHERS = 3.0
 """The body's motion is as far off as all robots' poses make it: as if the own pose's covariance were so many times
 itself."""
@@ -73,7 +78,8 @@ class Watch:
         by_noise = 9.0 * count
         by_poses = _OTHERS * float(np.sum(information * covariance))
         limit = (1.0 + _SLACK) * (by_noise + by_poses) + _SIGMAS * np.sqrt(2.0 * by_noise)
-        return float(max(2.0 * cost / limit, self._mean_statistic(recent, pose, covariance) / _MEAN_LIMIT))
+        by_mean = self._mean_statistic(recent, pose, covariance) / _MEAN_LIMIT
+        return float(max(2.0 * cost / limit, by_mean, self._clock_misfit(recent, pose)))
 
     def _mean_statistic(self, recent: RegistrationMoments, pose: Pose, covariance: Array) -> float:
         """Chi-square of the accelerometer's mean residual; constant offsets of other sensors do no harm."""
@@ -84,6 +90,15 @@ class Watch:
         deviations = self._noise.per_column()[KINEMATICS][rows]
         spread = np.diag(deviations**2) / count + _OTHERS * derivative.T @ covariance @ derivative
         return float(residual @ np.linalg.solve(spread, residual))
+
+
+    def _clock_misfit(self, recent: RegistrationMoments, pose: Pose) -> float:
+        """How far the own clock is off: then the gyro's residuals go with the angular acceleration."""
+        gram = recent.centred()
+        along = residual_operator(pose)[GYRO] @ gram[:, ALPHA] * pose.rotation.T
+        strength = max(float(np.trace(gram[ALPHA, ALPHA])), _STILL)
+        limit = _SIGMAS * self._noise.gyro / np.sqrt(strength) + _CLOCK
+        return float(abs(along.sum()) / strength / limit)
 
 
 def block_misfit(moments: RegistrationMoments, pose: Pose, noise: SensorNoise) -> float:

@@ -23,6 +23,7 @@ class RobotLink:
         is_linked: Somebody is at the other end.
         missing: Neighbours that it cannot talk with yet, as it says.
         answered: The last block of measurements that it has answered or will never answer, -1 if none.
+        joined: The block with which it began to take part.
         was_late: Its reference of the latest block did not come in time.
     """
 
@@ -34,6 +35,7 @@ class RobotLink:
         self.is_linked = False
         self.missing: list[str] = []
         self.answered = -1
+        self.joined = 0
         self.was_late = False
         self._attempt = -1
         self._world = world
@@ -81,6 +83,7 @@ class RobotLink:
 
     def join(self, block: int) -> None:
         """Take part from a block on; the blocks before were simulated without it."""
+        self.joined = block
         self.answered = block - 1
 
     def _begin_attempt(self, attempt: int) -> None:

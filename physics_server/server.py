@@ -181,9 +181,9 @@ class Server:
             reference = robot.take_reference(block)
             if reference is not None:
                 references[name] = reference
-            elif block >= self._scenario.lookahead:
+            elif robot.is_ready and block >= robot.joined + self._scenario.lookahead:
                 self._late_blocks += 1
-                if robot.is_ready and not robot.was_late:
+                if not robot.was_late:
                     self._problems.tell(f"{name} was late with its reference of block {block}")
             robot.was_late = reference is None
         result = self._simulation.advance(references)

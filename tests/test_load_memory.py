@@ -91,6 +91,8 @@ class Memories:
         """``(m, m h, I_o)`` as one robot believes it."""
         payload, unseen = self.each[OWN].payload(OWN, self.team_poses())
         assert payload is not None
+        assert payload.com is not None
+        assert payload.tensor is not None
         assert unseen == ()
         return Inertia(payload.mass, payload.com, payload.tensor).barycentric()
 
@@ -231,3 +233,21 @@ def test_forgetting_follows_a_fit_too(config: AgentConfig, team: Team) -> None:
     forgetting = msgspec.structs.replace(config, efficient=settings)
     stale, _, corrected = errors_after_a_fit(forgetting, team, 2e-3)
     assert corrected < 0.01 * stale
+
+
+def test_what_is_seen_is_told_though_the_rest_is_not(config: AgentConfig) -> None:
+    """A load that is carried about and only turns about the vertical shows one axis of its inertia."""
+    team = make_team(3, count=COUNT, duration=DURATION, single_axis=True)
+    memories = Memories(config, team, team.poses)
+    memories.push(0, 60)
+    for own, memory in enumerate(memories.each):
+        payload, unseen = memory.payload(own, memories.team_poses())
+        assert payload is not None
+        assert payload.com is not None
+        assert payload.tensor is None
+        true = team.inertia.carried(team.poses[own].inverse())
+        assert payload.mass == pytest.approx(true.mass, rel=1e-3)
+        np.testing.assert_allclose(payload.com, true.com, atol=1e-3)
+        assert payload.covariance.shape == (4, 4)
+        assert unseen
+        assert all(sentence.startswith("inertia about") for sentence in unseen)

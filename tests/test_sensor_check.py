@@ -62,6 +62,14 @@ def test_what_is_no_number_is_found(column: int, value: float) -> None:
     assert work(blocks) == [True, False, True]
 
 
+@columns
+@pytest.mark.parametrize("factor", [1e9, -1e77, 1e300])
+def test_what_no_sensor_can_read_is_found(column: int, factor: float) -> None:
+    blocks = samples(3)
+    blocks[1, BLOCK // 2 :, column] *= factor
+    assert work(blocks)[1] is False
+
+
 @pytest.mark.parametrize("sensor", range(5), ids=SENSORS)
 @pytest.mark.parametrize("since", [0, 4])
 def test_a_frozen_sensor_is_found_even_if_it_froze_within_the_block(sensor: int, since: int) -> None:

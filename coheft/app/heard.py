@@ -75,9 +75,15 @@ def check_estimate(estimate: Estimate, source: str, scene: Scene) -> None:
 
 def _check_payload(payload: PayloadEstimate) -> None:
     _check_number(payload.mass, "mass")
-    _check_numbers(payload.com, (3,), "com")
-    _check_numbers(payload.tensor, (3, 3), "tensor")
-    _check_covariance(payload.covariance, 10, "payload")
+    size = 1
+    if payload.com is not None:
+        _check_numbers(payload.com, (3,), "com")
+        size = 4
+    if payload.tensor is not None:
+        check_field("com beside a tensor", payload.com is not None, True)
+        _check_numbers(payload.tensor, (3, 3), "tensor")
+        size = 10
+    _check_covariance(payload.covariance, size, "payload")
 
 
 def _check_pose(pose: PoseEstimate, name: str) -> None:

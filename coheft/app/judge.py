@@ -185,7 +185,7 @@ def _mass(truth: Inertia, estimate: PayloadEstimate | None) -> MassReport:
 
 
 def _com(truth: Inertia, estimate: PayloadEstimate | None) -> ComReport:
-    if estimate is None:
+    if estimate is None or estimate.com is None:
         return ComReport(truth.com.tolist())
     return ComReport(
         truth=truth.com.tolist(),
@@ -196,7 +196,7 @@ def _com(truth: Inertia, estimate: PayloadEstimate | None) -> ComReport:
 
 
 def _inertia(truth: Inertia, estimate: PayloadEstimate | None) -> InertiaReport:
-    if estimate is None:
+    if estimate is None or estimate.tensor is None:
         return InertiaReport(truth.tensor.tolist())
     return InertiaReport(
         truth=truth.tensor.tolist(),
@@ -207,6 +207,6 @@ def _inertia(truth: Inertia, estimate: PayloadEstimate | None) -> InertiaReport:
 
 
 def _std(estimate: PayloadEstimate) -> Array:
-    """Standard deviations (10,) of ``(m, h, J)``."""
+    """Standard deviations of what is there of ``(m, h, J)``, shape (1,), (4,) or (10,)."""
     deviations: Array = np.sqrt(np.diagonal(estimate.covariance))
     return deviations

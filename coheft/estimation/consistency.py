@@ -40,8 +40,8 @@ def is_possible(parameters: Array) -> bool:
     diagonal = np.diag(pseudo)
     if not np.all(diagonal > 0.0):
         return False
-    balanced = pseudo / np.sqrt(diagonal[:, None] * diagonal)
-    return bool(np.linalg.eigvalsh(balanced)[0] > _THINNEST)
+    scale = np.sqrt(diagonal)
+    return bool(np.linalg.eigvalsh(pseudo / scale[:, None] / scale)[0] > _THINNEST)
 
 
 def nearest_possible(parameters: Array, information: Array, length: float) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -24,10 +25,12 @@ class Unseen:
     """Something that the motion so far does not show.
 
     Attributes:
+        quantity: It is part of this.
         what: In words, axes in the coordinates of ``F_i``.
         remedy: A motion that would show it.
     """
 
+    quantity: Literal["mass", "com", "inertia"]
     what: str
     remedy: str
 
@@ -111,12 +114,12 @@ def unseen_quantities(covariance: Array, mass: float, length: float) -> tuple[Un
     """
     found = []
     if covariance[0, 0] > (_SEEN * mass) ** 2:
-        found.append(Unseen("mass", "accelerate the load, or let gravity act on it in different directions"))
+        found.append(Unseen("mass", "mass", "accelerate the load, or let gravity act on it in different directions"))
 
     values, axes = np.linalg.eigh(covariance[1:4, 1:4])
     hidden = [axis for value, axis in zip(values, axes.T, strict=True) if value > (_SEEN * length) ** 2]
     for what in _named("centre of mass", "along", hidden):
-        found.append(Unseen(what, "tilt the load, or turn it about an axis across that direction"))
+        found.append(Unseen("com", what, "tilt the load, or turn it about an axis across that direction"))
 
     limit = (_SEEN * mass * length**2) ** 2
     values, vectors = np.linalg.eigh(covariance[4:, 4:])
@@ -127,9 +130,10 @@ def unseen_quantities(covariance: Array, mass: float, length: float) -> tuple[Un
     variances = np.einsum("ki,ij,kj->k", moments, covariance[4:, 4:], moments)
     hidden = [axis for variance, axis in zip(variances, axes.T, strict=True) if variance > limit]
     for what in _named("inertia", "about", hidden):
-        found.append(Unseen(what, "turn the load" if len(hidden) == 3 else "turn the load faster about that axis"))
+        remedy = "turn the load" if len(hidden) == 3 else "turn the load faster about that axis"
+        found.append(Unseen("inertia", what, remedy))
     if len(matrices) and not hidden:
-        found.append(Unseen("products of inertia", "turn the load about all axes"))
+        found.append(Unseen("inertia", "products of inertia", "turn the load about all axes"))
     return tuple(found)
 
 

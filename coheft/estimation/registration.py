@@ -28,7 +28,8 @@ OWN = slice(1, 10)
 MOTION = slice(10, 22)
 TWIST, ACCELERATION, PRODUCTS = slice(10, 16), slice(16, 22), slice(22, 28)
 TWIST_ROWS, ACCELERATION_ROWS = slice(0, 6), slice(6, 9)
-_W, _V, _A, _ALPHA = slice(10, 13), slice(13, 16), slice(16, 19), slice(19, 22)
+ALPHA = slice(19, 22)
+_W, _V, _A = slice(10, 13), slice(13, 16), slice(16, 19)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +87,7 @@ def residual_operator(pose: Pose) -> Array:
     operator = np.zeros((9, FEATURES))
     operator[:, OWN] = np.eye(9)
     operator[0:3, _W] = operator[3:6, _V] = operator[6:9, _A] = -to_i
-    operator[3:6, _W] = operator[6:9, _ALPHA] = to_i @ skew(p)
+    operator[3:6, _W] = operator[6:9, ALPHA] = to_i @ skew(p)
     operator[6:9, PRODUCTS] = -to_i @ centripetal_operator(p)
     return operator
 
@@ -109,7 +110,7 @@ def residual_derivative(pose: Pose) -> Array:
     in_body_axes = residual_operator(Pose(np.eye(3), p))[:, MOTION.start :].reshape(3, 3, -1)
     turned = to_i @ _CROSS_OF_AXES
     derivative[:3, :, MOTION.start :] = (-turned[:, None] @ in_body_axes).reshape(3, 9, -1)
-    derivative[3:, 3:6, _W] = derivative[3:, 6:9, _ALPHA] = turned
+    derivative[3:, 3:6, _W] = derivative[3:, 6:9, ALPHA] = turned
     derivative[3:, 6:9, PRODUCTS] = -to_i @ _CENTRIPETAL_OF_AXES
     return derivative
 

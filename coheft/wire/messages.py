@@ -146,18 +146,18 @@ class NeighbourMessage(Message, frozen=True):
 
 
 class PayloadEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Mass properties of the payload in ``F_i`` with their covariance.
+    """Mass properties of the payload in ``F_i`` with their covariance, as far as the motion has shown them.
 
     Attributes:
         mass: [kg].
-        com: (3,) [m].
-        tensor: (3, 3) at the centre of mass [kg·m²].
-        covariance: (10, 10) of ``(m, h, J packed as xx yy zz xy xz yz)``.
+        com: (3,) [m], None while a direction is unseen.
+        tensor: (3, 3) at the centre of mass [kg·m²], None while a part of it or the centre of mass is unseen.
+        covariance: (k, k) of what is there of ``(m, h, J packed as xx yy zz xy xz yz)``, k = 1, 4 or 10.
     """
 
     mass: float
-    com: np.ndarray[Any, Any]
-    tensor: np.ndarray[Any, Any]
+    com: np.ndarray[Any, Any] | None
+    tensor: np.ndarray[Any, Any] | None
     covariance: np.ndarray[Any, Any]
 
 

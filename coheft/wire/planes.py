@@ -1,6 +1,7 @@
 """Who may say what to whom on each plane: the secure profile's rules, drawn from the graph.
 
-Each function gives the parties at the far ends of one session. Without credentials there is no guard: the open profile
+Each function gives the parties at the far ends of one session; what is said under a key that is not named here does not
+arrive. Without credentials there is no guard: the open profile
 trusts whoever reaches the port, which is right on one machine's loopback interface only.
 """
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, field
 from functools import cached_property
 
 import msgspec
@@ -27,21 +26,24 @@ BLOCKS = 3
 some = settings(max_examples=settings.default.max_examples // 3)
 
 
-@dataclass(eq=False)
 class Moment:
     """One agent in the middle of a run, and what comes next.
 
-    Attributes:
+    Args:
         agent: To be copied.
+        first: The next block.
+
+    Attributes:
         first: The next block.
         samples: The robot's own of the next blocks.
         heard: What the neighbours send before each of these.
     """
 
-    agent: Agent = field(repr=False)
-    first: int
-    samples: list[Array] = field(default_factory=list, repr=False)
-    heard: list[list[NeighbourMessage]] = field(default_factory=list, repr=False)
+    def __init__(self, agent: Agent, first: int) -> None:
+        self.first = first
+        self.samples: list[Array] = []
+        self.heard: list[list[NeighbourMessage]] = []
+        self._agent = agent
 
     @cached_property
     def undisturbed(self) -> list[bytes]:
@@ -50,7 +52,7 @@ class Moment:
 
     def go_on(self, samples: list[Array], heard: list[list[NeighbourMessage]]) -> list[Outbox]:
         """What a copy of the agent says in the next blocks."""
-        agent = copy.deepcopy(self.agent)
+        agent = copy.deepcopy(self._agent)
         return [
             agent.step(self.first + k, MeasurementBlock(self.first + k, rows), messages)
             for k, (rows, messages) in enumerate(zip(samples, heard, strict=True))
@@ -139,16 +141,24 @@ FAULTS = st.tuples(
     st.integers(0, BLOCKS - 1),
     st.integers(0, 9),
     st.integers(0, 14),
-    st.floats() | st.sampled_from([np.nan, np.inf, 0.0, 1e3, -1e15, 1e300]),
+    st.sampled_from(["set", "add", "scale"]),
+    st.sampled_from([np.nan, np.inf, 0.0, 1e3, -1e9, -1e15, 1e77, 1e300]) | st.floats(),
 )
-"""Block, sample from which on, column, and what the sensor says from then on."""
+"""Block, sample from which on, column, and what becomes of it from then on."""
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # overflows, and what comes of them, are no error in a process
 @some
 @given(faults=st.lists(FAULTS, min_size=1, max_size=4))
-def test_broken_sensors_do_not_stop_an_agent(moment: Moment, faults: list[tuple[int, int, int, float]]) -> None:
+def test_broken_sensors_do_not_stop_an_agent(moment: Moment, faults: list[tuple[int, int, int, str, float]]) -> None:
     samples = [rows.copy() for rows in moment.samples]
-    for block, start, column, value in faults:
-        samples[block][start:, column] = value
+    for block, start, column, what, value in faults:
+        column_from_then_on = samples[block][start:, column]
+        match what:
+            case "set":
+                column_from_then_on[:] = value
+            case "add":
+                column_from_then_on += value
+            case "scale":
+                column_from_then_on *= value
     assert_finite(moment.go_on(samples, moment.heard))

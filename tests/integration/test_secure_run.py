@@ -148,6 +148,41 @@ def test_a_neighbour_that_floods_fills_no_memory_and_no_disk_and_spoils_nobody_e
         assert team.exit_status("server") == 0
 
 
+def test_messages_of_an_old_run_change_nothing_in_a_new_one(secure, tmp_path):
+    """The same team with the same certificates: what r2 once said to r1 is said to r1 again, by somebody with r2's."""
+    scenario, recorded = small_scenario(COUNT, "line"), list[bytes]()
+    (tmp_path / "old").mkdir()
+    with running_team(scenario, tmp_path / "old", keys_folder=secure.keys) as team:
+        team.wait_for_block(1)
+        old = team.keys.agent("r2", "block")
+        with (
+            raw_session([team.plan.agents["r2"].listen], tls=tls_settings(secure.credentials("r1"))) as session,
+            session.declare_subscriber(
+                f"{old.rpartition('/')[0]}/*", lambda sample: recorded.append(sample.payload.to_bytes())
+            ),
+        ):
+            wait_until(lambda: len(recorded) >= 100, "messages")
+    (tmp_path / "new").mkdir()
+    with running_team(scenario, tmp_path / "new", keys_folder=secure.keys) as team:
+        team.wait_for_block(1)
+        new = team.keys.agent("r2", "block")
+        with raw_session([team.plan.agents["r1"].listen], tls=tls_settings(secure.credentials("r2"))) as session:
+            publisher = session.declare_publisher(new, congestion_control=zenoh.CongestionControl.BLOCK)
+            wait_until(lambda: bool(publisher.matching_status.matching), "r1's ear")  # type: ignore[attr-defined]
+            for payload in recorded[:20]:
+                session.put(old, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+                publisher.put(payload)
+            wait_until(lambda: len(team.refusals("r1")) >= 20, "refusals")
+        team.wait_for_block(team.ask(StatusRequest()).block + 50)
+        # Those under the old key have not even arrived.
+        refusals = team.refusals("r1")
+        assert len(refusals) == 20
+        for line in refusals:
+            assert "refused from r2: not a NeighbourMessage: its checksum does not fit" in line
+        team.ask(StopRequest())
+        assert [team.exit_status(name) for name in team.processes] == [0] * (COUNT + 1)
+
+
 @pytest.mark.parametrize("room", [inbox_module.ROOM, 2**40], ids=["bounded", "without bound"])
 def test_what_nobody_reads_is_bounded_and_does_not_keep_others_waiting(room, monkeypatch):
     """Without the bound all of it is kept: so this can fail."""

@@ -46,8 +46,10 @@ from consensus.graph import build_graph
 MOST_FAULTS = 4
 LATEST_START = 5.0
 """Until then faults begin [s]; a team without faults is valid after 2 to 4 s."""
-RECOVERY = 5.0
-"""A run goes on for so long after its last fault [s]."""
+RECOVERY = 5.5
+"""A run goes on for so long after its last fault [s],"""
+RECOVERY_OF_HOLD = 6.5
+"""and so long if a robot has let go: when it takes hold again, it has to find out anew where."""
 SHORTEST = 7.0
 """Run [s]."""
 _COUNTS = (0.4, 0.3, 0.2, 0.1)
@@ -67,8 +69,8 @@ def draw_schedule(seed: int) -> FaultSchedule:
     count = int(rng.choice([3, 4, 5, 6], p=_COUNTS))
     team = _Team(rng, count)
     faults = tuple(team.fault() for _ in range(rng.integers(0, MOST_FAULTS + 1)))
-    end = max((fault.end for fault in faults), default=0.0)
-    duration = _round(max(SHORTEST, end + RECOVERY))
+    recovery = RECOVERY_OF_HOLD if any(isinstance(fault, Release) for fault in faults) else RECOVERY
+    duration = _round(max([SHORTEST, *(fault.end + recovery for fault in faults)]))
     faults = tuple(_for_ever(fault, duration) if rng.random() < _FOR_EVER else fault for fault in faults)
     return FaultSchedule(seed=seed, scenario=team.scenario(seed, duration), faults=faults)
 

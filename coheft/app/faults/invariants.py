@@ -92,8 +92,8 @@ class Watch:
             self._report("P1", estimate.time, robot, "payload cannot exist", "")
         if any(change <= block < change + self._grace for change in self._changes):
             return
-        error = payload_error(self._true_payload(robot, block), Inertia(payload.mass, payload.com, payload.tensor))
-        self._compare(estimate, "payload", _PAYLOAD, error, payload.covariance)
+        error = payload_error(self._true_payload(robot, block), payload)
+        self._compare(estimate, "payload", _PAYLOAD[: len(error)], error, payload.covariance)
 
     def _check_poses(self, estimate: Estimate) -> None:
         time = estimate.valid_block * self._block_duration

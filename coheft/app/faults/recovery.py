@@ -5,15 +5,15 @@ from __future__ import annotations
 from coheft.app.faults.hands import Hands
 from coheft.app.faults.invariants import Violation
 from coheft.app.faults.run import FaultyBlock
-from coheft.app.faults.schedule import Crash, FaultSchedule, Lie, Partition
+from coheft.app.faults.schedule import Crash, FaultSchedule, Lie, Partition, Release
 from coheft.wire.messages import Estimate
 
 BACK_FROM_SILENCE = 3.0
 """Time until everybody is valid again after restarts and partitions [s],"""
-BACK = 4.5
-"""after other faults and changes of the load,"""
+BACK = 5.0
+"""after other faults and changes of the load: what was spoilt is forgotten first;"""
 START_UP = 6.0
-"""and where they had not all been valid before."""
+"""and where they had not all been valid before, or a robot takes hold again and has to find out where."""
 _ROUNDING = 1e-9
 
 
@@ -81,10 +81,10 @@ class Recovery:
         """Time that it may take [s]."""
         faults = self._schedule.faults
         first_fault = min((fault.start for fault in faults), default=0.0)
-        if self.first_valid is None or not faults or self.first_valid > first_fault:
-            return START_UP
         calm = self._calm_from
-        last = [fault for fault in faults if fault.end > calm - BACK]
+        last = [fault for fault in faults if fault.end > calm - START_UP]
+        if self.first_valid is None or self.first_valid > first_fault or any(isinstance(f, Release) for f in last):
+            return START_UP
         return BACK_FROM_SILENCE if last and all(isinstance(f, Crash | Partition) for f in last) else BACK
 
     def _is_valid(self, robot: str) -> bool:

@@ -105,10 +105,9 @@ def published_errors(judge: Judge, edges: Edges, estimates: Mapping[str, Estimat
         estimate = estimates.get(name)
         if estimate is not None and estimate.payload is not None:
             believed = estimate.payload
-            payload[k] = payload_error(
-                judge.payload(name, estimate.block), Inertia(believed.mass, believed.com, believed.tensor)
-            )
-            payload_covariances[k] = believed.covariance
+            error = payload_error(judge.payload(name, estimate.block), believed)
+            payload[k, : len(error)] = error
+            payload_covariances[k, : len(error), : len(error)] = believed.covariance
     return Errors(poses, payload, pose_covariances, payload_covariances)
 
 
@@ -122,7 +121,7 @@ def team_errors(judge: Judge, edges: Edges, block: int, poses: Sequence[Pose], i
     return Errors(
         poses=np.array([pose_error(judge, i, j, pose_of[i].inverse() @ pose_of[j]) for i, j in edges]),
         payload=np.array(
-            [payload_error(judge.payload(i, block), inertia.carried(pose_of[i].inverse())) for i in names]
+            [_inertia_error(judge.payload(i, block), inertia.carried(pose_of[i].inverse())) for i in names]
         ),
         pose_covariances=np.full((len(edges), 6, 6), np.nan),
         payload_covariances=np.full((len(names), 10, 10), np.nan),
@@ -137,8 +136,14 @@ def pose_error(judge: Judge, name: str, other: str, estimate: Pose) -> Array:
     )
 
 
-def payload_error(truth: Inertia, estimate: Inertia) -> Array:
-    """Truth minus estimate of ``(m, h, J packed)``, shape (10,)."""
+def payload_error(truth: Inertia, estimate: PayloadEstimate) -> Array:
+    """Truth minus estimate of what is claimed of ``(m, h, J packed)``, shape (1,), (4,) or (10,)."""
+    com = truth.com if estimate.com is None else estimate.com
+    tensor = truth.tensor if estimate.tensor is None else estimate.tensor
+    return _inertia_error(truth, Inertia(estimate.mass, com, tensor))[: len(estimate.covariance)]
+
+
+def _inertia_error(truth: Inertia, estimate: Inertia) -> Array:
     return np.concatenate(
         [[truth.mass - estimate.mass], truth.com - estimate.com, pack_symmetric(truth.tensor - estimate.tensor)]
     )
@@ -148,6 +153,8 @@ def payload_exists(payload: PayloadEstimate | None) -> bool:
     """Whether a body with these mass properties can exist; claiming nothing is right."""
     if payload is None:
         return True
+    if payload.com is None or payload.tensor is None:
+        return payload.mass > 0.0
     pseudo = Inertia(payload.mass, payload.com, payload.tensor).pseudo_inertia()
     diagonal = np.diag(pseudo)
     if not np.all(diagonal > 0.0):
