@@ -67,6 +67,17 @@ def test_instruments_remove_the_bias_of_positions() -> None:
     assert abs(means[True]) < 3.5 * doubts[True]
 
 
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_teams_of_all_sizes_are_found_without_noise(count: int) -> None:
+    rng = np.random.default_rng(count)
+    team = grasps(rng, count)
+    for with_instruments in (False, True):
+        found, loops = grasps_from_twists(exact_signals(rng, team), with_instruments)
+        for pose, true in zip(found.poses, team, strict=True):
+            np.testing.assert_allclose(perturbation_between(pose, true), 0.0, atol=1e-9)
+        assert len(loops) == count * (count - 1) * (count - 2) // 6
+
+
 def test_covariance_of_a_pair_says_how_much_its_pose_scatters() -> None:
     rng = np.random.default_rng(3)
     team = grasps(rng)

@@ -44,9 +44,10 @@ def test_every_robot_sees_the_same_body() -> None:
     np.testing.assert_allclose(motions[2], motions[0], atol=1e-10)
 
 
-def test_both_fits_are_exact_without_noise() -> None:
-    rng = np.random.default_rng(1)
-    team = grasps(rng)
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_both_fits_are_exact_without_noise(count: int) -> None:
+    rng = np.random.default_rng(count)
+    team = grasps(rng, count)
     signals = exact_signals(rng, team)
     motions, wrench = body_motions(signals, team), total_wrench(signals.wrench, team)
     np.testing.assert_allclose(fit_parameters(motions, wrench, RATE).solution, LOAD.barycentric(), atol=1e-8)
