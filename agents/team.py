@@ -47,7 +47,7 @@ _MOVING = 4.0
 """While a fit moves a pose by more of its standard deviations, it is too far from the optimum for these to be true."""
 _LEFT = 0.25
 """Share of a fit's last step that may be left to go, because the fit is not linear."""
-_UNTRIED = 2.0
+_UNTRIED = 4.0
 """Poses are so much less certain, in variance, as this is of the time of samples that they were fitted to [s]: what is
 left out of their covariance is of second order, and matters when they are new."""
 _JUMP = 30.0
@@ -160,12 +160,14 @@ class Team:
         self._steps: list[Array] = []
         self._crosses, self._first_crosses = (Flood(members, LoadMemory.told_size) for _ in range(2))
         self._misfits = Flood(members, 1)
-        self._floods = Floods({
+        self._floods = Floods(
+            {
                 **self._fits.floods,
                 "crosses": self._crosses,
                 "first_crosses": self._first_crosses,
                 "misfits": self._misfits,
-            })
+            }
+        )
         self._watch = Watch(config.noise, config.rate / config.block)
         self._misfit_every = self._blocks(_MISFIT_TOLD)
         self._held: _Block | None = None

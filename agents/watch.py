@@ -91,7 +91,6 @@ class Watch:
         spread = np.diag(deviations**2) / count + _OTHERS * derivative.T @ covariance @ derivative
         return float(residual @ np.linalg.solve(spread, residual))
 
-
     def _clock_misfit(self, recent: RegistrationMoments, pose: Pose) -> float:
         """How far the own clock is off: then the gyro's residuals go with the angular acceleration."""
         gram = recent.centred()

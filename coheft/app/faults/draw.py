@@ -88,7 +88,8 @@ class _Team:
             seed=_seed(rng),
         )
         self._robots = Robots(perimeter=Perimeter(count=count, extent=self._extent, seed=_seed(rng)))
-        self._block = int(rng.choice([5, 8, 10]))
+        # In larger teams messages take more blocks to get everywhere.
+        self._block = int(rng.choice([5, 8] if count <= 4 else [4, 5]))
         self._names = tuple(f"r{i + 1}" for i in range(count))
         self._edges = [
             (name, other) for name, others in build_graph(self._graph, self._names).items() for other in others

@@ -16,7 +16,7 @@ from coheft.errors import CoheftError
 from coheft.estimation.load_change import LoadWindow
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.spatial import Array
-from coheft.wire.messages import LinkState, NeighbourMessage
+from coheft.wire.messages import NeighbourMessage
 from consensus.pipeline import NeighbourStages, Pipeline
 
 Method = Callable[..., Any]
@@ -79,12 +79,9 @@ def _wrong_side(forget_before: Method) -> Method:
 def _replayed_message(take: Method) -> Method:
     """Messages are taken for new, whatever number they bear."""
 
-    def mutant(
-        self: NeighbourInbox, index: int, messages: Sequence[NeighbourMessage]
-    ) -> tuple[dict[str, NeighbourMessage], list[LinkState], list[str]]:
+    def mutant(self: NeighbourInbox, index: int, messages: Sequence[NeighbourMessage], *rest: Any) -> Any:
         renumbered = [msgspec.structs.replace(message, block=index - 1) for message in messages]
-        result: tuple[dict[str, NeighbourMessage], list[LinkState], list[str]] = take(self, index, renumbered)
-        return result
+        return take(self, index, renumbered, *rest)
 
     return mutant
 

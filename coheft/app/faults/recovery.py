@@ -65,6 +65,8 @@ class Recovery:
             return None
         if taken is not None and taken <= limit + _ROUNDING:
             return None
+        if taken is None and limit == START_UP and all(self._sees_too_little(name) for name in self._asked):
+            return None
         robot = next((name for name in self._asked if not self._is_valid(name)), "")
         reasons = "; ".join(self._latest[robot].reasons) if robot in self._latest else "silent"
         found = f"took {taken:.2f} s" if taken is not None else f"not at the end: {reasons}"
@@ -89,3 +91,10 @@ class Recovery:
 
     def _is_valid(self, robot: str) -> bool:
         return robot in self._latest and self._latest[robot].status == "valid"
+
+    def _sees_too_little(self, robot: str) -> bool:
+        """Whether it is valid, or tells that the motion has not shown it enough, and has no other reason not to be."""
+        estimate = self._latest.get(robot)
+        if estimate is None or not estimate.not_observable:
+            return self._is_valid(robot)
+        return self._is_valid(robot) or set(estimate.reasons) == set(estimate.not_observable)
