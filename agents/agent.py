@@ -14,7 +14,7 @@ import numpy as np
 from agents.efficient import EfficientEstimator
 from agents.estimator import EstimatorFactory
 from agents.inbox import NeighbourInbox
-from agents.motion import Excitation
+from agents.motion import make_motion
 from agents.seed import SeedEstimator
 from agents.sensor_check import SensorCheck
 from agents.status import StatusKeeper
@@ -55,7 +55,7 @@ class Agent:
         self._incarnation = incarnation
         self._gossip = Gossip(config.name, config.neighbours, incarnation)
         self._estimator = ESTIMATORS[config.estimator](config, self._gossip)
-        self._motion = Excitation(config.motion, config.seed, config.rate, config.block)
+        self._motion = make_motion(config.motion, config.seed, config.rate, config.block)
         self._inbox = NeighbourInbox(config.neighbours)
         self._sensors = SensorCheck(config.noise)
         self._status = StatusKeeper(config)

@@ -4,8 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from agents.via_points import ViaPointMotion
 from coheft.estimation.spatial import Array
 from coheft.wire.scenario import Motion
+
+
+def make_motion(motion: Motion, seed: int, rate: int, block: int) -> ReferenceMotion:
+    """The reference motion that a scenario asks for; see there for the arguments."""
+    if motion.via_points is not None:
+        return ViaPointMotion(motion, motion.via_points, seed, rate, block)
+    return Excitation(motion, seed, rate, block)
 
 
 class Excitation:
@@ -49,3 +57,6 @@ class Excitation:
             return np.ones((len(time), 1)), np.zeros((len(time), 1))
         s = np.clip(time / self._ramp, 0.0, 1.0)[:, None]
         return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s) / self._ramp
+
+
+ReferenceMotion = Excitation | ViaPointMotion

@@ -51,3 +51,7 @@ class MissingPackageError(CoheftError):
 
     def __init__(self, package: str, extra: str) -> None:
         super().__init__(f"this needs the package '{package}': install 'coheft[{extra}]'")
+
+
+class RecordingError(CoheftError):
+    """A recording does not hold what is asked of it."""

@@ -54,7 +54,7 @@ class Arms:
         count, samples = len(self._robots), scenario.sensors.block
         self._steps_per_sample = PHYSICS_RATE // scenario.sensors.rate
         (k_t, k_r), (d_t, d_r) = scenario.robots.stiffness, scenario.robots.damping
-        damping = np.repeat([d_t / k_t, d_r / k_r], 3)
+        damping = np.repeat([d_t / k_t, d_r / k_r if k_r > 0.0 else 0.0], 3)  # a gimbal has neither
         # Until the next sample the reference goes on at its rate, and the rate at its slope: a rate that stood still
         # would shake the payload at half the sensors' rate. The spring's damping acts against the reference's rate too.
         since_sample = np.arange(self._steps_per_sample)[:, None, None] / PHYSICS_RATE

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from coheft.estimation.spatial import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
+from coheft.estimation.spatial import Array, Pose, quaternion_from_rotation, rotation_exp, rotation_from_quaternion
 from coheft.wire.scenario import PHYSICS_RATE, Payload, Perimeter, Scenario
 from physics_server.impedance import add_arm
 from physics_server.loads import add_slots
@@ -54,6 +54,12 @@ def build_model(scenario: Scenario, grasps: Sequence[Pose]) -> mujoco.MjModel:
 def _add_payload(spec: mujoco.MjSpec, payload: Payload) -> mujoco.MjsBody:
     body = spec.worldbody.add_body(name=PAYLOAD, pos=PAYLOAD_HOME.translation)
     body.add_freejoint()
+    if payload.properties is not None:
+        body.explicitinertial = True
+        body.mass = payload.properties.mass
+        body.ipos = payload.properties.com
+        body.inertia = payload.properties.principal
+        body.iquat = quaternion_from_rotation(rotation_exp(np.radians(payload.properties.axes_deg)))
     for box in payload.boxes:
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_BOX,

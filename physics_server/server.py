@@ -10,6 +10,7 @@ import os
 import sys
 import time
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Literal, NoReturn
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded: small products, many processes
@@ -18,6 +19,7 @@ import zenoh
 
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.config import ServerConfig
+from coheft.wire.data_file import write_recording
 from coheft.wire.inbox import Event, Inbox, LinkChange, Question, Received, Refused
 from coheft.wire.messages import (
     InjectRequest,
@@ -36,6 +38,7 @@ from coheft.wire.supervised import supervised_main
 from coheft.wire.transport import ROLES, Keys, Role, Sender, open_session
 from physics_server.absence import Absences
 from physics_server.clock import Stopwatch, make_clock
+from physics_server.data_recorder import DataRecorder
 from physics_server.robot_link import RobotLink
 from physics_server.simulation import Simulation
 
@@ -70,6 +73,8 @@ class Server:
         self._return_limit = config.return_limit
         self._absences = Absences(config.return_limit)
         self._state: Literal["waiting", "running", "paused", "finished"] = "waiting"
+        self._save_data = config.save_data
+        self._recorder = DataRecorder(scenario, self._simulation.scene) if config.save_data is not None else None
         self._stop_asked = False
         self._silent_since = math.inf
         self._late_blocks = 0
@@ -109,6 +114,8 @@ class Server:
             self._state = "finished"
             for robot in self._robots.values():
                 robot.send_stop(reason)
+            if self._recorder is not None and self._save_data is not None and self._simulation.block > 0:
+                write_recording(self._recorder.recording(), Path(self._save_data))
 
     def linger(self, seconds: float) -> None:
         """Go on answering requests."""
@@ -180,6 +187,8 @@ class Server:
                     self._problems.tell(f"{name} was late with its reference of block {block}")
             robot.was_late = reference is None
         result = self._simulation.advance(references)
+        if self._recorder is not None:
+            self._recorder.add(result)
         for name, robot in self._robots.items():
             if robot.is_ready:
                 robot.send_measurements(result.measurements[name])

@@ -14,6 +14,7 @@ from coheft.estimation.measurement import ACCELERATION, WRENCH
 from coheft.estimation.spatial import Array
 from coheft.wire.messages import LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
 from coheft.wire.scenario import PHYSICS_RATE, Scenario, Vector
+from physics_server.encoders import Encoders, WristSamples
 from physics_server.impedance import Arms
 from physics_server.load_schedule import LoadSchedule
 from physics_server.loads import Loads
@@ -36,11 +37,13 @@ class BlockResult:
         measurements: Of each robot, by name.
         truth: What no robot knows.
         problems: Load changes of the scenario that could not be made at the start of this block, and why.
+        wrists: What the robots' encoders and drives say, for recordings only; None if the scenario has no encoders.
     """
 
     measurements: dict[str, Measurements]
     truth: Truth
     problems: tuple[str, ...] = ()
+    wrists: WristSamples | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +107,7 @@ class Simulation:
         self._sites = np.array([self.model.site(name).id for name in names])
         homes = [self.model.site(home_name(name)).id for name in names]
         self._home_rotations = self.data.site_xmat[homes].reshape(-1, 3, 3)
+        self._home_positions = self.data.site_xpos[homes].copy()
         self._adjoints = np.array([grasp.adjoint() for grasp in grasps])
         self._arms = Arms(scenario, names, self.model)
         self._is_holding = np.ones(len(names), dtype=np.bool_)
@@ -111,6 +115,8 @@ class Simulation:
         self._at_rest = np.zeros((len(names), READINGS))
         self._at_rest[:, ACCELERATION] = -self.model.opt.gravity @ self._home_rotations
         self._sensors = Sensors(scenario, names)
+        encoders = scenario.sensors.encoders
+        self._encoders = Encoders(encoders, scenario, names) if encoders is not None else None
         payload_body = self.model.body(PAYLOAD).id
         self._loads = Loads(
             self.model, self.data, payload_body, scenario.payload.inertia(), scenario.payload.load_slots
@@ -201,7 +207,21 @@ class Simulation:
         truth = self._truth(readings.positions[-1], samples[:, -1, WRENCH])
         self._loads.leak(self._scenario.block_duration)
         self.block += 1
-        return BlockResult(measurements, truth, problems)
+        return BlockResult(measurements, truth, problems, self._measure_wrists(readings, wrenches))
+
+    def _measure_wrists(self, readings: _Readings, wrenches: Array) -> WristSamples | None:
+        if self._encoders is None:
+            return None
+        rotations = self._home_rotations.swapaxes(-1, -2) @ readings.rotations
+        from_body = np.einsum("nji,nj->ni", self.scene.rotations, self.scene.translations)
+        positions = readings.positions[:, None, :3] + np.einsum("bnij,nj->bni", readings.rotations, from_body)
+        return self._encoders.measure(
+            WristSamples(
+                positions=np.einsum("nji,bnj->bni", self._home_rotations, positions - self._home_positions),
+                rotations=rotations,
+                forces=np.einsum("bnij,bnj->bni", rotations, wrenches[..., :3]),
+            )
+        )
 
     def _change_loads(self) -> tuple[str, ...]:
         """Make the scenario's load changes that are due; what cannot be made is told, and skipped."""

@@ -12,13 +12,14 @@ from typing import Annotated
 import cyclopts
 from cyclopts import Parameter
 
-from coheft.app import cli_cart, cli_control, cli_faults, cli_keys, cli_study
+from coheft.app import cli_cart, cli_control, cli_faults, cli_identify, cli_keys, cli_mocobots, cli_study
 from coheft.app.cli_base import (
     EXIT_CONVERGED,
     EXIT_ERROR,
     EXIT_INTERRUPTED,
     EXIT_NOT_CONVERGED,
     EXIT_USAGE,
+    DataTarget,
     Flag,
     NotNegative,
     ReportTarget,
@@ -65,6 +66,7 @@ def run(
     json: ReportTarget = None,
     history: Flag = False,
     quiet: Flag = False,
+    save_data: DataTarget = None,
     logs: Path | None = None,
     secure: Flag = False,
     keys: Path | None = None,
@@ -101,6 +103,8 @@ def run(
         Add the errors of every second to the report.
     quiet:
         Show nothing but errors.
+    save_data:
+        Save what all robots measured, for 'coheft identify': an .npz file, or, without suffix, a folder of CSV files.
     logs:
         Folder for the processes' logs, instead of a new one among your runs.
     secure:
@@ -144,7 +148,9 @@ def run(
             keys = folder / "keys"
             make_keys(keys, chosen, places)
         check_keys(keys, chosen, places)
-    plan = make_plan(chosen, "realtime" if realtime else "lockstep", run=name, hosts=places, keys=keys)
+    plan = make_plan(
+        chosen, "realtime" if realtime else "lockstep", run=name, hosts=places, keys=keys, save_data=save_data
+    )
     if write_configs is not None:
         for path in plan.write(write_configs):
             print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")
@@ -214,7 +220,9 @@ __all__ = [
     "cli_cart",
     "cli_control",
     "cli_faults",
+    "cli_identify",
     "cli_keys",
+    "cli_mocobots",
     "cli_study",
     "run_command_line",
 ]

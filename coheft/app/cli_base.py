@@ -41,7 +41,13 @@ def _is_target(_: object, value: str | None) -> None:
         raise ValueError(f"there is no folder {str(Path(value).parent)!r} to write {value!r} into")
 
 
+def _has_folder(_: object, value: Path | None) -> None:
+    if value is not None and not value.absolute().parent.is_dir():
+        raise ValueError(f"there is no folder {str(value.parent)!r} to write {str(value)!r} into")
+
+
 Count = Annotated[int, Parameter(validator=Number(gte=1))]
 NotNegative = Annotated[int, Parameter(validator=Number(gte=0))]
 Positive = Annotated[float, Parameter(validator=Number(gt=0))]
 ReportTarget = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_is_target)]
+DataTarget = Annotated[Path | None, Parameter(validator=_has_folder)]

@@ -71,6 +71,7 @@ def make_plan(
     run: str | None = None,
     hosts: Hosts | None = None,
     keys: Path | None = None,
+    save_data: Path | None = None,
 ) -> Plan:
     """Draw the graph and give every part its endpoints.
 
@@ -82,6 +83,7 @@ def make_plan(
         run: Name of the run; a new one by default.
         hosts: Where each part runs; None: all on free ports of this machine's loopback interface.
         keys: Folder with everybody's credentials, see ``coheft.app.keys``; None: the open profile.
+        save_data: File for what all robots measure; None: nothing is kept.
 
     Raises:
         LinkError: There are not enough free ports.
@@ -113,6 +115,7 @@ def make_plan(
             observe=observe,
             neighbours=graph,
             clock=clock,
+            save_data=None if save_data is None else str(save_data.absolute()),
             security=credentials(SERVER),
         ),
         agents={

@@ -22,13 +22,15 @@ from coheft.estimation.acceleration import (
     summands,
 )
 from coheft.estimation.body_motion import perturbation_between
-from coheft.estimation.inertia import InertiaModel, features, packed_gram
-from coheft.estimation.inertia_estimate import estimate_inertia
-from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, TWIST, SensorNoise
+from coheft.estimation.inertia import INERTIA_SIZE, InertiaModel, features, packed_gram, unpacked_gram
+from coheft.estimation.inertia_derivatives import barycentric_derivative
+from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia
+from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, TWIST, WRENCH, SensorNoise
+from coheft.estimation.pose_sensitivity import MOTION_FEATURES, PoseSensitivity, inertia_by_poses
 from coheft.estimation.registration import RegistrationMoments, score_and_information
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import register_team
+from coheft.estimation.team_registration import TeamPoses, register_team
 from coheft.estimation.twist_registration import TwistMoments, register_twists
 
 _POSE_STEPS = 30
@@ -42,12 +44,28 @@ class CentralisedEstimate:
     """What a central computer would have found.
 
     Attributes:
-        poses: Of all robots in the body frame, which is the first robot's.
-        inertia: Of the payload in the body frame.
+        team: Poses of all robots in the body frame, which is the first robot's.
+        payload: Its mass properties in the body frame, given the poses.
+        covariance: Of ``(m, h, J)``, ``J`` packed, with what the poses add, shape (10, 10).
+        residual: Of the total wrench, shape (n, 6).
+        expected: Covariance of the residual that the sensors' noise explains, shape (6, 6).
     """
 
-    poses: tuple[Pose, ...]
-    inertia: Inertia
+    team: TeamPoses
+    payload: InertiaEstimate
+    covariance: Array
+    residual: Array
+    expected: Array
+
+    @property
+    def poses(self) -> tuple[Pose, ...]:
+        """Of all robots in the body frame."""
+        return self.team.poses
+
+    @property
+    def inertia(self) -> Inertia:
+        """Of the payload in the body frame."""
+        return self.payload.inertia
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +121,11 @@ def estimate_centralised(
         rate: Samples per second.
         with_offset: Whether force and torque sensors may have constant offsets.
     """
-    poses = _estimate_poses(samples, noise, rate)
+    team = _estimate_poses(samples, noise, rate)
+    poses = team.poses
     sums = sum_up(samples, poses, noise, rate)
-    gram = packed_gram(features(sums.motion, sums.wrench))
+    sample_features = features(sums.motion, sums.wrench)
+    gram = packed_gram(sample_features)
     places = np.array([pose.translation for pose in poses])
     centre = places.mean(axis=0)
     length = float(np.sqrt(np.square(places - centre).sum(axis=1).mean()))
@@ -116,10 +136,28 @@ def estimate_centralised(
         )
         estimate = estimate_inertia(model.information(gram), centre, length)
         parameters = estimate.inertia.barycentric()
-    return CentralisedEstimate(poses, estimate.inertia)
+    needed = np.tensordot(sample_features, model.regressor_coefficients, axes=1)[..., :INERTIA_SIZE]
+    moving = sample_features[:, MOTION_FEATURES]
+    by_poses = inertia_by_poses(
+        model,
+        model.information(gram),
+        estimate.inertia.barycentric(),
+        unpacked_gram(gram),
+        np.einsum("kf,kiw->ifw", moving, samples[..., WRENCH]),
+        PoseSensitivity.of(poses, noise),
+    )
+    to_central = np.linalg.inv(barycentric_derivative(estimate.inertia))
+    covariance = estimate.parameters_covariance + by_poses @ team.covariance @ by_poses.T
+    return CentralisedEstimate(
+        team=team,
+        payload=estimate,
+        covariance=to_central @ covariance @ to_central.T,
+        residual=sums.wrench - needed @ estimate.parameters,
+        expected=model.residual_covariance,
+    )
 
 
-def _estimate_poses(samples: Array, noise: SensorNoise, rate: float) -> tuple[Pose, ...]:
+def _estimate_poses(samples: Array, noise: SensorNoise, rate: float) -> TeamPoses:
     """Poses of all robots in the first one's frame, from their twists at first, then from all kinematics jointly."""
     first = samples[:, 0, TWIST]
     count = samples.shape[1]
@@ -135,4 +173,4 @@ def _estimate_poses(samples: Array, noise: SensorNoise, rate: float) -> tuple[Po
         deviations = np.sqrt(np.diag(team.covariance))[6:]
         if np.all(np.abs(np.concatenate(steps)[6:]) < _CLOSE * deviations):
             break
-    return poses
+    return team

@@ -150,7 +150,7 @@ class InertiaModel:
             covariance = wrench_covariance + spatial @ acceleration_covariance @ spatial.T
         self.residual_covariance = covariance
         size = self.unknowns + 1
-        self._coefficients = coefficients = _coefficients(with_offset)
+        self._coefficients = coefficients = regressor_coefficients(with_offset)
         self.regressor_coefficients = coefficients[:, :, :-1]
         products = _products(coefficients, np.linalg.inv(covariance))
         noise = np.einsum("kl,klij->ij", acceleration_covariance, products[_ACCELERATIONS, _ACCELERATIONS])
@@ -220,7 +220,7 @@ def products_wrench(spatial: Array) -> Array:
     return result
 
 
-def _coefficients(with_offset: bool) -> Array:
+def regressor_coefficients(with_offset: bool) -> Array:
     """Shape (19, 6, u + 1): features times these add up to ``[regressor | wrench]``."""
     size = INERTIA_SIZE + (OFFSET_SIZE if with_offset else 0) + 1
     result = np.zeros((FEATURES, 6, size))

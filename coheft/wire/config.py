@@ -87,6 +87,7 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         observe: Where observers dial in.
         neighbours: The graph, for observers only.
         clock: ``lockstep`` waits for every agent, ``realtime`` for nobody.
+        save_data: File for what all robots measured, see ``coheft.wire.data_file``; None: nothing is kept.
         return_limit: How long lockstep waits for a robot whose link is lost to come back [s], and how long a run goes
             on after all robots are lost.
         security: Its credentials; None: the open profile.
@@ -98,6 +99,7 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     observe: str
     neighbours: dict[str, tuple[str, ...]]
     clock: Literal["lockstep", "realtime"] = "lockstep"
+    save_data: str | None = None
     return_limit: float = 10.0
     security: Credentials | None = None
 

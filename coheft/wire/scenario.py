@@ -11,6 +11,8 @@ from msgspec import Meta
 from coheft.estimation.measurement import Positive, SensorNoise
 from coheft.estimation.rigid_body import Inertia, combined
 from coheft.estimation.spatial import Pose, rotation_exp
+from coheft.wire.encoders import EncoderErrors
+from coheft.wire.via_points import ViaPoints
 
 PHYSICS_RATE = 1000
 """Physics steps per second."""
@@ -54,20 +56,43 @@ class Box(Section, frozen=True):
         return Inertia.of_box(self.mass, self.size, self.pose())
 
 
+class MassProperties(Section, frozen=True):
+    """A payload of which no more is known than how it moves.
+
+    Attributes:
+        mass: [kg].
+        com: Centre of mass in the payload's frame [m].
+        principal: Principal moments of inertia at the centre of mass [kg·m²].
+        axes_deg: Rotation vector from the payload's axes to the principal ones [degrees].
+    """
+
+    mass: Positive
+    com: Vector
+    principal: Lengths
+    axes_deg: Vector = (0.0, 0.0, 0.0)
+
+    def inertia(self) -> Inertia:
+        """The same in the payload's frame."""
+        at_com = Inertia(self.mass, np.zeros(3), np.diag(np.array(self.principal, dtype=np.float64)))
+        return at_com.carried(pose_of(self.com, self.axes_deg))
+
+
 class Payload(Section, frozen=True):
-    """The thing that is held.
+    """The thing that is held: boxes fixed to each other, or mere mass properties.
 
     Attributes:
         boxes: What it is made of, fixed to each other.
+        properties: Instead: what it weighs.
         load_slots: Number of loads that can lie on it at a time.
     """
 
-    boxes: Annotated[tuple[Box, ...], Meta(min_length=1)]
+    boxes: tuple[Box, ...] = ()
+    properties: MassProperties | None = None
     load_slots: Annotated[int, Meta(ge=0, le=64)] = 4
 
     def inertia(self) -> Inertia:
         """Mass properties in the payload's frame, without loads."""
-        return combined(box.inertia() for box in self.boxes)
+        return self.properties.inertia() if self.properties else combined(box.inertia() for box in self.boxes)
 
 
 class Grasp(Section, frozen=True):
@@ -108,13 +133,14 @@ class Robots(Section, frozen=True):
     Attributes:
         grasps: One per robot.
         perimeter: Instead: a rule that places them.
-        stiffness: Of every arm: translation [N/m], rotation [N·m/rad].
+        stiffness: Of every arm: translation [N/m], rotation [N·m/rad]. Without stiffness and damping in rotation the
+            wrist is a gimbal: its torque is exactly zero.
         damping: Of every arm: translation [N·s/m], rotation [N·m·s/rad].
     """
 
     grasps: Annotated[tuple[Grasp, ...], Meta(max_length=MAX_ROBOTS)] = ()
     perimeter: Perimeter | None = None
-    stiffness: tuple[Positive, Positive] = (800.0, 30.0)
+    stiffness: tuple[Positive, NotNegative] = (800.0, 30.0)
     damping: tuple[NotNegative, NotNegative] = (70.0, 3.0)
 
 
@@ -159,6 +185,7 @@ class Sensors(Section, frozen=True):
         noise: Standard deviations per sample.
         noise_scale: Multiplies all of ``noise``. A file cannot say 0: estimators weigh samples by their noise.
         offset: Constant errors.
+        encoders: How exactly recordings tell the wrists' poses and forces. Without it they hold the sensors' samples.
     """
 
     rate: Literal[100, 125, 200, 250, 500, 1000] = 500
@@ -166,10 +193,11 @@ class Sensors(Section, frozen=True):
     noise: SensorNoise = SensorNoise()
     noise_scale: Positive = 1.0
     offset: SensorOffset = SensorOffset()
+    encoders: EncoderErrors | None = None
 
 
 class Motion(Section, frozen=True):
-    """Reference motion of every robot: two sinusoids per axis, drawn by each robot alone.
+    """Reference motion of every robot, drawn by each robot alone: two sinusoids per axis, or via points.
 
     Attributes:
         translation: Amplitude per axis [m].
@@ -177,6 +205,7 @@ class Motion(Section, frozen=True):
         frequency: Range from which frequencies are drawn [Hz].
         ramp: Time from rest to full amplitude [s].
         axes: Share of the amplitude per axis of the robot's home frame: rotation about x, y, z, translation along them.
+        via_points: Instead of sinusoids: random points, and straight lines between them.
     """
 
     translation: NotNegative = 0.06
@@ -184,6 +213,7 @@ class Motion(Section, frozen=True):
     frequency: tuple[Positive, Positive] = (0.4, 1.6)
     ramp: NotNegative = 2.0
     axes: tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative] = (1.0,) * 6
+    via_points: ViaPoints | None = None
 
 
 class LoadChange(Section, frozen=True):

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 import msgspec
+import numpy as np
 
 from coheft.errors import ScenarioError
 from coheft.wire.scenario import Scenario
@@ -20,7 +21,23 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
     for place, value in _numbers(msgspec.to_builtins(scenario)):
         if not math.isfinite(value):
             raise ScenarioError(f"{origin}: key '{place}': expected a finite number; found {value!r}")
+    payload = scenario.payload
+    if bool(payload.boxes) == (payload.properties is not None):
+        raise ScenarioError(
+            f"{origin}: key 'payload': found {_both_or_neither(bool(payload.boxes), 'boxes', 'properties')}, "
+            f"expected exactly one of them"
+        )
+    if payload.properties is not None and not np.all(np.linalg.eigvalsh(payload.inertia().pseudo_inertia()) > 0.0):
+        raise ScenarioError(
+            f"{origin}: key 'payload.properties.principal': found {payload.properties.principal}, but no body has a "
+            f"moment of inertia larger than the sum of the two others"
+        )
     robots = scenario.robots
+    if robots.stiffness[1] == 0.0 and robots.damping[1] > 0.0:
+        raise ScenarioError(
+            f"{origin}: key 'robots.damping': found {list(robots.damping)}, expected no damping of rotations where "
+            f"there is no stiffness: that is a gimbal"
+        )
     if bool(robots.grasps) == (robots.perimeter is not None):
         raise ScenarioError(
             f"{origin}: key 'robots': found {_both_or_neither(bool(robots.grasps), 'grasps', 'perimeter')}, "

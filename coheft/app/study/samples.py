@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from agents.motion import Excitation
+from agents.motion import ReferenceMotion, make_motion
 from coheft.estimation.spatial import Array
 from coheft.wire.config import agent_config
 from coheft.wire.messages import Reference, Scene, Truth
@@ -36,7 +36,7 @@ def simulate(scenario: Scenario) -> TeamSamples:
     sensors, names = scenario.sensors, scenario.robot_names
     graph = build_graph(scenario.graph, names)
     seeds = {name: agent_config(scenario, name, graph[name]).seed for name in names}
-    motions = {name: Excitation(scenario.motion, seeds[name], sensors.rate, sensors.block) for name in names}
+    motions = {name: make_motion(scenario.motion, seeds[name], sensors.rate, sensors.block) for name in names}
     simulation = Simulation(scenario, graph)
     truths, samples = [], []
     for block in range(scenario.blocks):
@@ -55,5 +55,5 @@ def with_exact_sensors(scenario: Scenario) -> Scenario:
     return msgspec.structs.replace(scenario, sensors=exact)
 
 
-def _reference(robot: str, block: int, motion: Excitation) -> Reference:
+def _reference(robot: str, block: int, motion: ReferenceMotion) -> Reference:
     return Reference(robot=robot, block=block, answers=block, motion=motion.reference(block), wrench=np.zeros(6))

@@ -1,0 +1,76 @@
+"""The command that finds a load from a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from coheft.app.cli_base import EXIT_CONVERGED, EXIT_NOT_CONVERGED, Flag, Positive, ReportTarget, app
+from coheft.app.identify.methods import Bounds, Method
+
+
+@app.command
+def identify(
+    recording: Path,
+    *,
+    method: Method | None = None,
+    calibrate: Flag = False,
+    bounds: Annotated[Bounds | None, Parameter(name="*")] = None,
+    from_: Annotated[float | None, Parameter(name="--from")] = None,
+    to: float | None = None,
+    cutoff: Positive | None = None,
+    json: ReportTarget = None,
+    report: Path | None = None,
+    quiet: Flag = False,
+) -> int:
+    """Find out from a recording where the robots held the load, and its mass, centre of mass and inertia.
+
+    Exit status 0 if the motion shows everything, 3 if it does not: then the report says what it does not show.
+
+    Parameters
+    ----------
+    recording:
+        An .npz file, or a folder with a CSV file per robot, see docs/data-format.md; 'coheft run --save-data' makes
+        both.
+    method:
+        batch: the paper's least squares; instruments: without their bias; pose: grasps from poses, with nothing
+        differentiated; likelihood: for sensors of known noise. Without it: what suits the recording best.
+    calibrate:
+        The robots are not well calibrated; estimate what is wrong with them as well (method pose).
+    from_:
+        Leave out what was before [s].
+    to:
+        Leave out what came after [s].
+    cutoff:
+        Of the low-pass filter [Hz]; 5 for batch, else 3.
+    json:
+        Write the report to this file; - for standard output.
+    report:
+        Folder for a report with pictures.
+    quiet:
+        Show nothing but errors.
+    """
+    from rich.console import Console
+
+    from coheft.app.identify.folder import write_identification
+    from coheft.app.identify.methods import identify as find
+    from coheft.app.identify.report import make_report
+    from coheft.app.identify.tables import print_identification
+    from coheft.app.report import write_report
+    from coheft.wire.data_file import read_recording
+
+    recorded = read_recording(recording)
+    if from_ is not None or to is not None:
+        start = recorded.time[0] if from_ is None else from_
+        recorded = recorded.between(float(start), float(recorded.time[-1] if to is None else to))
+    found = find(recorded, method, (bounds or Bounds()) if calibrate else None, cutoff)
+    result = make_report(str(recording), recorded, found)
+    if json is not None:
+        write_report(result, json)
+    if report is not None:
+        write_identification(report, recorded, found, result)
+    if not quiet:
+        print_identification(Console(stderr=json == "-"), result)
+    return EXIT_NOT_CONVERGED if result.not_observable else EXIT_CONVERGED

@@ -1,0 +1,68 @@
+"""The command that redoes the paper on mocobots."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from coheft.app.cli_base import EXIT_CONVERGED, Count, Flag, ReportTarget, app
+
+
+def _are_configurations(_: object, text: str) -> None:
+    if not text or not set(text) <= set("abcd"):
+        raise ValueError(f"expected some of abcd; found {text!r}")
+
+
+@app.command
+def mocobots(
+    *,
+    experiments: Count = 6,
+    configurations: Annotated[str, Parameter(validator=_are_configurations)] = "abcd",
+    jobs: Count | None = None,
+    json: ReportTarget = None,
+    markdown: Path | None = None,
+    quiet: Flag = False,
+) -> int:
+    """Redo the experiments of Zhang et al. (2025) in simulation, and put their tables beside ours.
+
+    Parameters
+    ----------
+    experiments:
+        Of each configuration, with and without calibration errors: from via point to via point, and on a sphere, in
+        turns.
+    configurations:
+        Which of the paper's.
+    jobs:
+        Number of processes, instead of one per core.
+    json:
+        Write all errors to this file; - for standard output.
+    markdown:
+        Write the tables to this file.
+    quiet:
+        Show nothing but errors.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from coheft.app.mocobots.campaign import experiments_in, run_campaign
+    from coheft.app.mocobots.tables import markdown as tables
+    from coheft.app.mocobots.tables import worse_than_paper
+    from coheft.app.report import write_report
+
+    chosen = sorted(set(configurations))
+    console = Console(stderr=json == "-")
+    with Progress(console=console, disable=quiet) as progress:
+        bar = progress.add_task("experiments", total=experiments_in(chosen, experiments))
+        found = run_campaign(chosen, experiments, jobs, lambda: progress.advance(bar))
+    if json is not None:
+        write_report(found, json)
+    text = tables(found)
+    if markdown is not None:
+        markdown.write_text(text)
+    if not quiet:
+        console.print(text, markup=False, soft_wrap=True)
+        worse = worse_than_paper(found, "calibration", "pose")
+        console.print(f"With calibration errors, worse than the paper: {'; '.join(worse) or 'no row'}.")
+    return EXIT_CONVERGED

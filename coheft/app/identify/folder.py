@@ -1,0 +1,34 @@
+"""A folder with all about an identification: report, tables as text, pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+
+from coheft.app.identify.plots import plot_forces, plot_residuals, plot_uncertainty
+from coheft.app.identify.report import IdentifyReport
+from coheft.app.identify.tables import print_identification
+from coheft.app.report import write_report
+from coheft.errors import RecordingError
+from coheft.estimation.batch.identify import Identification
+from coheft.estimation.batch.recording import Recording
+
+
+def write_identification(folder: Path, recording: Recording, found: Identification, report: IdentifyReport) -> None:
+    """Write ``report.json``, ``report.txt`` and pictures.
+
+    Raises:
+        RecordingError: The folder cannot be made.
+        MissingPackageError: The package that draws is not installed.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / "report.txt").open("w") as file:
+            print_identification(Console(file=file, width=120), report)
+    except OSError as error:
+        raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from error
+    write_report(report, str(folder / "report.json"))
+    plot_residuals(found, folder / "residuals.png")
+    plot_forces(recording, found, folder / "forces.png")
+    plot_uncertainty(report, folder / "correlations.png")

@@ -1,0 +1,191 @@
+"""What came out of a recording, in one struct that becomes the JSON report."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import msgspec
+import numpy as np
+
+from coheft.estimation.batch.holds import orientations
+from coheft.estimation.batch.identify import Identification
+from coheft.estimation.batch.payload import PrincipalInertia
+from coheft.estimation.batch.recording import Recording, Truth
+from coheft.estimation.body_motion import perturbation_between
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Pose, rotation_log
+
+
+class Errors(msgspec.Struct, frozen=True):
+    """Differences from a truth that the recording names; None where it does not.
+
+    Attributes:
+        rotation_deg: Of relative poses, by pair of robots.
+        position_mm: Likewise.
+        mass_kg: Estimate minus truth.
+        com_mm: Distance.
+        principal_pct: Of the principal moments, ascending, estimate minus truth.
+    """
+
+    rotation_deg: dict[str, float]
+    position_mm: dict[str, float]
+    mass_kg: float | None
+    com_mm: float | None
+    principal_pct: list[float] | None
+
+
+class PoseReport(msgspec.Struct, frozen=True):
+    """A robot's grasp frame in the first robot's, with standard deviations of the worst direction."""
+
+    rotation: list[list[float]]
+    rotation_vector_deg: list[float]
+    position_m: list[float]
+    rotation_std_deg: float
+    position_std_mm: float
+
+
+class PayloadReport(msgspec.Struct, frozen=True):
+    """Mass properties in the first robot's grasp frame.
+
+    Attributes:
+        mass_kg: [kg].
+        mass_std_kg: Standard deviation.
+        com_m: Centre of mass.
+        com_std_m: Standard deviations.
+        inertia: At the centre of mass [kg·m²].
+        principal: Principal moments, ascending [kg·m²].
+        principal_std: Their standard deviations.
+        axes_deg: Rotation vector from the grasp frame to the principal axes.
+        covariance: Of ``(m, h, J packed as xx yy zz xy xz yz)``.
+        was_possible: False: what was solved for is no body that can exist; this is the most likely one that is.
+    """
+
+    mass_kg: float
+    mass_std_kg: float
+    com_m: list[float]
+    com_std_m: list[float]
+    inertia: list[list[float]]
+    principal: list[float]
+    principal_std: list[float]
+    axes_deg: list[float]
+    covariance: list[list[float]]
+    was_possible: bool
+
+
+class LoopReport(msgspec.Struct, frozen=True):
+    """By how much a loop of three pairs did not close before all were fitted together."""
+
+    rotation_deg: float
+    position_mm: float
+
+
+class CalibrationReport(msgspec.Struct, frozen=True):
+    """One thing that may be wrong with a robot; ``seen``: the recording says what."""
+
+    robot: str
+    what: str
+    unit: str
+    value: float
+    std: float
+    std_before: float
+    seen: bool
+
+
+class IdentifyReport(msgspec.Struct, frozen=True):
+    """The report on a recording."""
+
+    recording: str
+    method: str
+    robots: list[str]
+    from_s: float
+    to_s: float
+    poses: dict[str, PoseReport]
+    payload: PayloadReport
+    not_observable: list[str]
+    remarks: list[str]
+    loops: list[LoopReport]
+    holds_s: list[list[float]]
+    hold_orientations: int
+    calibration: list[CalibrationReport]
+    errors: Errors | None
+
+
+def make_report(source: str, recording: Recording, found: Identification) -> IdentifyReport:
+    """Gather what was found."""
+    payload = found.payload
+    principal = PrincipalInertia.of(payload.inertia.tensor, payload.covariance[4:, 4:])
+    holds = found.holds
+    return IdentifyReport(
+        recording=source,
+        method=found.method,
+        robots=list(found.names),
+        from_s=float(recording.time[0]),
+        to_s=float(recording.time[-1]),
+        poses={name: _pose(found, k) for k, name in enumerate(found.names) if k > 0},
+        payload=PayloadReport(
+            mass_kg=payload.inertia.mass,
+            mass_std_kg=float(payload.std[0]),
+            com_m=payload.inertia.com.tolist(),
+            com_std_m=payload.std[1:4].tolist(),
+            inertia=payload.inertia.tensor.tolist(),
+            principal=principal.moments.tolist(),
+            principal_std=principal.std.tolist(),
+            axes_deg=np.degrees(rotation_log(principal.axes)).tolist(),
+            covariance=payload.covariance.tolist(),
+            was_possible=payload.was_possible,
+        ),
+        not_observable=list(found.unseen),
+        remarks=list(found.remarks),
+        loops=[
+            LoopReport(float(np.degrees(np.linalg.norm(loop[:3]))), float(1e3 * np.linalg.norm(loop[3:])))
+            for loop in found.loops
+        ],
+        holds_s=[] if holds is None else [list(span) for span in holds.spans],
+        hold_orientations=0 if holds is None else orientations(holds.down[:, 0]),
+        calibration=[
+            CalibrationReport(f.robot, f.what, f.unit, float(f.value), float(f.std), float(f.before), bool(f.is_seen))
+            for f in found.calibration
+        ],
+        errors=None if recording.truth is None else errors_of(recording, recording.truth, found),
+    )
+
+
+def _pose(found: Identification, robot: int) -> PoseReport:
+    relative = found.team.relative(0, robot)
+    return PoseReport(
+        rotation=relative.pose.rotation.tolist(),
+        rotation_vector_deg=np.degrees(rotation_log(relative.pose.rotation)).tolist(),
+        position_m=relative.pose.translation.tolist(),
+        rotation_std_deg=float(np.degrees(relative.rotation_std)),
+        position_std_mm=1e3 * relative.translation_std,
+    )
+
+
+def errors_of(recording: Recording, truth: Truth, found: Identification) -> Errors:
+    """Compare with the truth."""
+    rotation, position = {}, {}
+    for i, j in combinations(range(len(found.names)), 2):
+        estimate, true = (poses[i].inverse() @ poses[j] for poses in (found.team.poses, truth.poses))
+        error = perturbation_between(true, estimate)
+        pair = f"{found.names[i]}-{found.names[j]}"
+        rotation[pair] = float(np.degrees(np.linalg.norm(error[:3])))
+        position[pair] = float(1e3 * np.linalg.norm(error[3:]))
+    load = truth.load_between(float(recording.time[0]), float(recording.time[-1]))
+    if load is None:
+        return Errors(rotation, position, None, None, None)
+    return Errors(rotation, position, *load_errors(found.payload.inertia, load))
+
+
+def load_errors(estimate: Inertia, truth: Inertia) -> tuple[float, float, list[float]]:
+    """Mass [kg], centre of mass [mm], principal moments [%]."""
+    moments, true_moments = (np.linalg.eigvalsh(inertia.tensor) for inertia in (estimate, truth))
+    return (
+        estimate.mass - truth.mass,
+        float(1e3 * np.linalg.norm(estimate.com - truth.com)),
+        (100.0 * (moments / true_moments - 1.0)).tolist(),
+    )
+
+
+def pose_of(report: PoseReport) -> Pose:
+    """The pose that a report states."""
+    return Pose(np.array(report.rotation), np.array(report.position_m))

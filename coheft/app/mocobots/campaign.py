@@ -1,0 +1,152 @@
+"""Many experiments: every configuration, with and without calibration errors, by the paper's method and ours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from coheft.app.identify.methods import Bounds, Method, identify
+from coheft.app.identify.report import load_errors
+from coheft.app.mocobots.paper import PAIRS, PAPER
+from coheft.app.mocobots.record import record, record_sphere
+from coheft.errors import MissingPackageError
+from coheft.estimation.batch.identify import Identification
+from coheft.estimation.batch.recording import Recording
+from coheft.estimation.body_motion import perturbation_between
+from coheft.estimation.spatial import Array
+from coheft.wire.encoders import EncoderErrors
+from coheft.wire.scenario import Scenario
+from coheft.wire.scenario_file import load_scenario
+
+Noise = Literal["vibration", "calibration"]
+_METHODS: dict[Noise, tuple[Method, ...]] = {
+    "vibration": ("batch", "instruments", "pose"),
+    "calibration": ("batch", "pose"),
+}
+
+
+class Trial(msgspec.Struct, frozen=True):
+    """Errors of one method on one recording.
+
+    Attributes:
+        configuration: Of the paper.
+        noise: ``vibration``: encoders and vibration alone; ``calibration``: with calibration errors as well.
+        method: Of identification; ``pose`` estimates calibration errors where there are some.
+        number: Of the experiment: odd ones move from via point to via point, even ones on a sphere. Each has robots,
+            noise and motion of its own.
+        rows: In the order of ``paper.ROWS``, absolute but for the inertias.
+    """
+
+    configuration: str
+    noise: Noise
+    method: Method
+    number: int
+    rows: list[float]
+
+
+class Mocobots(msgspec.Struct, frozen=True):
+    """All of them, and the calibration errors' bounds."""
+
+    trials: list[Trial]
+    experiments: int
+
+    def rows(self, configuration: str, noise: Noise, method: Method) -> Array:
+        """Errors, shape (experiments, 11)."""
+        return np.array(
+            [
+                trial.rows
+                for trial in self.trials
+                if (trial.configuration, trial.noise, trial.method) == (configuration, noise, method)
+            ]
+        )
+
+
+def run_campaign(
+    configurations: Sequence[str],
+    experiments: int,
+    jobs: int | None = None,
+    on_progress: Callable[[], None] | None = None,
+) -> Mocobots:
+    """Run all experiments.
+
+    Args:
+        configurations: Some of ``a`` to ``d``.
+        experiments: Of each of them and each kind of noise.
+        jobs: Number of processes; None: one per core.
+        on_progress: Called after each experiment.
+
+    Raises:
+        MissingPackageError: joblib is not installed.
+    """
+    try:
+        import joblib
+    except ImportError as error:
+        raise MissingPackageError("joblib", "study") from error
+    tasks = [
+        joblib.delayed(run_experiment)(configuration, noise, number)
+        for configuration in configurations
+        for noise in _METHODS
+        for number in range(1, experiments + 1)
+    ]
+    trials: list[Trial] = []
+    for found in joblib.Parallel(n_jobs=jobs or -1, return_as="generator_unordered")(tasks):
+        trials += found
+        if on_progress is not None:
+            on_progress()
+    trials.sort(key=lambda trial: (trial.configuration, trial.noise, trial.method, trial.number))
+    return Mocobots(trials, experiments)
+
+
+def experiments_in(configurations: Sequence[str], experiments: int) -> int:
+    """How many there are in all."""
+    return len(configurations) * len(_METHODS) * experiments
+
+
+def run_experiment(configuration: str, noise: Noise, number: int) -> list[Trial]:
+    """Simulate one recording, and identify the load by all methods."""
+    scenario = scenario_of(configuration, noise, number)
+    recording = record(scenario) if number % 2 else record_sphere(scenario)
+    trials = []
+    for method in _METHODS[noise]:
+        bounds = Bounds() if noise == "calibration" and method == "pose" else None
+        rows = errors_of(recording, identify(recording, method, bounds))
+        trials.append(Trial(configuration, noise, method, number, rows))
+    return trials
+
+
+def scenario_of(configuration: str, noise: Noise, number: int) -> Scenario:
+    """The scenario of a configuration with noise, motions and robots of its own."""
+    scenario = load_scenario(f"mocobot_{configuration}")
+    encoders = scenario.sensors.encoders or EncoderErrors()
+    if noise == "vibration":
+        encoders = EncoderErrors(
+            angle_bits=encoders.angle_bits,
+            position_step=encoders.position_step,
+            vibration_deg=encoders.vibration_deg,
+            vibration_mm=encoders.vibration_mm,
+        )
+    # The same robots for all configurations, as in the paper; others in every experiment.
+    encoders = msgspec.structs.replace(encoders, calibration_seed=number)
+    seed = 100 * sorted(PAPER).index(configuration) + number
+    return msgspec.structs.replace(
+        scenario, seed=seed, sensors=msgspec.structs.replace(scenario.sensors, encoders=encoders)
+    )
+
+
+def errors_of(recording: Recording, found: Identification) -> list[float]:
+    """In the order of ``paper.ROWS``."""
+    truth = recording.truth
+    load = None if truth is None else truth.load_between(float(recording.time[0]), float(recording.time[-1]))
+    if truth is None or load is None:
+        raise ValueError("expected a recording that knows the truth")
+    errors = []
+    for i, j in PAIRS:
+        estimate, true = (poses[i].inverse() @ poses[j] for poses in (found.team.poses, truth.poses))
+        errors.append(perturbation_between(true, estimate))
+    mass, com, principal = load_errors(found.payload.inertia, load)
+    rotations = [float(np.degrees(np.linalg.norm(error[:3]))) for error in errors]
+    positions = [float(1e3 * np.linalg.norm(error[3:])) for error in errors]
+    return [*rotations, *positions, abs(mass), com, *principal]

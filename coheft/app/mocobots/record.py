@@ -1,0 +1,124 @@
+"""Experiments with mocobots, simulated: who moves how, and what they record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import msgspec
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from agents.motion import make_motion
+from coheft.estimation.batch.recording import Recording
+from coheft.estimation.spatial import Array, Pose
+from coheft.wire.config import agent_config
+from coheft.wire.messages import Reference
+from coheft.wire.scenario import Scenario
+from coheft.wire.via_points import ViaPoints
+from consensus.graph import build_graph
+from physics_server.data_recorder import DataRecorder
+from physics_server.scene import place_grasps
+from physics_server.simulation import Simulation
+
+ReferenceOf = Callable[[int], Array]
+"""From a block's number to the reference motion during it, see ``Excitation.reference``."""
+
+SPHERE_TIME = 60.0
+"""Length of the periodic motion [s]."""
+_RAMP = 2.0
+_SWING_DEG = 11.0
+"""Amplitude per axis."""
+_FREQUENCIES = ((0.35, 0.55), (0.40, 0.65), (0.45, 0.70))
+"""Two per axis [Hz]."""
+_DERIVATIVE_STEP = 1e-4
+
+
+def record(scenario: Scenario, references: Mapping[str, ReferenceOf] | None = None) -> Recording:
+    """What the robots record while they carry out their references; None: those of the scenario's agents."""
+    names = scenario.robot_names
+    if references is None:
+        references = agents_references(scenario)
+    simulation = Simulation(scenario)
+    recorder = DataRecorder(scenario, simulation.scene)
+    for block in range(scenario.blocks):
+        given = {
+            name: Reference(robot=name, block=block, answers=block, motion=references[name](block), wrench=np.zeros(6))
+            for name in names
+            if block >= scenario.lookahead
+        }
+        recorder.add(simulation.advance(given))
+    return recorder.recording()
+
+
+def agents_references(scenario: Scenario) -> dict[str, ReferenceOf]:
+    """The motions that the scenario's agents would choose."""
+    names, sensors = scenario.robot_names, scenario.sensors
+    graph = build_graph(scenario.graph, names)
+    seeds = {name: agent_config(scenario, name, graph[name]).seed for name in names}
+    return {name: make_motion(scenario.motion, seeds[name], sensors.rate, sensors.block).reference for name in names}
+
+
+def record_sphere(scenario: Scenario) -> Recording:
+    """Periodic motion on a sphere (Zhang et al., sec. IV-C), then the scenario's holds.
+
+    The sphere is the one of which the three grasps lie on a meridian: they turn about its centre. Whoever makes the
+    robots do so knows where the grasps are, from an experiment before.
+    """
+    via = scenario.motion.via_points or ViaPoints()
+    holds = msgspec.structs.replace(via, count=2)
+    moving = msgspec.structs.replace(scenario.motion, via_points=holds)
+    rest = 2 * (np.mean(via.transit) + np.mean(via.dwell)) + via.holds * (via.hold_transit + via.hold_time)
+    shifted = msgspec.structs.replace(scenario, motion=moving, duration=SPHERE_TIME + float(rest) + 2.0)
+    block_rate = scenario.sensors.rate / scenario.sensors.block
+    first = round(SPHERE_TIME * block_rate)
+    after = agents_references(shifted)
+    sphere = sphere_references(place_grasps(scenario), scenario.seed, scenario.sensors.rate, scenario.sensors.block)
+
+    def joined(turning: ReferenceOf, holding: ReferenceOf) -> ReferenceOf:
+        return lambda block: turning(block) if block < first else holding(block - first)
+
+    names = scenario.robot_names
+    return record(shifted, {name: joined(turn, after[name]) for name, turn in zip(names, sphere, strict=True)})
+
+
+def sphere_references(grasps: Sequence[Pose], seed: int, rate: int, block: int) -> list[ReferenceOf]:
+    """References of robots that turn their load about the centre of the circle through three grasps.
+
+    Args:
+        grasps: In a common frame; the robots' home frames lie there.
+        seed: Of the phases.
+        rate: Samples per second.
+        block: Samples per block.
+    """
+    centre = circumcentre(np.array([grasp.translation for grasp in grasps[:3]]))
+    phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, size=(3, 2))
+    omegas = 2.0 * np.pi * np.array(_FREQUENCIES)
+
+    def displacement(grasp: Pose, time: Array) -> Array:
+        swing = 0.5 * np.radians(_SWING_DEG) * np.sin(omegas * time[:, None, None] + phases).sum(axis=-1)
+        edge = np.clip(np.minimum(time, SPHERE_TIME - time) / _RAMP, 0.0, 1.0)[:, None]
+        turned = Rotation.from_rotvec(edge**2 * (3.0 - 2.0 * edge) * swing).apply(grasp.translation - centre)
+        result: Array = (turned - (grasp.translation - centre)) @ grasp.rotation
+        return result
+
+    def reference(grasp: Pose) -> ReferenceOf:
+        def at(index: int) -> Array:
+            time = (index * block + np.arange(block)) / rate
+            motion = np.zeros((block, 12))
+            motion[:, 3:6] = displacement(grasp, time)
+            before, after = displacement(grasp, time - _DERIVATIVE_STEP), displacement(grasp, time + _DERIVATIVE_STEP)
+            motion[:, 9:] = (after - before) / (2.0 * _DERIVATIVE_STEP)
+            return motion
+
+        return at
+
+    return [reference(grasp) for grasp in grasps]
+
+
+def circumcentre(points: Array) -> Array:
+    """Centre (3,) of the circle through three points (3, 3)."""
+    a, b = points[0] - points[2], points[1] - points[2]
+    normal = np.cross(a, b)
+    lever: Array = np.cross((a @ a) * b - (b @ b) * a, normal) / (2.0 * normal @ normal)
+    centre: Array = lever + points[2]
+    return centre

@@ -1,0 +1,67 @@
+"""The paper's tables beside ours, as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from coheft.app.identify.methods import Method
+from coheft.app.mocobots.campaign import Mocobots, Noise
+from coheft.app.mocobots.paper import PAPER, ROWS
+from coheft.estimation.spatial import Array
+
+_TABLES = (
+    ("Table II: rotations, degrees", slice(0, 3)),
+    ("Table III: positions, mm", slice(3, 6)),
+    ("Table IV: mass, kg, and centre of mass, mm", slice(6, 8)),
+    ("Table V: principal inertias, %", slice(8, 11)),
+)
+_COLUMNS: tuple[tuple[str, Noise, Method], ...] = (
+    ("least squares, vibration", "vibration", "batch"),
+    ("instruments, vibration", "vibration", "instruments"),
+    ("pose, vibration", "vibration", "pose"),
+    ("least squares, calibration errors", "calibration", "batch"),
+    ("pose with calibration, calibration errors", "calibration", "pose"),
+)
+_DIGITS = (3, 3, 3, 2, 2, 2, 4, 2, 2, 2, 2)
+
+
+def markdown(found: Mocobots) -> str:
+    """All tables: the paper's errors on hardware, and ours, mean (worst) over the experiments."""
+    configurations = sorted({trial.configuration for trial in found.trials})
+    parts = []
+    for title, rows in _TABLES:
+        header = ["", "paper, hardware", *(name for name, _, _ in _COLUMNS)]
+        lines = [f"### {title}", "", _line(header), _line(["---"] * len(header))]
+        for configuration in configurations:
+            for row in range(*rows.indices(len(ROWS))):
+                label = ROWS[row].rpartition(",")[0]
+                cells = [f"{configuration}, {label}", f"{PAPER[configuration].rows()[row]:.{_DIGITS[row]}g}"]
+                for _, noise, method in _COLUMNS:
+                    errors = found.rows(configuration, noise, method)[:, row]
+                    cells.append(f"{typical(errors, row):.{_DIGITS[row]}f} ({np.abs(errors).max():.{_DIGITS[row]}f})")
+                lines.append(_line(cells))
+        parts.append("\n".join(lines))
+    return "\n\n".join(parts) + "\n"
+
+
+def typical(errors: Array, row: int) -> float:
+    """What compares with the paper's number: the mean, of inertias the root mean square."""
+    return float(np.sqrt(np.mean(errors**2)) if row >= 8 else np.mean(np.abs(errors)))
+
+
+def worse_than_paper(found: Mocobots, noise: Noise, method: Method) -> list[str]:
+    """Rows of the paper's tables in which a method is worse."""
+    worse = []
+    for configuration in sorted({trial.configuration for trial in found.trials}):
+        errors = found.rows(configuration, noise, method)
+        for row, (name, limit) in enumerate(zip(ROWS, PAPER[configuration].rows(), strict=True)):
+            value = typical(errors[:, row], row)
+            if value > limit:
+                worse.append(f"{configuration}, {name}: {value:.3g}, paper {limit:.3g}")
+    return worse
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"

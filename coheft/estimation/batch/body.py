@@ -1,0 +1,41 @@
+"""What all robots' signals say about the load, seen from one frame fixed to it, the body frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from coheft.estimation.batch.signals import Signals
+from coheft.estimation.body_motion import grasp_measurements
+from coheft.estimation.inertia import features, regressor_coefficients
+from coheft.estimation.spatial import Array, Pose
+
+_COEFFICIENTS = regressor_coefficients(with_offset=False)[:, :, :-1]
+
+
+def body_motions(signals: Signals, poses: Sequence[Pose]) -> Array:
+    """Motion ``(w, v, a, alpha)`` of the body frame as each robot alone sees it, shape (N, n, 12).
+
+    Args:
+        signals: Of N robots.
+        poses: Of their grasp frames in the body frame.
+    """
+    own = np.concatenate([signals.w, signals.v, signals.a, signals.alpha], axis=-1)
+    motions = []
+    for pose, motion in zip(poses, own, strict=True):
+        # The body frame is where a further sensor of that robot could be.
+        motions.append(np.hstack([grasp_measurements(pose.inverse(), motion), motion[:, 9:] @ pose.rotation.T]))
+    return np.array(motions)
+
+
+def total_wrench(wrenches: Array, poses: Sequence[Pose]) -> Array:
+    """Sum ``(F, T)`` about the origin of the body frame, shape (n, 6), of all robots' wrenches (N, n, 6)."""
+    result: Array = np.sum([own @ pose.adjoint().T for own, pose in zip(wrenches, poses, strict=True)], axis=0)
+    return result
+
+
+def regressor(motion: Array) -> Array:
+    """``Y`` (n, 6, 10) with ``(F, T) = Y theta``, ``theta = (m, m h, I_o)``, of body motions (n, 12)."""
+    result: Array = np.tensordot(features(motion, np.zeros((len(motion), 6))), _COEFFICIENTS, axes=1)
+    return result

@@ -1,0 +1,159 @@
+"""Inertia from robots whose calibration may be off: what is wrong with it is fitted along.
+
+Poses alone tell the robots' lengths apart, not which of them is right (``hand_eye``). The motion does: it is known what
+gravity is, so accelerations that look too large beside it were measured with too long a ruler. With all lengths true
+``scale`` times what was measured, Newton and Euler hold for measured lengths with gravity ``g / scale``, and
+
+    m = m' / scale,    m h = (m h)',    I_o = scale I_o'.
+
+Forces are told by robot i as ``(1 + e_i) f_i + o_i``, with the offset in the axes of its home frame. What all of them
+have too much, no motion can tell from a heavier load; nor can it tell an offset that lifts from weight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.batch.body import body_motions, regressor, total_wrench
+from coheft.estimation.batch.calibration import Tolerances
+from coheft.estimation.batch.inertia_fit import LinearFit, Prior, instrumental_fit, others
+from coheft.estimation.batch.signals import Signals
+from coheft.estimation.inertia import INERTIA_SIZE
+from coheft.estimation.spatial import Array, Pose
+
+_STEPS = 6
+_GRAVITY = INERTIA_SIZE
+_FORCES = INERTIA_SIZE + 1
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedFit:
+    """The fit, in true lengths.
+
+    Attributes:
+        parameters: ``theta = (m, m h, I_o)``, shape (10,).
+        scale: True lengths over measured ones.
+        force_scale: Of each robot, shape (N,).
+        force_offset: Of each robot, in its home frame's axes, shape (N, 3) [N].
+        covariance: Of ``(theta, scale, force_scale, force_offset)``, shape (11 + 4 N, 11 + 4 N).
+        residual: Of the total wrench, shape (n, 6).
+        weight: Of the six components of its residual, shape (6,).
+    """
+
+    parameters: Array
+    scale: float
+    force_scale: Array
+    force_offset: Array
+    covariance: Array
+    residual: Array
+    weight: Array
+
+
+def fit_calibrated(
+    signals: Signals, poses: Sequence[Pose], tolerances: Tolerances, gravity: Array, start: CalibratedFit | None = None
+) -> CalibratedFit:
+    """Fit inertia and calibration, every robot's motion with all others' as instruments.
+
+    Args:
+        signals: With rotations and wrenches.
+        poses: Of the grasp frames in the body frame, in measured lengths.
+        tolerances: How well the robots are calibrated.
+        gravity: In the home frames, shape (3,) [m/s²].
+        start: A fit with nearly the same poses: only one step is taken from there, with its weights.
+    """
+    if signals.wrench is None or signals.rotation is None:
+        raise ValueError("expected signals with wrenches and rotations")
+    count = len(poses)
+    motions = body_motions(signals, poses)
+    upwards = np.zeros_like(motions)
+    for view, rotation, pose in zip(upwards, signals.rotation, poses, strict=True):
+        view[:, 6:9] = -(gravity @ rotation) @ pose.rotation.T
+    moving = np.array([regressor(motion) for motion in motions])
+    resting = np.array([regressor(motion) for motion in upwards])
+    forces = np.broadcast_to(_force_columns(signals, poses), (count, *moving.shape[1:3], 4 * count))
+    output = total_wrench(signals.wrench, poses)
+    spread = np.concatenate(
+        [
+            [tolerances.position_scale / np.sqrt(count)],
+            np.full(count, tolerances.force_scale),
+            np.full(3 * count, tolerances.force_offset),
+        ]
+    )
+    information = np.concatenate([np.zeros(INERTIA_SIZE), 1.0 / np.maximum(spread, 1e-9) ** 2])
+    stretch = 1.0  # gravity's size in measured lengths, relative
+    parameters, weight = np.zeros(INERTIA_SIZE), np.ones(6)
+    if start is not None:
+        stretch, parameters, weight = 1.0 / start.scale, start.parameters / _power(start.scale), start.weight
+    for step in range(_STEPS if start is None else 1):
+        stretched = moving + (stretch - 1.0) * resting
+        columns = np.concatenate([stretched, (resting @ parameters)[..., None], forces], axis=-1)
+        mean = np.zeros(columns.shape[-1])
+        mean[_GRAVITY] = 1.0 - stretch
+        if step == 0 and start is None:  # the parameters are not known yet, and so not what a stretch would do
+            columns[..., _GRAVITY] = 0.0
+        fit = instrumental_fit(columns, output, others(columns), weight, signals.rate, Prior(mean, information))
+        parameters = fit.solution[:INERTIA_SIZE]
+        stretch += float(fit.solution[_GRAVITY])
+        used, weight = weight, _deserved_weight(fit.residual, signals.rate)
+    return _in_true_lengths(fit, stretch, count, tolerances.force_scale, used)
+
+
+def _force_columns(signals: Signals, poses: Sequence[Pose]) -> Array:
+    """How scales and offsets of forces add to the total wrench, shape (n, 6, 4 N): all scales first.
+
+    Scales count from their mean: all forces less, and the mass as well, would always leave less noise to explain.
+    """
+    if signals.wrench is None or signals.rotation is None:
+        raise ValueError("expected signals with wrenches and rotations")
+    scales, offsets = [], []
+    for wrench, rotation, pose in zip(signals.wrench, signals.rotation, poses, strict=True):
+        adjoint = pose.adjoint()
+        scales.append(wrench @ adjoint.T)
+        offsets.append(adjoint[:, :3] @ rotation.swapaxes(-1, -2))
+    contrasts = np.stack(scales - np.mean(scales, axis=0), axis=-1)
+    return np.concatenate([contrasts, *offsets], axis=-1)
+
+
+def _deserved_weight(residual: Array, rate: float) -> Array:
+    """Weights (6,) of samples that are correlated in time: as many samples as are independent count."""
+    variance = residual.var(axis=0)
+    length = max(1, round(rate))
+    blocks = residual[: len(residual) // length * length].reshape(-1, length, residual.shape[1])
+    # A mean of independent samples has a variance smaller by their number.
+    repeats = np.maximum(length * blocks.mean(axis=1).var(axis=0) / variance, 1.0)
+    result: Array = 1.0 / (variance * repeats)
+    return result
+
+
+def _power(scale: float) -> Array:
+    """What turns ``(m', (m h)', I_o')`` in measured lengths into ``theta`` in true ones, shape (10,)."""
+    return np.repeat([1.0 / scale, 1.0, scale], [1, 3, 6])
+
+
+def _in_true_lengths(fit: LinearFit, stretch: float, count: int, force_scale: float, weight: Array) -> CalibratedFit:
+    scale = 1.0 / stretch
+    power = _power(scale)
+    parameters = power * fit.solution[:INERTIA_SIZE]
+    derivative = np.eye(len(fit.solution))
+    derivative[:INERTIA_SIZE, :INERTIA_SIZE] = np.diag(power)
+    # By the stretch, of which the scale is the inverse.
+    derivative[0, _GRAVITY] = fit.solution[0]
+    derivative[4:10, _GRAVITY] = -(scale**2) * fit.solution[4:10]
+    derivative[_GRAVITY, _GRAVITY] = -(scale**2)
+    covariance = derivative @ fit.covariance @ derivative.T
+    # What all forces have too much in common stays as unknown as it was.
+    common = np.concatenate([-parameters, [0.0], np.ones(count), np.zeros(3 * count)])
+    covariance += np.outer(common, common) * force_scale**2 / count
+    rest = fit.solution[_FORCES:]
+    return CalibratedFit(
+        parameters=parameters,
+        scale=scale,
+        force_scale=rest[:count],
+        force_offset=rest[count:].reshape(count, 3),
+        covariance=covariance,
+        residual=fit.residual,
+        weight=weight,
+    )

@@ -1,0 +1,162 @@
+"""Times at which the load is held still, and what that says of its mass and centre of mass (Zhang et al., III-C)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import uniform_filter1d
+
+from coheft.errors import RecordingError
+from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.signals import smooth_poses
+from coheft.estimation.spatial import Array, Pose, skew
+
+TOLERANCE = 0.5
+"""Forces may differ by so much from the middle of their range [N]."""
+DURATION = 6.0
+"""Holds last at least so long [s]."""
+SMOOTHING = 1.0
+"""Forces are averaged over so long before they are compared [s]: their noise is not motion."""
+_SAME = np.radians(2.0)
+"""Orientations that differ by less than this show the same."""
+
+
+@dataclass(frozen=True, eq=False)
+class Holds:
+    """What was measured while the load was still: means of H holds, of N robots, each in its own grasp frame.
+
+    Attributes:
+        spans: From when to when [s].
+        down: Gravity, shape (H, N, 3) [m/s²].
+        wrench: ``(f, t)``, shape (H, N, 6).
+        scatter: Covariance of the mean forces' and torques' axes, as far as it shows in the samples, shape (H, N, 6).
+    """
+
+    spans: tuple[tuple[float, float], ...]
+    down: Array
+    wrench: Array
+    scatter: Array
+
+
+@dataclass(frozen=True, eq=False)
+class StaticEstimate:
+    """Mass [kg], centre of mass [m] in the first robot's frame, and the covariance of both, shape (4, 4)."""
+
+    mass: float
+    com: Array
+    covariance: Array
+
+
+def find_holds(
+    forces: Array, time: Array, tolerance: float = TOLERANCE, duration: float = DURATION
+) -> list[tuple[int, int]]:
+    """Stretches of samples in which no force of any robot changes.
+
+    Args:
+        forces: Shape (N, n, 3) [N].
+        time: Shape (n,) [s].
+        tolerance: [N].
+        duration: Least length [s].
+
+    Returns:
+        First and one past the last sample of each.
+    """
+    rate = (len(time) - 1) / (time[-1] - time[0])
+    length, smoothing = round(duration * rate), max(1, round(SMOOTHING * rate))
+    if len(time) < length:
+        return []
+    smooth = uniform_filter1d(forces, smoothing, axis=1)
+    windows = sliding_window_view(smooth, length, axis=1)
+    # Maxima of long windows: much memory at once, so one axis after the other.
+    steady = np.ones(windows.shape[1], dtype=np.bool_)
+    for robot in windows:
+        for axis in range(3):
+            steady &= robot[:, axis].max(axis=-1) - robot[:, axis].min(axis=-1) < 2.0 * tolerance
+    found: list[tuple[int, int]] = []
+    for start in np.flatnonzero(steady):
+        if found and start < found[-1][1]:
+            found[-1] = (found[-1][0], int(start) + length)
+        else:
+            found.append((int(start), int(start) + length))
+    return found
+
+
+def holds_of(recording: Recording, tolerance: float = TOLERANCE, duration: float = DURATION) -> Holds:
+    """The recording's holds, found where it does not name them.
+
+    Raises:
+        RecordingError: Wrenches are missing, or both poses and accelerations.
+    """
+    wrench, time = recording.stacked("wrench"), recording.time
+    if recording.holds is None:
+        spans = find_holds(wrench[..., :3], time, tolerance, duration)
+    else:
+        borders = np.searchsorted(time, np.array(recording.holds).reshape(-1, 2))
+        spans = [(int(start), int(end)) for start, end in borders if end > start]
+    if recording.has("pose"):
+        rotations, _ = smooth_poses(recording.stacked("pose"), recording.rate)
+        down = recording.gravity @ rotations
+    else:  # at rest an accelerometer reads gravity alone, upwards
+        down = -recording.stacked("acceleration")
+    means, scatters = [], []
+    for start, end in spans:
+        part = wrench[:, start:end]
+        means.append(part.mean(axis=1))
+        scatters.append(part.var(axis=1) / (end - start))
+    count = len(recording.robots)
+    return Holds(
+        spans=tuple((float(time[start]), float(time[end - 1])) for start, end in spans),
+        down=np.array([down[:, start:end].mean(axis=1) for start, end in spans]).reshape(-1, count, 3),
+        wrench=np.array(means).reshape(-1, count, 6),
+        scatter=np.array(scatters).reshape(-1, count, 6),
+    )
+
+
+def orientations(directions: Array) -> int:
+    """How many different ones there are among directions of gravity (H, 3)."""
+    different: list[Array] = []
+    for direction in directions / np.linalg.norm(directions, axis=1, keepdims=True):
+        if all(np.linalg.norm(direction - other) > _SAME for other in different):
+            different.append(direction)
+    return len(different)
+
+
+def static_estimate(holds: Holds, poses: Sequence[Pose]) -> StaticEstimate:
+    """Mass and centre of mass from forces at rest: ``sum f = -m g`` and ``sum (p x f + t) = -m h x g`` (eqs 9, 10).
+
+    Args:
+        holds: At least two orientations.
+        poses: Of all robots in the first one's frame.
+
+    Raises:
+        RecordingError: There are too few orientations.
+    """
+    down = holds.down[:, 0]
+    found = orientations(down)
+    if found < 2:
+        held = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in holds.spans) or "none"
+        raise RecordingError(
+            f"the centre of mass needs the load to be held still in at least 2 orientations, {np.degrees(_SAME):g} "
+            f"degrees or more apart; found {found} (held: {held}). Hold it in others as well, {DURATION:g} s each, or "
+            f"use --method instruments, which takes mass and centre of mass from the motion"
+        )
+    total = np.sum([holds.wrench[:, i] @ pose.adjoint().T for i, pose in enumerate(poses)], axis=0)
+    variance = np.sum([holds.scatter[:, i] @ (pose.adjoint() ** 2).T for i, pose in enumerate(poses)], axis=0)
+    direction = down / np.linalg.norm(down, axis=1, keepdims=True)
+    strength = float(np.linalg.norm(down, axis=1).mean())
+    weights = -np.einsum("ha,ha->h", direction, total[:, :3])
+    mass = float(weights.mean() / strength)
+    matrix = mass * skew(down).reshape(-1, 3)  # -m h x g = m [g]x h
+    torque = total[:, 3:].ravel()
+    com = np.linalg.lstsq(matrix, torque)[0]
+    # What the residuals say, or the samples if that is more: holds are few.
+    degrees = max(len(torque) - 3, 1)
+    residual = max(float(np.sum((torque - matrix @ com) ** 2)) / degrees, float(variance[:, 3:].mean()))
+    force = max(float(weights.var(ddof=1)) / len(weights), float(variance[:, :3].mean()) / len(weights))
+    covariance = np.zeros((4, 4))
+    covariance[0, 0] = force / strength**2
+    covariance[1:, 1:] = residual * np.linalg.inv(matrix.T @ matrix)
+    return StaticEstimate(mass, com, covariance)

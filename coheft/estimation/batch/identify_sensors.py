@@ -1,0 +1,51 @@
+"""From a recording of gyros, velocities and accelerometers of known noise to the load: maximum likelihood."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.errors import RecordingError
+from coheft.estimation.batch.identify import Identification
+from coheft.estimation.batch.payload import Payload
+from coheft.estimation.batch.recording import Recording, check_recording
+from coheft.estimation.centralised import estimate_centralised
+
+_TOO_LARGE = 1.3
+"""Residuals are suspicious from this share of what noise explains on."""
+
+
+def identify_sensors(recording: Recording, with_offset: bool = False) -> Identification:
+    """What a central computer finds with the noise that the recording names (``coheft.estimation.centralised``).
+
+    Args:
+        recording: With twists, accelerations, wrenches, and noise.
+        with_offset: Whether force and torque sensors may have constant offsets.
+
+    Raises:
+        RecordingError: Something is missing.
+    """
+    check_recording(recording)
+    if recording.noise is None:
+        raise RecordingError("'noise' is missing: --method likelihood weighs sensors by their noise")
+    channels = [recording.stacked(channel) for channel in ("twist", "acceleration", "wrench")]
+    samples = np.concatenate(channels, axis=-1).swapaxes(0, 1)
+    found = estimate_centralised(samples, recording.noise, recording.rate, with_offset)
+    estimate = found.payload
+    size = float(np.sqrt(np.mean(np.square(found.residual) / np.diag(found.expected))))
+    remark = f"Residuals of the total wrench are {size:.2f} times as large as the sensors' noise explains"
+    if size > _TOO_LARGE:
+        remark += ": did the load change (--from and --to choose a part), or are the sensors worse than 'noise' says?"
+    return Identification(
+        method="likelihood",
+        names=recording.names,
+        team=found.team,
+        payload=Payload(
+            inertia=estimate.inertia,
+            measured=estimate.inertia.from_barycentric(estimate.parameters),
+            covariance=found.covariance,
+            unseen=tuple(f"{unseen.what}: {unseen.remedy}" for unseen in estimate.unseen),
+        ),
+        remarks=(remark,),
+        time=recording.time,
+        residual=found.residual,
+    )

@@ -1,0 +1,112 @@
+"""Inertia from motion: least squares, and the same with other robots as instruments.
+
+What differentiated encoders say of accelerations is noisy, and least squares takes noise in the regressor for motion
+that needed no torque: all moments of inertia come out too small by the share of noise in the acceleration's square.
+The other robots feel the same motion with noise of their own. Products of **different** robots' signals hold no noise
+squared, and nothing has to be known about it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.batch.body import regressor
+from coheft.estimation.batch.statistics import batch_scatter
+from coheft.estimation.rigid_body import inertia_operator
+from coheft.estimation.spatial import Array, skew
+
+_REWEIGHTINGS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """Solution of a linear model.
+
+    Attributes:
+        solution: Shape (u,).
+        covariance: Shape (u, u).
+        residual: What the model leaves, shape (n, rows).
+    """
+
+    solution: Array
+    covariance: Array
+    residual: Array
+
+
+def fit_tensor(motion: Array, wrench: Array, com: Array, rate: float) -> LinearFit:
+    """Inertia at the known centre of mass: ``J alpha + w x J w = T - h x F`` (Zhang et al., eqs 18 to 33).
+
+    Args:
+        motion: Of the body frame, shape (n, 12).
+        wrench: Total, about its origin, shape (n, 6).
+        com: ``h`` in the body frame, shape (3,).
+        rate: Samples per second.
+
+    Returns:
+        Of ``J`` packed, u = 6.
+    """
+    w, alpha = motion[:, :3], motion[:, 9:]
+    matrix = inertia_operator(alpha) + skew(w) @ inertia_operator(w)
+    moment = wrench[:, 3:] - np.cross(com, wrench[:, :3])
+    return instrumental_fit(matrix[None], moment, matrix[None], np.ones(3), rate)
+
+
+def fit_parameters(motions: Array, wrench: Array, rate: float) -> LinearFit:
+    """``theta = (m, m h, I_o)`` from motion and gravity, every robot with all others as instruments.
+
+    Args:
+        motions: Of the body frame as each robot sees it, shape (N, n, 12), N at least 2.
+        wrench: Total, about its origin, shape (n, 6).
+        rate: Samples per second.
+
+    Returns:
+        u = 10.
+    """
+    regressors = np.array([regressor(motion) for motion in motions])
+    instruments = others(regressors)
+    weight = np.ones(6)
+    for _ in range(_REWEIGHTINGS):
+        fit = instrumental_fit(regressors, wrench, instruments, weight, rate)
+        weight = 1.0 / np.mean(fit.residual**2, axis=0)
+    return fit
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known of the unknowns beforehand: ``mean`` (u,), and independent information on each of them (u,)."""
+
+    mean: Array
+    information: Array
+
+
+def instrumental_fit(
+    regressors: Array, output: Array, instruments: Array, weight: Array, rate: float, prior: Prior | None = None
+) -> LinearFit:
+    """Solve ``sum over robots and samples of Z^T W (y - X theta) = 0``; with ``Z = X``, least squares.
+
+    Args:
+        regressors: ``X`` as each robot has it, shape (N, n, rows, u).
+        output: ``y``, shape (n, rows).
+        instruments: ``Z`` for each of them, same shape as the regressors.
+        weight: ``W``'s diagonal, shape (rows,).
+        rate: Samples per second.
+        prior: Of the unknowns; then ``W`` has to be what the residuals deserve, and not only in proportion.
+    """
+    prior = prior or Prior(np.zeros(regressors.shape[-1]), np.zeros(regressors.shape[-1]))
+    weighted = instruments * weight[:, None]
+    matrix = np.einsum("ikru,ikrv->uv", weighted, regressors, optimize=True) + np.diag(prior.information)
+    vector = np.einsum("ikru,kr->u", weighted, output, optimize=True) + prior.information * prior.mean
+    solution = np.linalg.solve(matrix, vector)
+    residuals = output - regressors @ solution
+    scores = np.einsum("ikru,ikr->ku", weighted, residuals, optimize=True)
+    inverse = np.linalg.inv(matrix)
+    covariance = inverse @ (batch_scatter(scores, rate) + np.diag(prior.information)) @ inverse.T
+    return LinearFit(solution, covariance, residuals.mean(axis=0))
+
+
+def others(views: Array) -> Array:
+    """For each of N views (N, ...) of the same thing, the mean of all the others."""
+    result: Array = (views.sum(axis=0) - views) / (len(views) - 1)
+    return result

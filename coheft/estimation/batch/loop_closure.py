@@ -1,0 +1,68 @@
+"""Poses of a whole team from the poses of its pairs, which do not agree around a loop.
+
+Each pair's estimate stands for the data it came from: the data's cost is, near the estimate, the square of the
+distance from it in the metric of its covariance. So the sum over all pairs is minimised over one pose per robot, which
+closes all loops (a pose graph: Lu and Milios 1997; Zhang et al., sec. III-B).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from coheft.estimation.body_motion import perturbation_between, perturbed, relative_pose_derivative
+from coheft.estimation.observability import Visibility
+from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.team_registration import TeamPoses
+from coheft.estimation.uncertain_pose import UncertainPose
+
+_STEPS = 20
+_CLOSE = 1e-9
+
+
+def close_loops(count: int, pairs: Mapping[tuple[int, int], UncertainPose]) -> TeamPoses:
+    """Poses of all robots in the first one's frame.
+
+    Args:
+        count: Number of robots.
+        pairs: ``pose_j_in_i`` by ``(i, j)``; those with the first robot are all there.
+    """
+    poses = [Pose.identity(), *(pairs[0, j].pose for j in range(1, count))]
+    weights = {pair: np.linalg.inv(estimate.covariance) for pair, estimate in pairs.items()}
+    for _ in range(_STEPS):
+        information, score = np.zeros((6 * count, 6 * count)), np.zeros(6 * count)
+        for (i, j), estimate in pairs.items():
+            derivative = _rows(poses, i, j)
+            error = perturbation_between(poses[i].inverse() @ poses[j], estimate.pose)
+            information += derivative.T @ weights[i, j] @ derivative
+            score += derivative.T @ weights[i, j] @ error
+        covariance = np.zeros_like(information)
+        covariance[6:, 6:] = np.linalg.inv(information[6:, 6:])
+        step = (covariance @ score).reshape(count, 6)
+        poses = [perturbed(pose, move) for pose, move in zip(poses, step, strict=True)]
+        if np.abs(step).max() < _CLOSE:
+            break
+    # The pairs share their robots' noise: N (N - 1) / 2 of them know no more than N - 1 independent ones.
+    return TeamPoses(tuple(poses), covariance * (len(pairs) / (count - 1)), Visibility())
+
+
+def _rows(poses: list[Pose], i: int, j: int) -> Array:
+    """How ``pose_j_in_i`` follows all robots' perturbations, shape (6, 6 N)."""
+    own = relative_pose_derivative(poses[i], poses[j])
+    rows = np.zeros((6, 6 * len(poses)))
+    rows[:, 6 * i : 6 * i + 6], rows[:, 6 * j : 6 * j + 6] = own[:, :6], own[:, 6:]
+    return rows
+
+
+def loop_errors(pairs: Mapping[tuple[int, int], UncertainPose]) -> list[Array]:
+    """By how much each loop of three robots fails to close, ``(rotation, translation)`` [rad, m], shape (6,) each."""
+    robots = sorted({robot for pair in pairs for robot in pair})
+    errors = []
+    for a, i in enumerate(robots):
+        for b, j in enumerate(robots[a + 1 :], a + 1):
+            for k in robots[b + 1 :]:
+                if {(i, j), (j, k), (i, k)} <= set(pairs):
+                    loop = pairs[i, j].pose @ pairs[j, k].pose @ pairs[i, k].pose.inverse()
+                    errors.append(perturbation_between(Pose.identity(), loop))
+    return errors

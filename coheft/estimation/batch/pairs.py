@@ -1,0 +1,72 @@
+"""Pose of one grasp frame in another from the twists of both: two linear problems (Zhang et al., sec. III-B)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.estimation.batch.statistics import sandwich_information
+from coheft.estimation.observability import PoseEstimate, Visibility, seen_information
+from coheft.estimation.spatial import Array, Pose, skew
+
+_SINGULAR = 1e-12
+"""Share of the largest singular value below which a direction of positions is not seen, and left zero."""
+
+
+def kabsch(w_i: Array, w_j: Array) -> Array:
+    """Rotation ``R_ij`` (3, 3) that minimises the sum of ``|w_i - R w_j|^2`` (Zhang et al., eq. 5).
+
+    Args:
+        w_i: Vectors in ``F_i``, shape (n, 3).
+        w_j: The same in ``F_j``, shape (n, 3).
+    """
+    left, _, right = np.linalg.svd(w_i.T @ w_j)
+    turn = np.array([1.0, 1.0, np.linalg.det(left) * np.linalg.det(right)])
+    rotation: Array = (left * turn) @ right
+    return rotation
+
+
+def position_between(rotation: Array, w_i: Array, v_i: Array, v_j: Array, instrument: Array) -> Array:
+    """Position ``p_ij`` (3,) of ``v_i - R v_j = p x w_i`` (Zhang et al., eqs 7, 8).
+
+    With ``w_i`` itself as instrument this is least squares, and too short by the share of noise in ``w_i``'s square.
+    With what another sensor says of the same angular velocity it is not (instrumental variables).
+
+    Args:
+        rotation: ``R_ij``.
+        w_i: Angular velocity in ``F_i``, shape (n, 3).
+        v_i: Velocity of the origin of ``F_i``, shape (n, 3).
+        v_j: Velocity of the origin of ``F_j``, in ``F_j``, shape (n, 3).
+        instrument: The same as ``w_i``, perhaps from elsewhere, shape (n, 3).
+    """
+    # p x w = -[w]x p, and [z]x^T = -[z]x.
+    matrix = np.trace(products := instrument.T @ w_i) * np.eye(3) - products.T
+    vector = np.cross(instrument, v_i - v_j @ rotation.T).sum(axis=0)
+    result: Array = np.linalg.lstsq(matrix, vector, rcond=_SINGULAR)[0]
+    return result
+
+
+def pair_pose(
+    twist_i: Array, twist_j: Array, rate: float, instrument: Array | None = None, limits: Visibility | None = None
+) -> PoseEstimate:
+    """``pose_j_in_i`` with its covariance.
+
+    Args:
+        twist_i: ``(w, v)`` of robot i, shape (n, 6).
+        twist_j: Likewise of robot j.
+        rate: Samples per second.
+        instrument: What others say of ``w_i``, in ``F_i``, shape (n, 3); None: plain least squares.
+        limits: When a direction counts as seen.
+    """
+    w_i, v_i, w_j, v_j = twist_i[:, :3], twist_i[:, 3:], twist_j[:, :3], twist_j[:, 3:]
+    z = w_i if instrument is None else instrument
+    rotation = kabsch(w_i, w_j)
+    position = position_between(rotation, w_i, v_i, v_j, z)
+    turned_w, turned_v = w_j @ rotation.T, v_j @ rotation.T
+    residual = v_i - turned_v - np.cross(position, w_i)
+    scores = np.hstack([np.cross(turned_w, w_i), np.cross(z, residual)])
+    derivative = np.zeros((6, 6))
+    derivative[:3, :3] = np.einsum("kab,kbc->ac", skew(w_i), skew(turned_w))
+    derivative[3:, :3] = np.einsum("kab,kbc->ac", skew(z), skew(turned_v))
+    derivative[3:, 3:] = np.einsum("kab,kbc->ac", skew(z), skew(w_i))
+    seen = seen_information(sandwich_information(derivative, scores, rate), limits or Visibility())
+    return PoseEstimate(Pose(rotation, position), seen.inverse(), seen.unseen())

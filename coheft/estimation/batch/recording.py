@@ -1,0 +1,163 @@
+"""What robots recorded while they held a load together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from coheft.errors import RecordingError
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Array, Pose
+
+GRAVITY = (0.0, 0.0, -9.81)
+_WIDTHS = {"pose": 7, "twist": 6, "dtwist": 6, "acceleration": 3, "wrench": 6}
+_TIME_TOLERANCE = 1e-3
+"""Of the sampling period: by how much the times of samples may differ from a regular grid."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotRecord:
+    """One robot's samples, all but the pose in its grasp frame ``F_i``. None: not recorded.
+
+    Attributes:
+        time: Shape (n,) [s].
+        pose: Of ``F_i`` in the robot's home frame, ``x y z qx qy qz qw``, shape (n, 7).
+        twist: ``(w, v)``, shape (n, 6).
+        dtwist: Derivative of the twist's components ``(dw/dt, dv/dt)``, shape (n, 6).
+        acceleration: Proper acceleration of the origin of ``F_i``, as accelerometers read it, shape (n, 3).
+        wrench: On the payload, ``(f, t)``, shape (n, 6).
+    """
+
+    time: Array
+    pose: Array | None = None
+    twist: Array | None = None
+    dtwist: Array | None = None
+    acceleration: Array | None = None
+    wrench: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What a simulation knows of the load, for comparison.
+
+    Attributes:
+        poses: Of all grasp frames in the first one.
+        loads: From when on what was held [s], in the first grasp frame.
+    """
+
+    poses: tuple[Pose, ...]
+    loads: tuple[tuple[float, Inertia], ...]
+
+    def load_between(self, start: float, end: float) -> Inertia | None:
+        """What was held all the time from start to end; None if it changed meanwhile."""
+        before = [inertia for since, inertia in self.loads if since <= start]
+        return None if any(start < since < end for since, _ in self.loads) or not before else before[-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Simultaneous samples of a team.
+
+    Attributes:
+        robots: By name; the first is the reference robot.
+        gravity: In the home frames, which must be level with each other, shape (3,) [m/s²].
+        noise: Of the sensors, white; None if unknown.
+        holds: Times from which to which the load was still [s]; None: to be found.
+        truth: If known.
+    """
+
+    robots: Mapping[str, RobotRecord]
+    gravity: Array = field(default_factory=lambda: np.array(GRAVITY))
+    noise: SensorNoise | None = None
+    holds: tuple[tuple[float, float], ...] | None = None
+    truth: Truth | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The robots' names."""
+        return tuple(self.robots)
+
+    @property
+    def time(self) -> Array:
+        """Of all samples, shape (n,) [s]."""
+        return self.robots[self.names[0]].time
+
+    @property
+    def rate(self) -> float:
+        """Samples per second."""
+        return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
+
+    def has(self, channel: str) -> bool:
+        """Whether all robots recorded it."""
+        return all(getattr(robot, channel) is not None for robot in self.robots.values())
+
+    def stacked(self, channel: str) -> Array:
+        """One channel of all robots, shape (N, n, width).
+
+        Raises:
+            RecordingError: A robot did not record it.
+        """
+        missing = [name for name, robot in self.robots.items() if getattr(robot, channel) is None]
+        if missing:
+            raise RecordingError(f"'{channel}' of {', '.join(missing)} is missing, but needed")
+        return np.array([getattr(robot, channel) for robot in self.robots.values()])
+
+    def between(self, start: float, end: float) -> Recording:
+        """Only the samples of some time.
+
+        Raises:
+            RecordingError: There are none.
+        """
+        kept = (self.time >= start) & (self.time <= end)
+        if np.count_nonzero(kept) < 2:
+            raise RecordingError(f"no samples from {start:g} s to {end:g} s: they are from {self.span}")
+        robots = {
+            name: RobotRecord(
+                robot.time[kept], **{c: None if (x := getattr(robot, c)) is None else x[kept] for c in _WIDTHS}
+            )
+            for name, robot in self.robots.items()
+        }
+        return replace(self, robots=robots)
+
+    @property
+    def span(self) -> str:
+        """From when to when, in words."""
+        return f"{self.time[0]:g} s to {self.time[-1]:g} s"
+
+
+def check_recording(recording: Recording) -> None:
+    """Check that all can be computed on.
+
+    Raises:
+        RecordingError: Something cannot; says which robot's what, and why.
+    """
+    if len(recording.robots) < 2:
+        raise RecordingError(f"found {len(recording.robots)} robot, expected at least 2")
+    first = recording.names[0]
+    for name, robot in recording.robots.items():
+        if len(robot.time) < 2 or not np.all(np.diff(robot.time) > 0.0):
+            raise RecordingError(f"'t' of {name}: expected at least 2 times, growing")
+        steps = np.diff(robot.time)
+        if np.ptp(steps) > 2.0 * _TIME_TOLERANCE * steps.mean() + 1e-9:
+            raise RecordingError(
+                f"'t' of {name}: steps from {steps.min():.6g} s to {steps.max():.6g} s, expected equal ones: resample, "
+                f"or fill the gaps"
+            )
+        if len(robot.time) != len(recording.time) or np.abs(robot.time - recording.time).max() > 0.5 * steps.mean():
+            raise RecordingError(f"'t' of {name} is not that of {first}: resample all robots at the same times")
+        for channel, width in _WIDTHS.items():
+            samples = getattr(robot, channel)
+            if samples is None:
+                continue
+            if samples.shape != (len(robot.time), width):
+                raise RecordingError(
+                    f"'{channel}' of {name}: found shape {samples.shape}, expected {(len(robot.time), width)}"
+                )
+            if not np.isfinite(samples).all():
+                bad = float(robot.time[~np.isfinite(samples).all(axis=1)][0])
+                raise RecordingError(f"'{channel}' of {name}: not a finite number at {bad:g} s")
+        if robot.pose is not None and np.abs(np.linalg.norm(robot.pose[:, 3:], axis=1) - 1.0).max() > 1e-3:
+            raise RecordingError(f"'pose' of {name}: expected unit quaternions qx qy qz qw in the last four columns")

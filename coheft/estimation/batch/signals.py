@@ -1,0 +1,167 @@
+"""From recorded samples to smooth motions: low-pass filters, differences, and what follows from poses.
+
+All signals go through the same filter, so that none comes later than another. It runs forwards and backwards: no
+delay. Its first and last seconds are of no use and dropped (Zhang et al., sec. IV-B).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.transform import Rotation
+
+from coheft.errors import RecordingError
+from coheft.estimation.batch.recording import Recording
+from coheft.estimation.spatial import Array
+
+ORDER = 3
+CUTOFF = 5.0
+"""Of the low-pass filter [Hz]."""
+EDGE = 2.0
+"""Dropped at both ends [s]."""
+_OVERSAMPLING = 6.0
+"""Samples that are kept per period of the cutoff."""
+_FEWEST = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """Smooth simultaneous signals of N robots, each in its own grasp frame.
+
+    Attributes:
+        time: Shape (n,) [s].
+        w: Angular velocity, shape (N, n, 3) [rad/s].
+        v: Velocity of the origin, shape (N, n, 3) [m/s].
+        alpha: Angular acceleration, shape (N, n, 3) [rad/s²].
+        a: Proper acceleration of the origin, shape (N, n, 3) [m/s²].
+        wrench: ``(f, t)`` on the payload, shape (N, n, 6); None if not recorded.
+        rotation: Of ``F_i`` in the home frame, shape (N, n, 3, 3); None without poses.
+    """
+
+    time: Array
+    w: Array
+    v: Array
+    alpha: Array
+    a: Array
+    wrench: Array | None
+    rotation: Array | None
+
+    @property
+    def rate(self) -> float:
+        """Samples per second."""
+        return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
+
+
+def low_pass(samples: Array, rate: float, cutoff: float = CUTOFF, axis: int = 0) -> Array:
+    """Butterworth filter of third order, forwards and backwards.
+
+    Args:
+        samples: Consecutive along ``axis``.
+        rate: Samples per second.
+        cutoff: [Hz].
+        axis: Of time.
+
+    Raises:
+        RecordingError: There are too few samples for it, or they are too slow.
+    """
+    if cutoff >= 0.5 * rate:
+        raise RecordingError(f"{rate:g} samples per second cannot be filtered at {cutoff:g} Hz: choose less than half")
+    shortest = int(np.ceil(3.0 * rate / cutoff))
+    if samples.shape[axis] <= shortest:
+        raise RecordingError(f"found {samples.shape[axis]} samples, but the filter takes more than {shortest}")
+    sections = butter(ORDER, cutoff, fs=rate, output="sos")
+    result: Array = sosfiltfilt(sections, samples, axis=axis, padlen=shortest)
+    return result
+
+
+def central_difference(samples: Array, rate: float) -> Array:
+    """Derivative along the second axis, (N, n, ...) to (N, n - 2, ...): the first and last sample are lost."""
+    result: Array = 0.5 * rate * (samples[:, 2:] - samples[:, :-2])
+    return result
+
+
+def smooth_poses(poses: Array, rate: float, cutoff: float = CUTOFF) -> tuple[Array, Array]:
+    """Filtered rotations (N, n, 3, 3) and positions (N, n, 3) of poses ``x y z qx qy qz qw``, shape (N, n, 7)."""
+    quaternions = poses[..., 3:].copy()
+    # Both signs are the same rotation: let none jump.
+    signs = np.sign(np.einsum("nki,nki->nk", quaternions[:, 1:], quaternions[:, :-1]))
+    quaternions[:, 1:] *= np.cumprod(np.where(signs == 0.0, 1.0, signs), axis=1)[..., None]
+    smooth = low_pass(quaternions, rate, cutoff, axis=1)
+    rotations = Rotation.from_quat(smooth.reshape(-1, 4)).as_matrix()
+    return rotations.reshape(*poses.shape[:2], 3, 3), low_pass(poses[..., :3], rate, cutoff, axis=1)
+
+
+def body_rates(rotations: Array, rate: float) -> Array:
+    """Angular velocity in the turning frame, shape (N, n - 2, 3), of its rotations (N, n, 3, 3): central differences.
+
+    ``exp([w]x 2 dt) = R_before^T R_after``.
+    """
+    turns = rotations[:, :-2].swapaxes(-1, -2) @ rotations[:, 2:]
+    result: Array = 0.5 * rate * Rotation.from_matrix(turns.reshape(-1, 3, 3)).as_rotvec()
+    return result.reshape(*turns.shape[:2], 3)
+
+
+def signals_of(recording: Recording, cutoff: float = CUTOFF, edge: float = EDGE) -> Signals:
+    """Smooth signals of a recording; what it does not hold is derived.
+
+    Twists come from poses, their derivatives from twists, proper accelerations from these and gravity in the home
+    frame.
+
+    Args:
+        recording: Checked.
+        cutoff: Of the filter [Hz].
+        edge: Dropped at both ends [s].
+
+    Raises:
+        RecordingError: Too little was recorded, or for too short a time.
+    """
+    rate, time = recording.rate, recording.time
+    rotation = None
+    if recording.has("pose"):
+        rotation, position = smooth_poses(recording.stacked("pose"), rate, cutoff)
+    if recording.has("twist"):
+        twist = low_pass(recording.stacked("twist"), rate, cutoff, axis=1)
+    elif rotation is not None:
+        velocity = _turned(central_difference(position, rate), rotation[:, 1:-1])
+        twist = np.concatenate([body_rates(rotation, rate), velocity], axis=-1)
+        time, rotation = time[1:-1], rotation[:, 1:-1]
+    else:
+        raise RecordingError("found neither 'pose' nor 'twist' of all robots: one of them is needed")
+    lost = (len(recording.time) - len(time)) // 2
+    if recording.has("dtwist"):
+        dtwist = low_pass(recording.stacked("dtwist"), rate, cutoff, axis=1)[:, lost : lost + len(time)]
+    else:
+        dtwist = central_difference(twist, rate)
+        time, twist, lost = time[1:-1], twist[:, 1:-1], lost + 1
+        rotation = None if rotation is None else rotation[:, 1:-1]
+    inner = slice(lost, lost + len(time))
+    w, v, alpha = twist[..., :3], twist[..., 3:], dtwist[..., :3]
+    if recording.has("acceleration"):
+        a = low_pass(recording.stacked("acceleration"), rate, cutoff, axis=1)[:, inner]
+    elif rotation is not None:
+        a = dtwist[..., 3:] + np.cross(w, v) - recording.gravity @ rotation
+    else:
+        raise RecordingError("found neither 'pose' nor 'acceleration' of all robots: nothing tells where down is")
+    wrench = low_pass(recording.stacked("wrench"), rate, cutoff, axis=1)[:, inner] if recording.has("wrench") else None
+    inner_time = (time >= recording.time[0] + edge) & (time <= recording.time[-1] - edge)
+    # What is left has nothing above the cutoff: fewer samples say the same.
+    kept = np.flatnonzero(inner_time)[:: max(1, int(rate / (_OVERSAMPLING * cutoff)))]
+    if len(kept) < _FEWEST:
+        raise RecordingError(f"found samples from {recording.span}, but {edge:g} s are dropped at both ends")
+    return Signals(
+        time=time[kept],
+        w=w[:, kept],
+        v=v[:, kept],
+        alpha=alpha[:, kept],
+        a=a[:, kept],
+        wrench=None if wrench is None else wrench[:, kept],
+        rotation=None if rotation is None else rotation[:, kept],
+    )
+
+
+def _turned(vectors: Array, rotations: Array) -> Array:
+    """``R^T x`` for vectors (N, n, 3) of the home frame and rotations (N, n, 3, 3) of the grasp frame in it."""
+    result: Array = (vectors[..., None, :] @ rotations)[..., 0, :]
+    return result

@@ -1,0 +1,63 @@
+"""Keeps what all robots measured, for a data file: what an experimenter has on disk after an experiment."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.estimation.batch.recording import Recording, RobotRecord, Truth
+from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Array, Pose
+from coheft.wire.messages import PayloadTruth, Scene
+from coheft.wire.scenario import Scenario
+from physics_server.simulation import BlockResult
+
+
+class DataRecorder:
+    """Collects blocks. Robots with encoders record poses and forces; others gyro, velocity, acceleration and wrench."""
+
+    def __init__(self, scenario: Scenario, scene: Scene) -> None:
+        self._scenario = scenario
+        self._scene = scene
+        self._samples: list[Array] = []
+        self._loads: list[tuple[float, PayloadTruth]] = []
+
+    def add(self, result: BlockResult) -> None:
+        """Keep one block, the next of the run."""
+        if result.wrists is not None:
+            self._samples.append(result.wrists.numbers())
+        else:
+            own = [result.measurements[name].samples for name in self._scene.robots]
+            self._samples.append(np.stack(own, axis=1))
+        payload = result.truth.payload
+        if not self._loads or not _same(self._loads[-1][1], payload):
+            self._loads.append((result.truth.time - self._scenario.block_duration, payload))
+
+    def recording(self) -> Recording:
+        """All blocks so far."""
+        samples = np.concatenate(self._samples)
+        time = np.arange(len(samples)) / self._scenario.sensors.rate
+        grasps = [Pose(r, p) for r, p in zip(self._scene.rotations, self._scene.translations, strict=True)]
+        to_first = grasps[0].inverse()
+        with_encoders = self._scenario.sensors.encoders is not None
+        robots = {}
+        for i, name in enumerate(self._scene.robots):
+            own = samples[:, i]
+            if with_encoders:
+                robots[name] = RobotRecord(time, pose=own[:, :7], wrench=own[:, 7:])
+            else:
+                robots[name] = RobotRecord(
+                    time, twist=own[:, TWIST], acceleration=own[:, ACCELERATION], wrench=own[:, WRENCH]
+                )
+        loads = tuple(
+            (since, Inertia(load.mass, load.com, load.tensor).carried(to_first)) for since, load in self._loads
+        )
+        return Recording(
+            robots=robots,
+            noise=None if with_encoders else self._scenario.noise,
+            truth=Truth(tuple(to_first @ grasp for grasp in grasps), loads),
+        )
+
+
+def _same(one: PayloadTruth, other: PayloadTruth) -> bool:
+    return one.mass == other.mass and np.array_equal(one.com, other.com) and np.array_equal(one.tensor, other.tensor)

@@ -1,0 +1,129 @@
+"""From samples to smooth motions, against motions known exactly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from coheft.errors import RecordingError
+from coheft.estimation.batch.recording import Recording, RobotRecord, check_recording
+from coheft.estimation.batch.signals import EDGE, low_pass, signals_of
+from coheft.estimation.spatial import Array
+from tests.estimation.batch_team import RATE, grasps, moving_recording
+
+TIME = np.arange(3000) / RATE
+
+
+def test_low_pass_lets_slow_things_through_unchanged_and_in_time() -> None:
+    slow = np.sin(2.0 * np.pi * 0.5 * TIME)
+    np.testing.assert_allclose(low_pass(slow, RATE, 5.0)[300:-300], slow[300:-300], atol=1e-5)
+    fast = np.sin(2.0 * np.pi * 20.0 * TIME)
+    assert np.abs(low_pass(fast, RATE, 5.0)[300:-300]).max() < 1e-3
+
+
+def swinging(rate: float = 0.7) -> tuple[Recording, Array, Array]:
+    """Two robots at the ends of a body that turns about x and moves along y; its angle and velocity of the angle."""
+    angle, omega = 0.3 * np.sin(2.0 * np.pi * rate * TIME), 0.3 * 2.0 * np.pi * rate * np.cos(2.0 * np.pi * rate * TIME)
+    quaternions = Rotation.from_rotvec(angle[:, None] * [1.0, 0.0, 0.0]).as_quat()
+    position = np.outer(0.1 * np.sin(2.0 * np.pi * rate * TIME + 1.0), [0.0, 1.0, 0.0])
+    robot = RobotRecord(TIME, pose=np.hstack([position, quaternions]), wrench=np.zeros((len(TIME), 6)))
+    return Recording({"r1": robot, "r2": robot}), angle, omega
+
+
+def test_motion_follows_from_poses() -> None:
+    recording, angle, omega = swinging()
+    found = signals_of(recording)
+    kept = np.searchsorted(TIME, found.time - 1e-9)
+    np.testing.assert_allclose(TIME[kept], found.time)
+    assert found.time[0] >= EDGE
+    assert found.time[-1] <= TIME[-1] - EDGE
+    rate = 2.0 * np.pi * 0.7
+    np.testing.assert_allclose(found.w[0, :, 0], omega[kept], atol=2e-3)
+    np.testing.assert_allclose(found.alpha[0, :, 0], -(rate**2) * angle[kept], atol=2e-2)
+    speed = 0.1 * rate * np.cos(rate * TIME[kept] + 1.0)
+    acceleration = -0.1 * rate**2 * np.sin(rate * TIME[kept] + 1.0)
+    cos, sin = np.cos(angle[kept]), np.sin(angle[kept])
+    np.testing.assert_allclose(found.v[0], np.stack([0 * speed, cos * speed, -sin * speed], axis=1), atol=2e-3)
+    proper = np.stack([0 * cos, cos * acceleration + sin * 9.81, -sin * acceleration + cos * 9.81], axis=1)
+    np.testing.assert_allclose(found.a[0], proper, atol=1e-2)
+
+
+def test_what_is_recorded_is_not_derived() -> None:
+    recording, _, _ = swinging()
+    derived = signals_of(recording)
+    constant = np.tile([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], (len(TIME), 1))
+    robots = {name: replace(robot, twist=constant, dtwist=2.0 * constant) for name, robot in recording.robots.items()}
+    found = signals_of(replace(recording, robots=robots))
+    np.testing.assert_allclose(found.w, np.broadcast_to([1.0, 2.0, 3.0], found.w.shape), atol=1e-9)
+    np.testing.assert_allclose(found.alpha, np.broadcast_to([2.0, 4.0, 6.0], found.w.shape), atol=1e-9)
+    assert not np.allclose(derived.w[:, : found.w.shape[1]].std(), 0.0)
+
+
+def test_signs_of_quaternions_do_not_matter() -> None:
+    recording = moving_recording(np.random.default_rng(0), grasps(np.random.default_rng(1)))
+    signs = np.where(np.random.default_rng(2).uniform(size=len(recording.time)) < 0.5, -1.0, 1.0)
+    flipped = {}
+    for name, robot in recording.robots.items():
+        assert robot.pose is not None
+        flipped[name] = replace(robot, pose=np.hstack([robot.pose[:, :3], signs[:, None] * robot.pose[:, 3:]]))
+    np.testing.assert_allclose(signals_of(replace(recording, robots=flipped)).w, signals_of(recording).w, atol=1e-12)
+
+
+def test_all_robots_feel_one_rigid_body() -> None:
+    rng = np.random.default_rng(4)
+    team = grasps(rng)
+    recording = moving_recording(rng, team)
+    found = signals_of(recording, cutoff=20.0)
+    for k, pose in enumerate(team):
+        np.testing.assert_allclose(found.w[k] @ pose.rotation.T, found.w[0], atol=1e-4)
+        carried = found.v[k] @ pose.rotation.T + np.cross(pose.translation, found.w[0])
+        np.testing.assert_allclose(carried, found.v[0], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"pose": None}, "neither 'pose' nor 'twist'"),
+        ({"pose": None, "twist": np.zeros((3000, 6))}, "nothing tells where down is"),
+    ],
+)
+def test_what_cannot_be_derived_is_refused(changes: dict[str, Array | None], message: str) -> None:
+    recording, _, _ = swinging()
+    robots = {name: replace(robot, **changes) for name, robot in recording.robots.items()}  # type: ignore[arg-type]
+    with pytest.raises(RecordingError, match=message):
+        signals_of(replace(recording, robots=robots))
+
+
+def test_short_recordings_are_refused() -> None:
+    recording, _, _ = swinging()
+    with pytest.raises(RecordingError, match="dropped at both ends"):
+        signals_of(recording.between(0.0, 4.0))
+    with pytest.raises(RecordingError, match="the filter takes more"):
+        signals_of(recording.between(0.0, 0.3))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda r: replace(r, time=r.time[::-1]), "'t' of r2: expected at least 2 times, growing"),
+        (lambda r: replace(r, time=r.time**2 + r.time), "'t' of r2: steps from"),
+        (lambda r: replace(r, time=r.time + 1.0), "'t' of r2 is not that of r1"),
+        (lambda r: replace(r, pose=r.pose[:-1]), r"'pose' of r2: found shape \(2999, 7\), expected \(3000, 7\)"),
+        (lambda r: replace(r, pose=2.0 * r.pose), "'pose' of r2: expected unit quaternions"),
+        (lambda r: replace(r, wrench=np.where(np.arange(6) == 2, np.nan, r.wrench)), "'wrench' of r2: not a finite"),
+    ],
+)
+def test_unusable_recordings_are_refused_with_the_reason(spoil, message: str) -> None:  # type: ignore[no-untyped-def]
+    recording, _, _ = swinging()
+    robots = {"r1": recording.robots["r1"], "r2": spoil(recording.robots["r2"])}
+    with pytest.raises(RecordingError, match=message):
+        check_recording(replace(recording, robots=robots))
+
+
+def test_one_robot_is_no_team() -> None:
+    recording, _, _ = swinging()
+    with pytest.raises(RecordingError, match="found 1 robot, expected at least 2"):
+        check_recording(replace(recording, robots={"r1": recording.robots["r1"]}))

@@ -1,0 +1,188 @@
+"""From simulated experiments to the load: the paper's payloads, a ring of sensors, and the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.cli_base import EXIT_NOT_CONVERGED
+from coheft.app.identify.methods import Bounds, Method, identify
+from coheft.app.inprocess import run_in_process
+from coheft.app.mocobots.campaign import errors_of, scenario_of
+from coheft.app.mocobots.record import record, record_sphere
+from coheft.errors import RecordingError
+from coheft.estimation.batch.holds import holds_of
+from coheft.estimation.batch.identify import Identification
+from coheft.estimation.batch.payload import central_numbers
+from coheft.estimation.batch.recording import Recording
+from coheft.estimation.body_motion import perturbation_between
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Pose
+from coheft.wire.data_file import write_recording
+from coheft.wire.messages import Estimate
+from coheft.wire.scenario_file import load_scenario
+
+EXPERIMENTS = [("b", 2), ("c", 1)]
+"""Configurations of the paper, from via point to via point (1) or on a sphere (2)."""
+AT_VIBRATION = [0.05] * 3 + [1.0] * 3 + [0.01, 1.5] + [1.0] * 3
+"""Limits of errors without calibration errors: degrees, mm, kg, mm, %."""
+
+
+@pytest.fixture(scope="module", params=EXPERIMENTS, ids=str)
+def vibrating(request: pytest.FixtureRequest) -> Recording:
+    configuration, number = request.param
+    scenario = scenario_of(configuration, "vibration", number)
+    return record(scenario) if number % 2 else record_sphere(scenario)
+
+
+@pytest.mark.parametrize("method", ["instruments", "pose"])
+def test_loads_are_found_to_the_limits(vibrating: Recording, method: Method) -> None:
+    found = identify(vibrating, method)
+    errors = np.abs(errors_of(vibrating, found))
+    assert (errors < AT_VIBRATION).all(), errors
+    assert not found.unseen
+    assert honest(vibrating, found)
+
+
+def test_plain_least_squares_finds_all_but_the_inertia(vibrating: Recording) -> None:
+    """It is too small by the noise of differentiated encoders."""
+    errors = np.array(errors_of(vibrating, identify(vibrating, "batch")))
+    assert (np.abs(errors[:8]) < [0.05] * 3 + [4.0] * 3 + [0.01, 4.0]).all(), errors
+    assert errors[8:].max() < -0.3
+
+
+def test_all_holds_are_found(vibrating: Recording) -> None:
+    assert len(holds_of(vibrating).spans) == 6
+
+
+def honest(recording: Recording, found: Identification, limit: float = 4.5) -> bool:
+    """Whether all numbers are within some of their own standard deviations of the truth."""
+    truth = recording.truth
+    assert truth is not None
+    load = truth.load_between(recording.time[0], recording.time[-1])
+    assert load is not None
+    deviations = [(central_numbers(found.payload.measured) - central_numbers(load)) / found.payload.std]
+    for k in range(1, len(found.names)):
+        relative = found.team.relative(0, k)
+        error = perturbation_between(relative.pose, truth.poses[0].inverse() @ truth.poses[k])
+        deviations.append(error / np.sqrt(np.diag(relative.covariance)))
+    return bool(np.abs(np.concatenate(deviations)).max() < limit)
+
+
+@pytest.fixture(scope="module")
+def miscalibrated() -> Recording:
+    return record_sphere(scenario_of("d", "calibration", 4))
+
+
+def test_calibration_is_estimated_along_and_told(miscalibrated: Recording) -> None:
+    found = identify(miscalibrated, "pose", Bounds())
+    assert honest(miscalibrated, found)
+    unseen = {finding.what for finding in found.calibration if not finding.is_seen}
+    assert unseen >= {"zero of angle c", "force scale", "force offset z"}
+    assert not unseen & {"zero of angle a", "zero of angle b", "scale of angle a", "force offset x", "force offset y"}
+    plain, ours = (np.abs(errors_of(miscalibrated, f)) for f in (identify(miscalibrated, "batch"), found))
+    assert ours[3:6].mean() < plain[3:6].mean()
+    assert ours[7] < plain[7]
+
+
+def test_who_ignores_calibration_errors_is_not_honest(miscalibrated: Recording) -> None:
+    assert not honest(miscalibrated, identify(miscalibrated, "pose"))
+
+
+def test_only_poses_tell_calibration_errors(miscalibrated: Recording) -> None:
+    with pytest.raises(RecordingError, match="by --method pose only, not by batch"):
+        identify(miscalibrated, "batch", Bounds())
+
+
+@pytest.fixture(scope="module")
+def ring6() -> tuple[Recording, dict[str, Estimate]]:
+    """What sensors of six robots recorded, and what their agents thought at the end."""
+    scenario = msgspec.structs.replace(load_scenario("ring6"), duration=10.0)
+    last: dict[str, Estimate] = {}
+    for block in run_in_process(scenario):
+        last = block.estimates or last
+    return record(scenario), last
+
+
+@pytest.mark.parametrize("method", ["likelihood", "instruments"])
+def test_recordings_say_what_agents_found_online(ring6: tuple[Recording, dict[str, Estimate]], method: Method) -> None:
+    """Both have the same data: they agree within the standard deviations that both state."""
+    recording, online = ring6
+    found = identify(recording, method)
+    for k, (name, estimate) in enumerate(online.items()):
+        payload = estimate.payload
+        assert payload is not None
+        seen = found.payload.inertia.carried(found.team.poses[k].inverse())
+        theirs = Inertia(payload.mass, payload.com, payload.tensor)
+        difference = central_numbers(seen) - central_numbers(theirs)
+        own = np.sqrt(np.diag(payload.covariance))
+        if method == "likelihood":
+            assert np.abs(difference / own).max() < 1.0, name
+        else:
+            assert np.abs(difference).max() < 0.2
+            assert np.abs(difference / np.hypot(own, 1.5 * own)).max() < 4.0, name
+        for other, pose in estimate.poses.items():
+            relative = found.team.relative(k, recording.names.index(other))
+            error = perturbation_between(Pose(pose.rotation, pose.translation), relative.pose)
+            limit = 1.0 if method == "likelihood" else 5.0
+            assert np.abs(error / np.sqrt(np.diag(pose.covariance))).max() < limit, (name, other)
+
+
+def test_the_suitable_method_is_chosen(ring6: tuple[Recording, dict[str, Estimate]], miscalibrated: Recording) -> None:
+    assert identify(ring6[0]).method == "likelihood"
+    assert identify(miscalibrated.between(0.0, 60.0)).method == "pose"
+
+
+def test_without_holds_the_papers_method_says_what_is_missing(ring6: tuple[Recording, dict[str, Estimate]]) -> None:
+    with pytest.raises(RecordingError, match=r"at least 2 orientations.*found 0 \(held: none\)"):
+        identify(ring6[0], "batch")
+
+
+def test_a_load_that_changed_is_suspected() -> None:
+    scenario = load_scenario("ring6")
+    change = msgspec.structs.replace(scenario.load_changes[0], at=3.0)
+    recording = record(msgspec.structs.replace(scenario, duration=6.0, load_changes=(change,)))
+    assert "did the load change" in identify(recording).remarks[0]
+    assert "did the load change" not in identify(recording.between(3.0, 6.0)).remarks[0]
+
+
+def test_a_load_that_hardly_moves_is_not_weighed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scenario = msgspec.structs.replace(load_scenario("quiet"), duration=10.0)
+    write_recording(record(scenario), tmp_path / "quiet.npz")
+    assert run_command_line(["identify", str(tmp_path / "quiet.npz")]) == EXIT_NOT_CONVERGED
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "Not observable: pose of r2" in shown
+    assert "not seen" in shown
+
+
+def test_the_command_line_reports(miscalibrated: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("matplotlib")
+    path, report, folder = tmp_path / "d.npz", tmp_path / "d.json", tmp_path / "report"
+    write_recording(miscalibrated, path)
+    arguments = ["identify", str(path), "--calibrate", "--json", str(report), "--report", str(folder)]
+    assert run_command_line(arguments) == EXIT_CONVERGED
+    shown = capsys.readouterr().out
+    assert "Calibration" in shown
+    assert "not seen" in shown
+    told = json.loads(report.read_text())
+    assert (told["method"], told["robots"]) == ("pose", ["r1", "r2", "r3"])
+    principal = np.linalg.eigvalsh(np.array(told["payload"]["inertia"]))
+    np.testing.assert_allclose(told["payload"]["principal"], principal)
+    assert abs(told["errors"]["mass_kg"]) < 0.5
+    assert {file.name for file in folder.iterdir()} >= {"report.json", "report.txt", "residuals.png", "forces.png"}
+
+
+def test_the_command_line_says_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line(["identify", str(tmp_path / "nothing.npz")]) == EXIT_ERROR
+    assert "nothing.npz: cannot be read" in capsys.readouterr().err
+
+
+def test_data_cannot_be_saved_where_there_is_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "no" / "run.npz"
+    assert run_command_line(["run", "mocobot_a", "--save-data", str(target)]) == EXIT_USAGE
+    assert "there is no folder" in " ".join(capsys.readouterr().err.replace("│", " ").split())
