@@ -63,6 +63,9 @@ _CONTRADICTION = 80.0
 """Limit of the chi-square of the mean recent residual, six degrees of freedom: 4e-15 by chance."""
 _GIVE_UP = 0.5
 """After so long a contradiction what is remembered is forgotten: it was of another load [s]."""
+_NEW = 0.5
+"""A load is so much less certain, in variance, as this is of the time of its samples: in few samples the noise of motions
+is not what it is on average [s]."""
 _LEAST = 0.3
 """Least time of samples from which anything is estimated [s]."""
 
@@ -365,6 +368,7 @@ class LoadMemory:
         by_poses[:, 6 * own : 6 * own + 6] += seen_by_own[:, :6]
         covariance = seen_by_own[:, 6:] @ estimate.covariance @ seen_by_own[:, 6:].T
         covariance += by_poses @ team.covariance @ by_poses.T
+        covariance *= 1.0 + _NEW * self._config.rate / self.count
         unseen = unseen_quantities(covariance, estimate.inertia.mass, self._length())
         inertia = estimate.inertia.carried(self._poses[own].inverse())
         sentences = tuple(f"{part.what}: {part.remedy}" for part in unseen)
