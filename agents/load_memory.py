@@ -64,7 +64,7 @@ _CONTRADICTION = 80.0
 _GIVE_UP = 0.5
 """After so long a contradiction what is remembered is forgotten: it was of another load [s]."""
 _NEW = 0.5
-"""A load is so much less certain, in variance, as this is of the time of its samples: in few samples the noise of motions
+"""A load is so much less certain, in variance, as this is of the time of its samples: in few samples the motions' noise
 is not what it is on average [s]."""
 _LEAST = 0.3
 """Least time of samples from which anything is estimated [s]."""
