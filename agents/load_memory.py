@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agents.late_wrenches import LateWrenches
 from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.forgetting_window import ForgettingWindow
 from coheft.estimation.inertia import (
@@ -55,14 +56,6 @@ _SAME = 30.0
 """Limit of the chi-square of the difference between two estimates, ten degrees of freedom: 1e-3 by chance."""
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
-_LOOK = 0.1
-"""Time between two solutions for what the load is, to hold what comes against [s]."""
-_RECENT = 0.25
-"""Time over which recent residuals are averaged [s]."""
-_CONTRADICTION = 80.0
-"""Limit of the chi-square of the mean recent residual, six degrees of freedom: 4e-15 by chance."""
-_GIVE_UP = 0.5
-"""After so long a contradiction what is remembered is forgotten: it was of another load [s]."""
 _NEW = 0.5
 """A load is so much less certain, in variance, as this is of the time of its samples: in few samples the motions' noise
 is not what it is on average [s]."""
@@ -121,14 +114,7 @@ class LoadMemory:
         self._mean_crosses = np.zeros((robots, *_CROSS_SHAPE))
         self._disturbance = np.inf
         self._disturbance_shape: Array | None = None
-        self._unknowns: Array | None = None
-        self._recent = np.zeros(FEATURES)
-        blocks_per_second = config.rate / config.block
-        self._recent_kept = float(np.exp(-1.0 / (_RECENT * blocks_per_second)))
-        self._give_up_after = max(1, round(_GIVE_UP * blocks_per_second))
-        self._contradicted = 0
-        self._look_every = max(1, round(_LOOK * blocks_per_second))
-        self._pushed = 0
+        self._late = LateWrenches(config.rate / config.block)
 
     @property
     def changed_at(self) -> int:
@@ -182,51 +168,34 @@ class LoadMemory:
 
     def surprise(self, motion: Array, wrench: Array) -> float:
         """Mean square of a block's residuals over what it should be, by what is known of the load; 0 if nothing is."""
-        if self._model is None or self._unknowns is None:
-            return 0.0
-        explained = np.tensordot(features(motion, wrench), self._model.regressor_coefficients @ self._unknowns, 1)
-        residuals = wrench - explained
-        weighted = residuals @ np.linalg.inv(self._model.residual_covariance)
-        return float(np.sum(weighted * residuals) / residuals.size / (1.0 + self._disturbance))
+        assert self._model is not None
+        return self._late.surprise(self._model, motion, wrench) / (1.0 + self._disturbance)
 
     def _look_back(self, block: int, moments: Array) -> None:
-        """Whether the wrenches of late are those of the load that is remembered; if not for long, forget it."""
-        assert self._model is not None
-        self._recent = self._recent_kept * self._recent + unpacked_gram(moments[:GRAM_SIZE])[0]
+        """Hold the wrenches of late against what is remembered; if they do not fit for long, forget it."""
+        self._late.add(unpacked_gram(moments[:GRAM_SIZE])[0])
         if self._told is not None:
             return  # motions are seen with new poses, wrenches with old ones
-        self._pushed += 1
-        self._compare(self._model, is_new=self._pushed % self._look_every == 0)
-        if self._contradicted > self._give_up_after:
+        self._late.count_block()
+        self._compare(is_new=self._late.need_solution)
+        if self._late.have_long_contradicted:
             self._window.forget_before(block)
             self._begin(self._changed_at)
 
-    def _compare(self, model: InertiaModel, is_new: bool) -> None:
-        """Hold the wrenches of late against what the load is found to be, anew if that is so."""
-        if not self._is_enough() or self._recent[0] < 1.0:
-            self._unknowns = None
+    def _compare(self, is_new: bool) -> None:
+        assert self._model is not None
+        if not self._is_enough():
+            self._late.solve(None)
             return
-        if self._unknowns is None or is_new:
-            information = self._window.information(model)
-            ridge = _SINGULAR * np.diag(np.diag(information.uncompensated))
-            self._unknowns = np.asarray(np.linalg.solve(information.matrix + ridge, information.vector))
-        is_right = self._recent_statistic(model, self._unknowns) < _CONTRADICTION
-        self._contradicted = 0 if is_right else self._contradicted + 1
-
-    def _recent_statistic(self, model: InertiaModel, unknowns: Array) -> float:
-        """Chi-square of the mean residual of late: noise averages out, what poses add does not."""
-        count = self._recent[0]
-        mean = self._recent / count
-        residual = mean[_WRENCH_FEATURES] - np.tensordot(mean, model.regressor_coefficients @ unknowns, 1)
-        spread = model.residual_covariance / count
-        if self._disturbance_shape is not None:
-            spread = spread + self._disturbance * self._disturbance_shape
-        return float(residual @ np.linalg.solve(spread, residual))
+        if is_new:
+            self._late.solve(self._window.information(self._model))
+        shape = np.zeros((6, 6)) if self._disturbance_shape is None else self._disturbance_shape
+        self._late.compare(self._model, (0.0 if self._disturbance_shape is None else self._disturbance) * shape)
 
     def _begin(self, changed_at: int) -> None:
         """What is remembered is of another load than before."""
-        self._changed_at, self._unknowns = changed_at, None
-        self._recent, self._contradicted = np.zeros(FEATURES), 0
+        self._changed_at = changed_at
+        self._late.begin()
 
     def push_early(self, motion: Array, wrench: Array, own_wrench: Array) -> None:
         """Take in a block from before all others, as ``push``; it is not looked at for changes."""
@@ -305,8 +274,7 @@ class LoadMemory:
             self._window.forget_before(told.last_block + 1)  # means will not do for poses that were so rough
         if rows is not None:
             self._expect_disturbance(wrench_disturbance(self._poses, team.covariance, rows[:, 2]))
-        if self._model is not None:
-            self._compare(self._model, is_new=True)  # what was told may have been nonsense
+        self._compare(is_new=True)  # what was told may have been nonsense
 
     def _expect_disturbance(self, covariance: Array) -> None:
         """From now on samples are spoilt with this covariance (6, 6), beside their noise."""
@@ -347,7 +315,7 @@ class LoadMemory:
             return np.hstack([repacked_gram(gram), sums[:, _DISTURBANCE, None], cross.reshape(len(sums), -1)])
 
         self._window.revise(update)
-        self._recent = full_map @ self._recent
+        self._late.map(full_map)
         total = self._window.total
         cross = total[_CROSS].reshape(_CROSS_SHAPE)
         motion_gram = unpacked_gram(total[:GRAM_SIZE])[MOTION_FEATURES, MOTION_FEATURES]
@@ -359,7 +327,7 @@ class LoadMemory:
         """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable."""
         if self._model is None or not self._is_enough():
             return None, ()
-        if self._contradicted:
+        if self._late.contradict:
             return None, ("load: the forces of late do not fit what is remembered of it",)
         estimate = self._estimate(self._model)
         seen_by_own = seen_inertia_derivative(self._poses[own], estimate.inertia)

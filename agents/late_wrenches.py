@@ -1,0 +1,102 @@
+"""Whether the wrenches of late are those of the load that is remembered."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.estimation.inertia import FEATURES, InertiaInformation, InertiaModel, features
+from coheft.estimation.pose_sensitivity import MOTION_FEATURES
+from coheft.estimation.spatial import Array
+
+_LOOK = 0.1
+"""Time between two solutions for what the load is, to hold what comes against [s]."""
+_RECENT = 0.25
+"""Time over which recent residuals are averaged [s]."""
+_CONTRADICTION = 80.0
+"""Limit of the chi-square of the mean recent residual, six degrees of freedom: 4e-15 by chance."""
+_GIVE_UP = 0.5
+"""After so long a contradiction what is remembered is of another load [s]."""
+_SINGULAR = 1e-12
+"""What is added to an information, relative to itself, so that it has an inverse."""
+_WRENCH = slice(MOTION_FEATURES.stop, FEATURES)
+
+
+class LateWrenches:
+    """The mean of the newest samples' features, and the load that they should belong to.
+
+    Args:
+        blocks_per_second: Blocks per second.
+    """
+
+    def __init__(self, blocks_per_second: float) -> None:
+        self._kept = float(np.exp(-1.0 / (_RECENT * blocks_per_second)))
+        self._give_up_after = max(1, round(_GIVE_UP * blocks_per_second))
+        self._look_every = max(1, round(_LOOK * blocks_per_second))
+        self._blocks = 0
+        self.begin()
+
+    def begin(self) -> None:
+        """It is another load from now on."""
+        self._sums = np.zeros(FEATURES)
+        self._unknowns: Array | None = None
+        self._contradicted = 0
+
+    @property
+    def contradict(self) -> bool:
+        """Whether they do not fit the load."""
+        return self._contradicted > 0
+
+    @property
+    def have_long_contradicted(self) -> bool:
+        """Whether they have not fitted it for so long that it must be another one."""
+        return self._contradicted > self._give_up_after
+
+    @property
+    def need_solution(self) -> bool:
+        """Whether it is time to find anew what the load is."""
+        return self._unknowns is None or self._blocks % self._look_every == 0
+
+    def add(self, sums: Array) -> None:
+        """Take in a block: the sum of its samples' features, shape (19,)."""
+        self._sums = self._kept * self._sums + sums
+
+    def map(self, feature_map: Array) -> None:
+        """All features are ``feature_map`` (19, 19) times what they were."""
+        self._sums = feature_map @ self._sums
+
+    def count_block(self) -> None:
+        """Another block has been looked at."""
+        self._blocks += 1
+
+    def solve(self, information: InertiaInformation | None) -> None:
+        """Find what the load is, from all that is remembered; None if that is too little."""
+        if information is None:
+            self._unknowns = None
+            return
+        ridge = _SINGULAR * np.diag(np.diag(information.uncompensated))
+        self._unknowns = np.asarray(np.linalg.solve(information.matrix + ridge, information.vector))
+
+    def compare(self, model: InertiaModel, disturbance: Array) -> None:
+        """Hold them against the load.
+
+        Args:
+            model: The weights.
+            disturbance: Covariance (6, 6) of what poses add to wrenches.
+        """
+        if self._unknowns is None or self._sums[0] < 1.0:
+            return
+        # Noise averages out, what poses add does not.
+        count = self._sums[0]
+        mean = self._sums / count
+        residual = mean[_WRENCH] - np.tensordot(mean, model.regressor_coefficients @ self._unknowns, 1)
+        statistic = float(residual @ np.linalg.solve(model.residual_covariance / count + disturbance, residual))
+        self._contradicted = 0 if statistic < _CONTRADICTION else self._contradicted + 1
+
+    def surprise(self, model: InertiaModel, motion: Array, wrench: Array) -> float:
+        """Mean square of a block's residuals, in units of the noise, by what is known of the load; 0 if nothing is."""
+        if self._unknowns is None:
+            return 0.0
+        explained = np.tensordot(features(motion, wrench), model.regressor_coefficients @ self._unknowns, 1)
+        residuals = wrench - explained
+        weighted = residuals @ np.linalg.inv(model.residual_covariance)
+        return float(np.sum(weighted * residuals) / residuals.size)
