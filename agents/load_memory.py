@@ -57,8 +57,8 @@ _SAME = 30.0
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
 _NEW = 0.5
-"""A load is so much less certain, in variance, as this is of the time of its samples: in few samples the motions' noise
-is not what it is on average [s]."""
+"""A load is so much less certain, in variance, as the square of this over the time of its samples: in few samples the
+motions' noise is not what it is on average [s]."""
 _LEAST = 0.3
 """Least time of samples from which anything is estimated [s]."""
 
@@ -336,7 +336,7 @@ class LoadMemory:
         by_poses[:, 6 * own : 6 * own + 6] += seen_by_own[:, :6]
         covariance = seen_by_own[:, 6:] @ estimate.covariance @ seen_by_own[:, 6:].T
         covariance += by_poses @ team.covariance @ by_poses.T
-        covariance *= 1.0 + _NEW * self._config.rate / self.count
+        covariance *= 1.0 + (_NEW * self._config.rate / self.count) ** 2
         unseen = unseen_quantities(covariance, estimate.inertia.mass, self._length())
         inertia = estimate.inertia.carried(self._poses[own].inverse())
         sentences = tuple(f"{part.what}: {part.remedy}" for part in unseen)

@@ -48,14 +48,14 @@ _MOVING = 4.0
 _LEFT = 0.25
 """Share of a fit's last step that may be left to go, because the fit is not linear."""
 _UNTRIED = 4.0
-"""Poses are so much less certain, in variance, as this is of the time of samples that they were fitted to [s]: what is
-left out of their covariance is of second order, and matters when they are new."""
+"""Poses are so much less certain, in variance, as the square of this over the time of samples that they were fitted to
+[s]: what is left out of their covariance is of second order, and matters when they are new."""
 _JUMP = 30.0
 """A block whose squared residuals are so many times what they should be is held until the next one has come: a load
 changes for longer than a block."""
 _NONSENSE = 15.0
 """The same for the motion of the body, which does not change at a sudden: such a block is not used."""
-_MUCH_MORE = 8.0
+_MUCH_MORE = 4.0
 """What was learned with rough poses is looked at again when there are so many times as many samples: then, if it is of
 a slightly different load that nobody noticed, it does no harm."""
 _BLAMED = 0.6
@@ -411,7 +411,7 @@ class Team:
         """How well poses are known that have just been fitted: by the samples that they were fitted to."""
         moments, left = self._fits.told_moments, _LEFT * np.concatenate(self._steps)
         fitted = register_team(poses, np.zeros((len(poses), _POSE_FREEDOM)), moments, self._config.noise)
-        untried = 1.0 + _UNTRIED * self._config.rate / max(moments.count, 1.0)
+        untried = 1.0 + (_UNTRIED * self._config.rate / max(moments.count, 1.0)) ** 2
         return replace(fitted, covariance=untried * fitted.covariance + np.outer(left, left))
 
     def _fuse(self) -> MotionFusion:
