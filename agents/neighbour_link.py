@@ -18,8 +18,7 @@ class NeighbourLink:
         is_linked: Its link stands.
         is_heard: It has said something since.
         hears_us: It has said that it hears us.
-        keeps_pace: Its message of the next block can be expected in time. That is taken for granted of one that is new
-            or back, until it has been waited for in vain; from then on it has to be in time first.
+        keeps_pace: Its message of the next block can be expected in time.
     """
 
     def __init__(self, name: str) -> None:
@@ -28,7 +27,6 @@ class NeighbourLink:
         self.is_heard = False
         self.hears_us = False
         self.keeps_pace = False
-        self._has_credit = True
         self._known: bool | None = None
         self._incarnation = -1
         self._messages: deque[NeighbourMessage] = deque(maxlen=KEPT)
@@ -38,7 +36,6 @@ class NeighbourLink:
         self.is_linked = is_here
         if not is_here:
             self.is_heard = self.hears_us = self.keeps_pace = False
-            self._has_credit = True
 
     def take_change(self) -> bool:
         """Whether its link has gone, or come back, since this was asked; that it comes at first is no change."""
@@ -65,18 +62,12 @@ class NeighbourLink:
         self._incarnation = max(self._incarnation, message.incarnation)
         self._messages.append(message)
         self.is_heard = True
-        if message.incarnation == self._incarnation:
-            self.keeps_pace |= self._has_credit or self._can_be_of_use(message, next_block)
+        self.keeps_pace = self.keeps_pace or self._can_be_of_use(message, next_block)
 
     def forget(self) -> None:
         """Forget what it has said: there are no steps for it now."""
         self._messages.clear()
         self.keeps_pace = False
-        self._has_credit = True
-
-    def lose_patience(self) -> None:
-        """Nobody waits for it any longer, until it is in time again."""
-        self.keeps_pace = self._has_credit = False
 
     def is_missing(self, block: int) -> bool:
         """Whether the step of a block should wait for it."""

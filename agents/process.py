@@ -47,7 +47,7 @@ class AgentProcess:
     """An agent and its links: one session per plane, one inbox for all of them.
 
     The agent steps when it has measurements of a block k, and of every neighbour that keeps pace the message of block
-    k - 1; a neighbour whose link is gone does not, nor one for whose message it has waited longer than its patience,
+    k - 1; a neighbour whose link is gone does not, nor one for whose message it once waited longer than its patience,
     until it is heard in time again. So nobody can hold it up, and while nothing fails, equal runs take equal steps.
 
     It asks for measurements when it starts, and again whenever it has lost the server. If it is a new server that
@@ -174,7 +174,7 @@ class AgentProcess:
                 self._handle(self._inbox.receive(left))
                 continue
             for link in missing:
-                link.lose_patience()
+                link.keeps_pace = False
 
     def _step(self, measurements: Measurements) -> None:
         """Step with all that is there, and say what came of it."""

@@ -164,22 +164,6 @@ def test_agents_work_with_a_new_server_as_with_the_old_one(clock, tmp_path):
         assert watcher.worst < 5.0
 
 
-@pytest.mark.parametrize("clock", ["lockstep", "realtime"])
-def test_a_frozen_server_is_taken_for_lost_until_it_goes_on(clock, tmp_path):
-    with running_team(small_scenario(3, block=BLOCK), tmp_path, clock) as team, watching(team) as watcher:
-        watcher.wait_until_valid()
-        frozen = time.monotonic()
-        team.processes["server"].send_signal(signal.SIGSTOP)
-        for name in team.plan.agents:
-            wait_until_told(watcher, name, "stale: lost the link with the server", frozen)
-        block = max(estimate.block for estimate in watcher.latest.values())
-        team.processes["server"].send_signal(signal.SIGCONT)
-        watcher.wait_until_valid(block + 10)
-        assert watcher.worst < 5.0
-        for name in team.plan.agents:
-            assert "started again" not in team.log(name)
-
-
 def patient(plan: Plan) -> Plan:
     return Plan(structs.replace(plan.server, return_limit=LIMIT), plan.agents)
 
