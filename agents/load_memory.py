@@ -107,6 +107,7 @@ class LoadMemory:
         self._sensitivity: PoseSensitivity | None = None
         self._fusion: MotionFusion | None = None
         self._model: InertiaModel | None = None
+        self._parameters: Array | None = None
         self._told: _Told | None = None
         self._told_left = 1.0
         self._since_told = np.zeros(GRAM_SIZE)
@@ -126,11 +127,10 @@ class LoadMemory:
         self._poses = poses
         self._sensitivity = PoseSensitivity.of(poses, self._config.noise)
         self._fusion = fusion
-        parameters = None
         if self._model is not None and self._is_enough():
-            parameters = self._estimate(self._model).inertia.barycentric()
+            self._parameters = self._estimate(self._model).inertia.barycentric()
         self._model = InertiaModel(
-            fusion.wrench_covariance, fusion.acceleration_covariance, parameters, with_offset=self._offsets
+            fusion.wrench_covariance, fusion.acceleration_covariance, self._parameters, with_offset=self._offsets
         )
         if self._disturbance_shape is not None:
             self._model.expect_disturbance(self._disturbance_shape)
@@ -222,9 +222,11 @@ class LoadMemory:
         return float(self._window.total[0])
 
     def successor(self) -> LoadMemory:
-        """An empty memory with the same knowledge of poses."""
+        """An empty memory with the same knowledge of poses, and weights of samples by what is known of the load now."""
         result = LoadMemory(self._config, len(self._poses), self._own)
         assert self._fusion is not None
+        self.set_poses(self._poses, self._fusion)
+        result._parameters = self._parameters
         result.set_poses(self._poses, self._fusion)
         result._mean_crosses = self._mean_crosses
         if self._disturbance_shape is not None:

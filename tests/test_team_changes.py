@@ -13,7 +13,7 @@ from coheft.wire.messages import Estimate
 from coheft.wire.scenario import LoadChange
 from tests.in_process import changed
 
-FROM = 2.4
+FROM = 4.0
 """When something happens: all have been valid for a while [s]."""
 SOON = 3.0
 """After that time without faults all are valid again [s]."""
@@ -81,7 +81,7 @@ def test_an_agent_that_starts_again_with_an_empty_memory_is_taken_in(robot: str)
     ("robot", "notice"), [("r4", 10), ("r1", 0)], ids=["told ahead", "reference robot, told at the last moment"]
 )
 def test_a_robot_lets_go_and_takes_hold_again(robot: str, notice: int) -> None:
-    loose_from, back = FROM + 0.2, FROM + 2.0
+    loose_from, back = FROM + 0.2, FROM + 3.0
     story = Story(back + SOON, [Release(robot=robot, start=loose_from, end=back, notice=notice)])
     others = [name for name in ROBOTS if name != robot]
     assert story.statuses(FROM) == {"valid"}  # told a bit later
