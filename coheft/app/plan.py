@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -75,8 +76,6 @@ def make_plan(
 ) -> Plan:
     """Draw the graph and give every part its endpoints.
 
-    Along an edge the robot that comes first listens, and the other one dials.
-
     Args:
         scenario: What to run.
         clock: Whether to wait for slow robots.
@@ -125,10 +124,7 @@ def make_plan(
                 server=robots[name],
                 listen=listen[name],
                 observe=take(name),
-                neighbours=tuple(
-                    Neighbour(name=other, endpoint=listen[other] if names.index(other) < names.index(name) else None)
-                    for other in graph[name]
-                ),
+                neighbours=link_neighbours(name, graph[name], listen),
                 security=credentials(name),
                 **patience,
             )
@@ -136,6 +132,19 @@ def make_plan(
         },
         keys=keys,
     )
+
+
+def link_neighbours(name: str, others: Iterable[str], listen: Mapping[str, str]) -> tuple[Neighbour, ...]:
+    """How a robot reaches its neighbours: along an edge the robot that comes first listens, and the other one dials.
+
+    Args:
+        name: The robot's.
+        others: Its neighbours' names.
+        listen: Where each robot of the team listens for neighbours, in the team's order.
+    """
+    order = list(listen)
+    dialled = order[: order.index(name)]
+    return tuple(Neighbour(name=other, endpoint=listen[other] if other in dialled else None) for other in others)
 
 
 def new_run_name() -> str:

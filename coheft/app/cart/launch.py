@@ -9,6 +9,7 @@ from pathlib import Path
 
 from coheft.app.cart.inprocess import CartRun, neighbours_of
 from coheft.app.hosts import free_ports
+from coheft.app.plan import link_neighbours
 from coheft.app.processes import Processes
 from coheft.errors import LinkError
 from coheft.wire.cart import (
@@ -19,7 +20,6 @@ from coheft.wire.cart import (
     CartTruth,
     agent_config,
 )
-from coheft.wire.config import Neighbour
 from coheft.wire.inbox import Inbox, Received, Refused
 from coheft.wire.messages import Problem
 from coheft.wire.transport import Keys, open_session
@@ -47,10 +47,7 @@ def make_configs(scenario: CartScenario, run: str) -> tuple[CartServerConfig, di
             server=robots[name],
             listen=listen[name],
             observe=next(endpoints),
-            neighbours=tuple(
-                Neighbour(name=other, endpoint=listen[other] if names.index(other) < names.index(name) else None)
-                for other in graph[name]
-            ),
+            neighbours=link_neighbours(name, graph[name], listen),
         )
         for name in names
     }
