@@ -12,20 +12,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from agents.body_frame import BodyFrame
+from agents.early_sums import EARLY
 from agents.estimator import Belief, Channels, is_converged
-from agents.team import EARLY, Team
+from agents.load_changes import LoadChanges
+from agents.team import Team
 from coheft.estimation.measurement import KINEMATICS, MeasurementBlock
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.spatial import Array
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages import LoadChangeNotice
 from consensus.gossip import Gossip
 
 _DIRECTIONS = 6
 _KINEMATICS_SIZE = 9
-_LOAD_CHANGES = 32
-"""So many load changes of former teams are remembered."""
 _PAIRS_EVERY = 0.1
 """Time between two looks at the neighbours' poses, before the sums begin [s]."""
 
@@ -37,13 +36,13 @@ class EfficientEstimator:
         self._config = config
         self._gossip = gossip
         self._body_frame = BodyFrame(config, gossip)
-        self._history_length = self._blocks(EARLY)
-        self._look_every = self._blocks(_PAIRS_EVERY)
+        self._history_length = config.blocks(EARLY)
+        self._look_every = config.blocks(_PAIRS_EVERY)
         self._history: dict[int, Array] = {}
         self._team: Team | None = None
         self._team_number = self._frame = 0
         self._holds: dict[str, int] = {}
-        self._load_changes: list[LoadChangeNotice] = []
+        self._load_changes = LoadChanges(config)
 
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
         """See ``Estimator.step``."""
@@ -97,12 +96,11 @@ class EfficientEstimator:
         self._team_number, self._frame = self._gossip.team, frame
         self._holds = {name: self._gossip.records[name].since for name in graph}
         known = {name: pose for name, pose in poses.items() if pose is not None}
-        return Team(self._config, graph, known, start, history)
+        return Team(self._config, graph, known, start, history, self._load_changes)
 
     def _dissolve(self, team: Team) -> None:
         """The team is another one now: keep what is known of the poses."""
         self._body_frame.keep(self._frame, team.poses(), self._holds)
-        self._load_changes = [*self._load_changes, *team.load_changes][-_LOAD_CHANGES:]
         self._team = None
 
     def fits(self, channels: Channels) -> bool:
@@ -123,7 +121,7 @@ class EfficientEstimator:
                 None,
                 _seen(poses),
                 not_observable=_unseen(poses),
-                load_changes=tuple(self._load_changes),
+                load_changes=self._load_changes.notices,
             )
         return Belief(
             phase="inertia",
@@ -133,16 +131,13 @@ class EfficientEstimator:
             total_block=self._team.total_block,
             total_wrench=self._team.total_wrench,
             not_observable=_unseen(found.poses) + found.unseen,
-            load_changes=(*self._load_changes, *self._team.load_changes),
+            load_changes=self._load_changes.notices,
             learned_block=found.learned_block,
         )
 
     def doubts(self) -> tuple[str, ...]:
         """See ``Estimator.doubts``."""
         return ("the team's sums have not begun",) if self._team is None else self._team.doubts()
-
-    def _blocks(self, duration: float) -> int:
-        return max(1, round(duration * self._config.rate / self._config.block))
 
 
 def _seen(poses: Mapping[str, PoseEstimate]) -> dict[str, UncertainPose]:

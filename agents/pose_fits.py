@@ -12,13 +12,14 @@ Every step waits for what it needs, however long that takes.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from agents.common_moments import CommonMoments
 from coheft.estimation.registration import RegistrationMoments, score_and_information
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import register_team
+from coheft.estimation.team_registration import TeamPoses, fitted_poses, register_team
 from coheft.wire.config import AgentConfig
 from consensus.flood import Flood
 
@@ -26,6 +27,13 @@ _SHORTEST_ROUND = 0.2
 """Shortest time between two fits of the poses [s]."""
 _CHUNK = 0.1
 """Robots tell each other every so often, or when all have been heard, which blocks they have [s]."""
+_MOVING = 4.0
+"""While a fit moves a pose by more of its standard deviations, it is too far from the optimum for these to be true."""
+_LEFT = 0.25
+"""Share of a fit's last step that may be left to go, because the fit is not linear."""
+_UNTRIED = 4.0
+"""Poses are so much less certain, in variance, as the square of this over the time of samples that they were fitted to
+[s]: what is left out of their covariance is of second order, and matters when they are new."""
 _SCORE_SIZE, _POSE_SIZE = 6, 12
 
 
@@ -52,10 +60,10 @@ class PoseFits:
         self._config = config
         self._own = own
         self._hearing = hearing
-        self._shortest = max(1, round(_SHORTEST_ROUND * config.rate / config.block))
+        self._shortest = config.blocks(_SHORTEST_ROUND)
         self._longest = 3 * hearing + under_way + 3
         self._tells, self._tell_step = 0, under_way + self._shortest
-        chunk = max(1, round(_CHUNK * config.rate / config.block), 2 * hearing)
+        chunk = max(config.blocks(_CHUNK), 2 * hearing)
         self.common = CommonMoments(robots, own, start, chunk, parts=2)
         self._scores = Flood(robots, 1 + _SCORE_SIZE)
         self._fits = Flood(1, 1 + robots * _POSE_SIZE)
@@ -93,6 +101,18 @@ class PoseFits:
         self._told_poses = {number: each for number, each in self._told_poses.items() if number > version}
         return poses
 
+    def known(self, poses: Sequence[Pose], steps: Sequence[Array]) -> TeamPoses:
+        """How well poses are known that have just come into use: by the samples that they were fitted to.
+
+        Args:
+            poses: In the body frame.
+            steps: How far each one's last fit has moved it, a perturbation (6,) each.
+        """
+        left = _LEFT * np.concatenate(steps)
+        fitted = fitted_poses(poses, self.told_moments, self._config.noise)
+        untried = 1.0 + (_UNTRIED * self._config.rate / max(self.told_moments.count, 1.0)) ** 2
+        return replace(fitted, covariance=untried * fitted.covariance + np.outer(left, left))
+
     def map(self, feature_map: Array) -> None:
         """All samples' features are ``feature_map`` (28, 28) times what they were."""
         self.common.map(feature_map)
@@ -124,3 +144,9 @@ class PoseFits:
         fitted = register_team(poses, rows[:, 1:], self.told_moments, self._config.noise)
         numbers = [pose.numbers() for pose in fitted.poses]
         self._fits.tell(0, self._tells, np.concatenate([[index + self._hearing], *numbers]))
+
+
+def still_move(fitted: TeamPoses, steps: Sequence[Array]) -> bool:
+    """Whether the last fit has moved poses so far that how well they are known is not known."""
+    deviations = np.sqrt(np.diag(fitted.covariance)).reshape(-1, 6)
+    return bool(np.any(np.abs(steps[1:]) > _MOVING * deviations[1:]))

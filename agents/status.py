@@ -24,7 +24,7 @@ class StatusKeeper:
 
     def __init__(self, config: AgentConfig) -> None:
         self._config = config
-        self._every = max(1, round(_REPORT_INTERVAL * config.rate / config.block))
+        self._every = config.blocks(_REPORT_INTERVAL)
         self._valid: Belief | None = None
         self._status: Literal["starting", "valid", "stale"] = "starting"
         self._reasons: list[str] = []

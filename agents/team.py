@@ -6,7 +6,7 @@ all have been heard, the total wrenches are *corrected* for the new poses as wel
 first order, what the newest poses would have given for all samples so far.
 
 What a robot knows of itself goes into the sums unchecked, so all robots watch whether the sums can be true
-(``agents.watch``), learn nothing while they cannot, and say whose sensors contradict them.
+(``agents.contradictions``), learn nothing while they cannot, and say whose sensors contradict them.
 """
 
 from __future__ import annotations
@@ -16,26 +16,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from agents.contradictions import Contradictions
+from agents.early_sums import EarlySums
+from agents.load_changes import LoadChanges
 from agents.load_memory import LoadMemory
-from agents.pose_fits import PoseFits
+from agents.pose_fits import PoseFits, still_move
 from agents.sums import Entered, TeamSums
-from agents.watch import MISFIT, Watch, block_misfit
-from coheft.estimation.acceleration import (
-    DERIVATIVE_SPAN,
-    MotionFusion,
-    carried_constants,
-    derivative,
-    derivative_kernel,
-    robot_constants,
-)
+from agents.total_motion import TotalMotion
+from agents.watch import block_misfit
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.measurement import KINEMATICS, WRENCH
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import TeamPoses, refit_map, register_team
+from coheft.estimation.team_registration import TeamPoses, refit_map
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
+from coheft.wire.messages import PayloadEstimate
 from consensus.flood import Flood, Floods
 from consensus.graph import Neighbours, diameter
 from consensus.schedule import choose_schedule
@@ -43,13 +39,6 @@ from consensus.schedule import choose_schedule
 _PATIENCE = 0.25
 """After so long without a complete sum, the load may have changed unnoticed; and when sums are complete again, a change
 in the meantime takes so long to be noticed [s]."""
-_MOVING = 4.0
-"""While a fit moves a pose by more of its standard deviations, it is too far from the optimum for these to be true."""
-_LEFT = 0.25
-"""Share of a fit's last step that may be left to go, because the fit is not linear."""
-_UNTRIED = 4.0
-"""Poses are so much less certain, in variance, as the square of this over the time of samples that they were fitted to
-[s]: what is left out of their covariance is of second order, and matters when they are new."""
 _JUMP = 30.0
 """A block whose squared residuals are so many times what they should be is held until the next one has come: a load
 changes for longer than a block."""
@@ -58,15 +47,6 @@ _NONSENSE = 15.0
 _MUCH_MORE = 4.0
 """What was learned with rough poses is looked at again when there are so many times as many samples: then, if it is of
 a slightly different load that nobody noticed, it does no harm."""
-_BLAMED = 0.6
-"""After so long a contradiction a robot starts over [s]."""
-_MISFIT_TOLD = 0.1
-"""Robots tell each other so often how their sensors fit the team's motion [s]."""
-_LOAD_CHANGES = 32
-"""So many of the newest load changes are remembered."""
-_POSE_FREEDOM = 6
-EARLY = 10.0
-"""How far back from their start the sums reach [s]."""
 
 
 @dataclass(frozen=True)
@@ -105,13 +85,13 @@ class Team:
         graph: The team's.
         poses: Of all its members, roughly, by name. That of the first defines the body frame.
         start: Block at which the sums begin, the same for everybody.
-        history: Own samples of the blocks before, by number. They follow, one per block, through sums of their own.
+        history: Own samples of the blocks before, by number.
+        load_changes: Told of those that are noticed.
 
     Attributes:
         learned_block: Newest block whose total was learned from, -1 while there is none.
         total_block: Block of the newest total, -1 while there is none.
         total_wrench: Total wrench (6,) about the origin of ``F_i`` at its last sample.
-        load_changes: Noticed so far, the newest ones.
     """
 
     def __init__(
@@ -121,6 +101,7 @@ class Team:
         poses: Mapping[str, Pose],
         start: int,
         history: Mapping[int, Array],
+        load_changes: LoadChanges,
     ) -> None:
         self._config = config
         self._names = sorted(graph)
@@ -128,28 +109,17 @@ class Team:
         self._neighbours = graph[config.name]
         self._poses = tuple(poses[name] for name in self._names)
         schedule = choose_schedule({name: graph[name] for name in self._names})
-        self._sums, self._early_sums = (
-            TeamSums(channel, config.name, self._neighbours, schedule, config.block, config.noise)
-            for channel in ("sums", "early")
-        )
-        # Everybody goes back equally far; whoever does not have a block any more lets it be left out.
-        self._delay = min(start, self._blocks(EARLY))
-        self._start = start
-        self._early_end = start + schedule.rounds + self._delay
-        self._history = dict(history)
+        self._sums = TeamSums("sums", config.name, self._neighbours, schedule, config.block, config.noise)
+        self._early_sums = EarlySums(config, self._neighbours, schedule, start, history)
         self._next = start
         # Whoever is farthest has heard a diameter later; one block more, so that a lost message does no harm.
         self._hearing = diameter(graph) + 1
 
-        half_span = max(2, min(config.block, round(DERIVATIVE_SPAN * config.rate)))
-        self._kernel = derivative_kernel(half_span, 1.0 / config.rate)
-        self._half_span = half_span
-        self._fusion = self._fuse()
-        self._totals: dict[int, tuple[Entered, Array]] = {}
+        self._motion = TotalMotion(config, self._poses)
         self._found_before: Found | None = None
         self._fitted: TeamPoses | None = None
         self._memory = LoadMemory(config, len(self._names), self._own)
-        self._memory.set_poses(self._poses, self._fusion)
+        self._memory.set_poses(self._poses, self._motion.fusion)
         # What was learned with rough poses stands aside until it can be seen that it is of the same load.
         self._first: LoadMemory | None = None
 
@@ -159,29 +129,25 @@ class Team:
         self._version = self._corrected = 0
         self._steps: list[Array] = []
         self._crosses, self._first_crosses = (Flood(members, LoadMemory.told_size) for _ in range(2))
-        self._misfits = Flood(members, 1)
+        self._contradictions = Contradictions(config, self._names)
         self._floods = Floods(
             {
                 **self._fits.floods,
                 "crosses": self._crosses,
                 "first_crosses": self._first_crosses,
-                "misfits": self._misfits,
+                "misfits": self._contradictions.flood,
             }
         )
-        self._watch = Watch(config.noise, config.rate / config.block)
-        self._misfit_every = self._blocks(_MISFIT_TOLD)
         self._held: _Block | None = None
-        self._blamed = 0
         self._has_begun = False
         self._begins_at = -1
         self._rounds = schedule.rounds
-        self._patience = self._blocks(_PATIENCE)
+        self._patience = config.blocks(_PATIENCE)
         self._resumed_block = self._settled_block = -1
-        self._noticed_block = -1
         self.learned_block = -1
         self.total_block = -1
         self.total_wrench = np.zeros(6)
-        self.load_changes: list[LoadChangeNotice] = []
+        self._load_changes = load_changes
 
     def step(self, index: int, samples: Array | None, inbox: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
         """One block: it enters the sums, and one that entered earlier leaves them."""
@@ -198,13 +164,11 @@ class Team:
         self._sums.enter(self._entered(index, samples))
         told = self._sums.channels()
         early = None
-        if index < self._early_end:
+        if not self._early_sums.are_over(index):
             early = self._catch_up(index, inbox)
             told |= self._early_sums.channels()
         self._fits.common.add(index, (newest, early))
-        if index % self._misfit_every == 0 and self._fitted is not None:
-            self._misfits.tell(self._own, index, np.array([self._own_misfit(self._fitted)]))
-        self._blamed = self._blamed + 1 if self._contradicting() == self._names[self._own] else 0
+        self._contradictions.step(index, self._fitted)
         told["load_change"] = np.array([float(self._memory.changed_at)])
         return told | self._floods.channels()
 
@@ -235,39 +199,22 @@ class Team:
         """Why what is known of the load may not be true any more."""
         if self.learned_block < 0:
             return ("the team's sums have just begun",)
-        liar = self._contradicting()
+        liar = self._contradictions.by
         if liar is not None:
             return (f"what {liar} measures contradicts how the load moves",)
         age = self._next - 1 - self._rounds - self.learned_block
         if age > self._patience:
-            return (f"no complete sum of the team since {self._time(self.learned_block + 1):.2f} s",)
-        if not self._has_begun:
+            return (f"no complete sum of the team since {self._config.start_of(self.learned_block + 1):.2f} s",)
+        if not self._has_begun or (self._fitted is not None and still_move(self._fitted, self._steps)):
             return ("the poses are still being found",)
-        if self._fitted is not None:
-            deviations = np.sqrt(np.diag(self._fitted.covariance)[_POSE_FREEDOM:])
-            if np.any(np.abs(np.concatenate(self._steps[1:])) > _MOVING * deviations):
-                return ("the poses are still being found",)
         if self.learned_block < self._settled_block:
-            return (f"complete sums of the team again since {self._time(self._resumed_block):.2f} s only",)
+            return (f"complete sums of the team again since {self._config.start_of(self._resumed_block):.2f} s only",)
         return ()
 
     @property
     def must_start_over(self) -> bool:
-        """Whether this robot's measurements have contradicted the team's motion for too long.
-
-        What was learned before it was noticed may be wrong, and then the contradiction would never end.
-        """
-        return self._blamed > self._blocks(_BLAMED)
-
-    def _own_misfit(self, fitted: TeamPoses) -> float:
-        own = slice(_POSE_FREEDOM * self._own, _POSE_FREEDOM * (self._own + 1))
-        return self._watch.misfit(self._poses[self._own], np.diag(np.diag(fitted.covariance[own, own])))
-
-    def _contradicting(self) -> str | None:
-        """The robot whose measurements contradict the team's motion most, if any do."""
-        table = self._misfits.table
-        worst = int(np.argmax(table[:, 1]))
-        return self._names[worst] if table[worst, 1] > MISFIT else None
+        """Whether this robot's measurements have contradicted the team's motion for too long."""
+        return self._contradictions.have_lasted
 
     # --- sums ---
 
@@ -278,46 +225,39 @@ class Team:
 
     def _catch_up(self, index: int, inbox: Mapping[str, Mapping[str, Array]]) -> RegistrationMoments | None:
         """One block from before the start enters the sums, and another leaves them."""
-        finished = self._early_sums.advance(inbox)
-        block = index - self._delay
-        self._early_sums.enter(self._entered(block, self._history.pop(block, None) if block < self._start else None))
-        if finished is None or self._fusion.derivative_gain is not None or finished[0].version != self._version:
+        pose, version = self._fits.carrying_pose(self._poses), self._fits.carried
+        finished = self._early_sums.step(index, pose, version, inbox)
+        if finished is None or self._motion.needs_slope or finished[0].version != self._version:
             return None
         entered, sums = finished
-        motion = self._fusion.motion(sums)
+        motion = self._motion.fusion.motion(sums)
         (self._first or self._memory).push_early(motion, sums[:, 0], entered.samples[:, WRENCH])
         return RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
 
     def _take_in(self, entered: Entered, sums: Array, index: int) -> RegistrationMoments | None:
         """The team's sums of a block, in the body frame; returns what they say of the own pose."""
-        block = entered.block
-        self._totals[block] = entered, sums
-        self._totals = {number: total for number, total in self._totals.items() if number > block - 3}
-        self.total_block = block
+        self.total_block = entered.block
         self.total_wrench = entered.pose.inverse().adjoint() @ sums[-1, 0]
-        # Where the gyros have to fill in, their slope takes the neighbouring blocks.
-        return self._look_at(block if self._fusion.derivative_gain is None else block - 1, index)
+        return self._look_at(self._motion.add(entered, sums), index)
 
     def _look_at(self, block: int, index: int) -> RegistrationMoments | None:
         """Learn from the sums of a block, if they can be true; returns what they say of the own pose."""
-        if block <= self.learned_block or block not in self._totals:
-            return None  # new poses have made the derivative needless, or needed
-        entered, sums = self._totals[block]
+        total = self._motion.total(block)
+        if block <= self.learned_block or total is None:
+            return None  # new poses have made the slope needless, or needed
+        entered, sums = total
         if entered.version != self._version:
             self._map_to(entered.version)
-        w_derivative = None
-        if self._fusion.derivative_gain is not None:
-            w_derivative = self._slope(block)
-            if w_derivative is None:
-                return None
-        motion = self._fusion.motion(sums, w_derivative)
+        motion = self._motion.motion(block)
+        if motion is None:
+            return None
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
         found = _Block(block, motion, sums[:, 0], entered.samples[:, WRENCH], moments)
         if self._fitted is None:
             return self._learn(found, index)
-        self._watch.add(moments)
+        self._contradictions.add(moments)
         held, self._held = self._held, None
-        if self._contradicting() is not None:
+        if self._contradictions.by is not None:
             return None
         if block_misfit(moments, self._poses[self._own], self._config.noise) > _NONSENSE:
             return None
@@ -337,15 +277,8 @@ class Team:
             self._first, self._memory = self._memory, self._memory.successor()
         changed_at = self._memory.push(found.number, found.motion, found.wrench, found.own_wrench)
         if changed_at is not None:
-            self._notice(changed_at, index)
+            self._load_changes.notice(changed_at, index, within=self._hearing)
         return found.moments
-
-    def _slope(self, block: int) -> Array | None:
-        """Derivative of the fused ``w`` during a block (B, 3), None if a block beside it is missing."""
-        around = [self._totals.get(number) for number in (block - 1, block, block + 1)]
-        w = [self._fusion.angular_velocity(total[1]) for total in around if total is not None]
-        size, half = self._config.block, self._half_span
-        return derivative(np.concatenate(w)[size - half : 2 * size + half], self._kernel) if len(w) == 3 else None
 
     # --- load changes ---
 
@@ -353,17 +286,7 @@ class Team:
         if changed_at is None or changed_at.shape != (1,) or changed_at[0] > index:
             return
         if self._memory.adopt(int(changed_at[0])):
-            self._notice(int(changed_at[0]), index)
-
-    def _notice(self, changed_at: int, index: int) -> None:
-        """The load has changed, as this robot or another one has found."""
-        notice = LoadChangeNotice(self._time(index + 1), self._time(changed_at))
-        if self.load_changes and index - self._noticed_block <= self._hearing:
-            # Somebody found the same change at the same time, and places it a bit later.
-            notice = LoadChangeNotice(self.load_changes.pop().noticed_at, notice.changed_at)
-        else:
-            self._noticed_block = index
-        self.load_changes = [*self.load_changes, notice][-_LOAD_CHANGES:]
+            self._load_changes.notice(int(changed_at[0]), index, within=self._hearing)
 
     # --- poses ---
 
@@ -394,35 +317,15 @@ class Team:
         poses = self._fits.take_poses(version)
         feature_map = refit_map(self._poses, poses, self._config.noise)
         self._fits.map(feature_map)
-        self._watch.map(feature_map)
+        self._contradictions.map(feature_map)
         self._memory.map_features(feature_map, self._poses, poses)
         self._steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
         old_poses, self._poses, self._version = self._poses, poses, version
-        self._fusion = self._fuse()
-        self._memory.set_poses(poses, self._fusion)
-        self._fitted = self._known(poses)
+        self._motion.set_poses(poses)
+        self._memory.set_poses(poses, self._motion.fusion)
+        self._fitted = self._fits.known(poses, self._steps)
         self._crosses.tell(self._own, version, self._memory.told())
         if self._first is not None:
             self._first.map_features(feature_map, old_poses, poses)
-            self._first.set_poses(poses, self._fusion)
+            self._first.set_poses(poses, self._motion.fusion)
             self._first_crosses.tell(self._own, version, self._first.told())
-
-    def _known(self, poses: tuple[Pose, ...]) -> TeamPoses:
-        """How well poses are known that have just been fitted: by the samples that they were fitted to."""
-        moments, left = self._fits.told_moments, _LEFT * np.concatenate(self._steps)
-        fitted = register_team(poses, np.zeros((len(poses), _POSE_FREEDOM)), moments, self._config.noise)
-        untried = 1.0 + (_UNTRIED * self._config.rate / max(moments.count, 1.0)) ** 2
-        return replace(fitted, covariance=untried * fitted.covariance + np.outer(left, left))
-
-    def _fuse(self) -> MotionFusion:
-        constants = robot_constants(self._config.noise)
-        return MotionFusion.of(
-            np.sum([carried_constants(constants, pose) for pose in self._poses], axis=0), self._kernel
-        )
-
-    def _blocks(self, duration: float) -> int:
-        return max(1, round(duration * self._config.rate / self._config.block))
-
-    def _time(self, block: int) -> float:
-        """Start of a block [s]."""
-        return block * self._config.block / self._config.rate

@@ -19,7 +19,7 @@ import numpy as np
 
 from coheft.estimation.body_motion import perturbed, relative_pose_derivative
 from coheft.estimation.measurement import KINEMATICS, SensorNoise
-from coheft.estimation.observability import PoseEstimate, Visibility, seen_information
+from coheft.estimation.observability import PoseEstimate, SeenInformation, Visibility, seen_information
 from coheft.estimation.registration import (
     ACCELERATION,
     ACCELERATION_ROWS,
@@ -84,14 +84,33 @@ def register_team(
         limits: When a direction counts as seen.
     """
     limits = limits or Visibility()
+    seen = _seen(poses, moments, noise, limits)
+    steps = seen.step(scores[1:].ravel()).reshape(-1, 6)
+    moved = (perturbed(pose, step) for pose, step in zip(poses[1:], steps, strict=True))
+    return _team_poses((poses[0], *moved), seen, limits)
+
+
+def fitted_poses(
+    poses: Sequence[Pose], moments: RegistrationMoments, noise: SensorNoise, limits: Visibility | None = None
+) -> TeamPoses:
+    """How well poses are known that were fitted to samples with these moments; arguments as of ``register_team``."""
+    limits = limits or Visibility()
+    return _team_poses(tuple(poses), _seen(poses, moments, noise, limits), limits)
+
+
+def _seen(
+    poses: Sequence[Pose], moments: RegistrationMoments, noise: SensorNoise, limits: Visibility
+) -> SeenInformation:
+    """Joint information of all poses but the first's, as far as it is due to motion."""
     information, from_noise = team_information(moments, poses, noise)
     doubt = _DOUBT / np.sqrt(max(moments.count, 1.0)) * from_noise
-    seen = seen_information((information - from_noise)[6:, 6:], limits, doubt[6:, 6:])
-    steps = seen.step(scores[1:].ravel()).reshape(-1, 6)
-    covariance = np.zeros_like(information)
+    return seen_information((information - from_noise)[6:, 6:], limits, doubt[6:, 6:])
+
+
+def _team_poses(poses: tuple[Pose, ...], seen: SeenInformation, limits: Visibility) -> TeamPoses:
+    covariance = np.zeros((6 * len(poses), 6 * len(poses)))
     covariance[6:, 6:] = seen.inverse()
-    moved = (perturbed(pose, step) for pose, step in zip(poses[1:], steps, strict=True))
-    return TeamPoses((poses[0], *moved), covariance, limits)
+    return TeamPoses(poses, covariance, limits)
 
 
 def team_information(moments: RegistrationMoments, poses: Sequence[Pose], noise: SensorNoise) -> tuple[Array, Array]:

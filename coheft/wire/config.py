@@ -49,6 +49,14 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     efficient: EfficientSettings
     converged: Converged
 
+    def blocks(self, duration: float) -> int:
+        """Number of blocks nearest to a duration [s], at least one."""
+        return max(1, round(duration * self.rate / self.block))
+
+    def start_of(self, block: int) -> float:
+        """Time of a block's first sample [s]."""
+        return block * self.block / self.rate
+
 
 class AgentProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """An agent and its links.

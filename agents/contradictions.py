@@ -1,0 +1,74 @@
+"""Whose sensors contradict the motion of the team: what robots find of themselves, and tell each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from agents.watch import MISFIT, Watch
+from coheft.estimation.registration import RegistrationMoments
+from coheft.estimation.spatial import Array
+from coheft.estimation.team_registration import TeamPoses
+from coheft.wire.config import AgentConfig
+from consensus.flood import Flood
+
+_BLAMED = 0.6
+"""After so long a contradiction a robot starts over [s]."""
+_TOLD = 0.1
+"""Robots tell each other so often how their sensors fit the team's motion [s]."""
+_POSE_FREEDOM = 6
+
+
+class Contradictions:
+    """One robot's part in watching the team.
+
+    Args:
+        config: The robot's settings.
+        names: Of the team, in its order.
+
+    Attributes:
+        flood: Tells the others how well the own sensors fit, and hears the same of them.
+    """
+
+    def __init__(self, config: AgentConfig, names: Sequence[str]) -> None:
+        self.flood = Flood(len(names), 1)
+        self._names = names
+        self._own = names.index(config.name)
+        self._watch = Watch(config.noise, config.rate / config.block)
+        self._every = config.blocks(_TOLD)
+        self._patience = config.blocks(_BLAMED)
+        self._blamed = 0
+
+    def add(self, moments: RegistrationMoments) -> None:
+        """Take in what a block says of the own pose."""
+        self._watch.add(moments)
+
+    def map(self, feature_map: Array) -> None:
+        """As if every sample's features had been ``feature_map`` (28, 28) times what they were."""
+        self._watch.map(feature_map)
+
+    def step(self, index: int, fitted: TeamPoses | None) -> None:
+        """One block; ``fitted`` are the newest poses, None while none have been fitted."""
+        if fitted is not None and index % self._every == 0:
+            self.flood.tell(self._own, index, np.array([self._misfit(fitted)]))
+        self._blamed = self._blamed + 1 if self.by == self._names[self._own] else 0
+
+    def _misfit(self, fitted: TeamPoses) -> float:
+        own = slice(_POSE_FREEDOM * self._own, _POSE_FREEDOM * (self._own + 1))
+        return self._watch.misfit(fitted.poses[self._own], np.diag(np.diag(fitted.covariance[own, own])))
+
+    @property
+    def by(self) -> str | None:
+        """The robot whose measurements contradict the team's motion most, if any do."""
+        table = self.flood.table
+        worst = int(np.argmax(table[:, 1]))
+        return self._names[worst] if table[worst, 1] > MISFIT else None
+
+    @property
+    def have_lasted(self) -> bool:
+        """Whether this robot's measurements have contradicted the team's motion for too long.
+
+        What was learned before it was noticed may be wrong, and then the contradiction would never end.
+        """
+        return self._blamed > self._patience

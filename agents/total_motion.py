@@ -1,0 +1,78 @@
+"""The body's motion, out of the team's sums."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from agents.sums import Entered
+from coheft.estimation.acceleration import (
+    DERIVATIVE_SPAN,
+    MotionFusion,
+    carried_constants,
+    derivative,
+    derivative_kernel,
+    robot_constants,
+)
+from coheft.estimation.spatial import Array, Pose
+from coheft.wire.config import AgentConfig
+
+
+class TotalMotion:
+    """The newest sums of a team, and how motion follows from them.
+
+    Where the accelerometers do not see all of the angular acceleration, the gyros' slope fills in, which takes the
+    neighbouring blocks.
+
+    Args:
+        config: The agent's settings.
+        poses: Of all robots, in the body frame.
+
+    Attributes:
+        fusion: Of the sensors of all robots, at the poses in use.
+    """
+
+    def __init__(self, config: AgentConfig, poses: Sequence[Pose]) -> None:
+        self._config = config
+        self._half_span = max(2, min(config.block, round(DERIVATIVE_SPAN * config.rate)))
+        self._kernel = derivative_kernel(self._half_span, 1.0 / config.rate)
+        self._totals: dict[int, tuple[Entered, Array]] = {}
+        self.set_poses(poses)
+
+    def set_poses(self, poses: Sequence[Pose]) -> None:
+        """From now on sums are seen with these poses."""
+        constants = robot_constants(self._config.noise)
+        carried = np.sum([carried_constants(constants, pose) for pose in poses], axis=0)
+        self.fusion: MotionFusion = MotionFusion.of(carried, self._kernel)
+
+    @property
+    def needs_slope(self) -> bool:
+        """Whether a block's motion takes the blocks beside it as well."""
+        return self.fusion.derivative_gain is not None
+
+    def add(self, entered: Entered, sums: Array) -> int:
+        """Take in the sums (B, 3, 6) of a block; returns the newest block that may be ready to be looked at."""
+        block = entered.block
+        self._totals[block] = entered, sums
+        self._totals = {number: total for number, total in self._totals.items() if number > block - 3}
+        return block - 1 if self.needs_slope else block
+
+    def total(self, block: int) -> tuple[Entered, Array] | None:
+        """Own samples and the team's sums of a block, None if it is not there (any more)."""
+        return self._totals.get(block)
+
+    def motion(self, block: int) -> Array | None:
+        """Of the body during a block that is there (B, 12), None if a block that it takes beside it is missing."""
+        _, sums = self._totals[block]
+        if not self.needs_slope:
+            return self.fusion.motion(sums)
+        slope = self._slope(block)
+        return None if slope is None else self.fusion.motion(sums, slope)
+
+    def _slope(self, block: int) -> Array | None:
+        """Derivative of the fused ``w`` during a block (B, 3)."""
+        around = [self._totals.get(number) for number in (block - 1, block, block + 1)]
+        w = [self.fusion.angular_velocity(total[1]) for total in around if total is not None]
+        size, half = self._config.block, self._half_span
+        return derivative(np.concatenate(w)[size - half : 2 * size + half], self._kernel) if len(w) == 3 else None
