@@ -11,8 +11,6 @@ from coheft.wire.messages import Estimate, PoseEstimate
 
 _REPORT_INTERVAL = 0.1
 """Time between reports to observers [s]; a change of status is told at once."""
-_LOAD_CHANGES = 32
-"""So many of the newest load changes are told."""
 
 
 class StatusKeeper:
@@ -68,7 +66,7 @@ class StatusKeeper:
             total_block=told.total_block,
             total_wrench=told.total_wrench,
             not_observable=list(told.not_observable),
-            load_changes=list(belief.load_changes[-_LOAD_CHANGES:]),
+            load_changes=list(belief.load_changes),
             problems=self.problems,
             status=self._status,
             reasons=self._reasons,

@@ -69,12 +69,6 @@ def test_while_stale_it_tells_what_was_valid_last_and_what_it_knows_besides() ->
     assert (again.status, again.reasons, again.valid_block) == ("valid", [], 29)
 
 
-def test_only_the_newest_load_changes_are_told() -> None:
-    told = keeper().report(0, belief(0, changes=100), [], 3).load_changes
-    assert len(told) == 32
-    assert told[-1].noticed_at == 0.1 * 99
-
-
 @given(st.lists(st.tuples(st.booleans(), st.booleans()), max_size=30))
 def test_valid_means_beyond_doubt_and_stale_that_it_was_once(story: list[tuple[bool, bool]]) -> None:
     status = keeper()
