@@ -1,79 +1,38 @@
-"""What a robot remembers of the load: moments of the team's total wrench with the body's motion, in the body frame.
-
-The total wrench was carried with the poses of its time. Its moments are linear in them,
-``sum x (sum_j Ad(g_j) u_j)^T = sum_j C_j Ad(g_j)^T`` with ``C_j = sum x u_j^T``. Every robot keeps its own ``C_j``, and
-when all have told theirs, the moments are corrected for poses that have become better since.
-"""
+"""What a robot remembers of the load: moments of the team's total wrench with the body's motion, in the body frame."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
 from agents.late_wrenches import LateWrenches
+from agents.load_moments import CROSS_SHAPE, RIDERS, count, gram_map, load_moments, mapped
+from agents.seen_payload import seen_payload
+from agents.wrench_correction import TOLD_SIZE, WrenchCorrection, told_forces, told_mean_crosses
 from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.forgetting_window import ForgettingWindow
-from coheft.estimation.inertia import (
-    FEATURES,
-    GRAM_SIZE,
-    INERTIA_SIZE,
-    OFFSET_SIZE,
-    InertiaModel,
-    features,
-    packed_gram,
-    repacked_gram,
-    unpacked_gram,
-)
-from coheft.estimation.inertia_derivatives import barycentric_derivative, seen_inertia_derivative
-from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, unseen_quantities
+from coheft.estimation.inertia import GRAM_SIZE, INERTIA_SIZE, OFFSET_SIZE, InertiaModel, unpacked_gram
+from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, middle_and_size
 from coheft.estimation.load_change import LoadWindow, Memory
 from coheft.estimation.pose_disturbance import wrench_disturbance
-from coheft.estimation.pose_sensitivity import (
-    MOTION_FEATURES,
-    REGISTRATION_FEATURES,
-    PoseSensitivity,
-    inertia_by_poses,
-)
-from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.pose_sensitivity import PoseSensitivity, inertia_by_poses
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import PayloadEstimate
 
-_CROSS_SHAPE = (MOTION_FEATURES.stop, 6)
-_CROSS_SIZE = _CROSS_SHAPE[0] * _CROSS_SHAPE[1]
-_WRENCH_FEATURES = slice(MOTION_FEATURES.stop, FEATURES)
-_DISTURBANCE = GRAM_SIZE
-"""Where a block's moments hold the size of the disturbance that poses make, in units of the noise."""
-_CROSS = slice(_DISTURBANCE + 1, _DISTURBANCE + 1 + _CROSS_SIZE)
 _COHERENCE = 1.0
 """Time for which what the robots push against each other keeps its direction, more or less [s]."""
 _SPOILT = 2.0
 """Where poses disturb wrenches more than this, samples are not compared: the first fits of few samples are rough."""
 _SAME = 30.0
 """Limit of the chi-square of the difference between two estimates, ten degrees of freedom: 1e-3 by chance."""
-_SINGULAR = 1e-12
-"""Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
 _NEW = 0.5
 """A load is so much less certain, in variance, as the square of this over the time of its samples: in few samples the
 motions' noise is not what it is on average [s]."""
 _LEAST = 0.3
 """Least time of samples from which anything is estimated [s]."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Told:
-    """What is told about the samples so far: own ``C_i``, and from which poses to which they are to be corrected."""
-
-    cross: Array
-    motion_gram: Array
-    count: float
-    changed_at: int
-    last_block: int
-    old_poses: Sequence[Pose]
-    new_poses: Sequence[Pose]
 
 
 class LoadMemory:
@@ -85,7 +44,7 @@ class LoadMemory:
         own: Index of this one.
     """
 
-    told_size = 3 + _CROSS_SIZE
+    told_size = TOLD_SIZE
     """Numbers of ``told``."""
 
     def __init__(self, config: AgentConfig, robots: int, own: int) -> None:
@@ -96,23 +55,21 @@ class LoadMemory:
         memory = config.efficient.memory
         self._kept = 1.0
         if memory == "window":
-            self._window = LoadWindow(riders=1 + _CROSS_SIZE, coherence=_COHERENCE * config.rate)
+            self._window = LoadWindow(riders=RIDERS, coherence=_COHERENCE * config.rate)
         else:
             blocks = memory * config.rate / config.block
             self._kept = float(np.exp(-1.0 / blocks))
             floor = np.full(INERTIA_SIZE + OFFSET_SIZE * self._offsets, 1e3)
-            self._window = ForgettingWindow(blocks, floor, riders=1 + _CROSS_SIZE)
+            self._window = ForgettingWindow(blocks, floor, riders=RIDERS)
         self._last_block = self._changed_at = -1
         self._poses: Sequence[Pose] = ()
         self._sensitivity: PoseSensitivity | None = None
         self._fusion: MotionFusion | None = None
         self._model: InertiaModel | None = None
         self._parameters: Array | None = None
-        self._told: _Told | None = None
-        self._told_left = 1.0
-        self._since_told = np.zeros(GRAM_SIZE)
+        self._correction: WrenchCorrection | None = None
         self._forces = _MeanSquare()
-        self._mean_crosses = np.zeros((robots, *_CROSS_SHAPE))
+        self._mean_crosses = np.zeros((robots, *CROSS_SHAPE))
         self._disturbance = np.inf
         self._disturbance_shape: Array | None = None
         self._late = LateWrenches(config.rate / config.block)
@@ -148,18 +105,18 @@ class LoadMemory:
             The first block of a new load, if a change was found.
         """
         assert self._model is not None
-        moments = _moments(motion, wrench, own_wrench, min(self._disturbance, _SPOILT))
+        moments = load_moments(motion, wrench, own_wrench, min(self._disturbance, _SPOILT))
         self._window.push(block, moments)
         self._forces.add(own_wrench[:, :3])
         self._last_block = block
-        self._told_left *= self._kept
-        self._since_told = self._kept * self._since_told + moments[:GRAM_SIZE]
+        if self._correction is not None:
+            self._correction.age(self._kept, moments)
         if self._disturbance > _SPOILT:
             self._window.forget_borders_before(block)  # later, too, these samples cannot be told apart by their load
             self._look_back(block, moments)
             return None
         # Until ``correct`` the poses' last step adds up in all samples from before it.
-        change = self._window.review(self._model, is_coherent=self._told is not None)
+        change = self._window.review(self._model, is_coherent=self._correction is not None)
         if change is None:
             self._look_back(block, moments)
             return None
@@ -174,7 +131,7 @@ class LoadMemory:
     def _look_back(self, block: int, moments: Array) -> None:
         """Hold the wrenches of late against what is remembered; if they do not fit for long, forget it."""
         self._late.add(unpacked_gram(moments[:GRAM_SIZE])[0])
-        if self._told is not None:
+        if self._correction is not None:
             return  # motions are seen with new poses, wrenches with old ones
         self._late.count_block()
         self._compare(is_new=self._late.need_solution)
@@ -200,7 +157,7 @@ class LoadMemory:
     def push_early(self, motion: Array, wrench: Array, own_wrench: Array) -> None:
         """Take in a block from before all others, as ``push``; it is not looked at for changes."""
         if self.changed_at < 0:
-            self._window.push_early(_moments(motion, wrench, own_wrench, 0.0))
+            self._window.push_early(load_moments(motion, wrench, own_wrench, 0.0))
 
     def adopt(self, changed_at: int) -> bool:
         """A neighbour says that the load changed at this block. Returns whether that is news."""
@@ -219,7 +176,7 @@ class LoadMemory:
     @property
     def count(self) -> float:
         """Number of samples that count."""
-        return float(self._window.total[0])
+        return count(self._window.total)
 
     def successor(self) -> LoadMemory:
         """An empty memory with the same knowledge of poses, and weights of samples by what is known of the load now."""
@@ -247,13 +204,9 @@ class LoadMemory:
         return True
 
     def told(self) -> Array:
-        """What everybody has to know of the samples so far, shape (81,).
-
-        Of which load, how many, mean square of the own force [N²], and own ``C_i``.
-        """
-        assert self._told is not None
-        summary = [self._told.changed_at, self._told.count, self._forces.mean]
-        return np.concatenate([summary, self._told.cross.ravel()])
+        """What everybody has to know of the samples so far, see ``WrenchCorrection.told``."""
+        assert self._correction is not None
+        return self._correction.told(self._forces.mean)
 
     def correct(self, rows: Array | None, team: TeamPoses) -> None:
         """Let the total wrenches be as the newest poses would have carried them.
@@ -262,20 +215,19 @@ class LoadMemory:
             rows: Everybody's ``told``, shape (N, 81); None if not everybody's has been heard.
             team: The newest poses.
         """
-        told, self._told = self._told, None
-        if told is None:
+        correction, self._correction = self._correction, None
+        if correction is None:
             return
-        same_load = rows is not None and bool(np.all(np.append(rows[:, 0], self._changed_at) == told.changed_at))
-        if rows is not None and same_load and np.all(rows[:, 1] > 0.0):
-            # Each one's mean: not everybody need have missed the same samples.
-            self._mean_crosses = rows[:, 3:].reshape(-1, *_CROSS_SHAPE) / rows[:, 1, None, None]
-            self._correct_wrenches(told)
+        is_possible = rows is not None and correction.is_possible(rows, self._changed_at)
+        if rows is not None and is_possible:
+            self._mean_crosses = told_mean_crosses(rows)
+            self._window.revise(lambda sums: correction.apply(sums, self._mean_crosses))
         else:
-            self._window.forget_borders_before(told.last_block + 1)
-        if self._disturbance > _SPOILT and not (rows is not None and same_load and np.all(rows[:, 1] == told.count)):
-            self._window.forget_before(told.last_block + 1)  # means will not do for poses that were so rough
+            self._window.forget_borders_before(correction.last_block + 1)
+        if self._disturbance > _SPOILT and not (rows is not None and is_possible and correction.is_exact(rows)):
+            self._window.forget_before(correction.last_block + 1)  # means will not do for poses that were so rough
         if rows is not None:
-            self._expect_disturbance(wrench_disturbance(self._poses, team.covariance, rows[:, 2]))
+            self._expect_disturbance(wrench_disturbance(self._poses, team.covariance, told_forces(rows)))
         self._compare(is_new=True)  # what was told may have been nonsense
 
     def _expect_disturbance(self, covariance: Array) -> None:
@@ -286,44 +238,14 @@ class LoadMemory:
         self._disturbance_shape = covariance / self._disturbance
         self._model.expect_disturbance(self._disturbance_shape)
 
-    def _correct_wrenches(self, told: _Told) -> None:
-        correction = np.zeros((FEATURES, FEATURES))
-        for cross, old, new in zip(told.count * self._mean_crosses, told.old_poses, told.new_poses, strict=True):
-            correction[MOTION_FEATURES, _WRENCH_FEATURES] += cross @ (new.adjoint() - old.adjoint()).T
-        # For stretches that began later, the part of it that follows the motion: what it would do to their mean motion.
-        # A share of the whole would move them also in directions that they do not show, where they are compared best.
-        by_motion = np.linalg.lstsq(told.motion_gram, correction[MOTION_FEATURES], rcond=_SINGULAR)[0]
-
-        def update(sums: Array) -> Array:
-            began_before = sums[:, 0] > self._since_told[0]
-            grams = unpacked_gram(began_before[:, None] * (sums[:, :GRAM_SIZE] - self._since_told))
-            corrections = np.zeros_like(grams)
-            corrections[:, MOTION_FEATURES] = grams[:, MOTION_FEATURES, MOTION_FEATURES] @ by_motion
-            corrections[0] = self._told_left * correction
-            sums[:, :GRAM_SIZE] += repacked_gram(corrections)
-            return sums
-
-        self._window.revise(update)
-
     def map_features(self, feature_map: Array, old_poses: Sequence[Pose], new_poses: Sequence[Pose]) -> None:
         """All samples' motions count as if they had been fused with new poses: ``refit_map`` (28, 28)."""
-        motion_map = feature_map[np.ix_(REGISTRATION_FEATURES, REGISTRATION_FEATURES)]
-        full_map = np.eye(FEATURES)
-        full_map[MOTION_FEATURES, MOTION_FEATURES] = motion_map
-
-        def update(sums: Array) -> Array:
-            gram = full_map @ unpacked_gram(sums[:, :GRAM_SIZE]) @ full_map.T
-            cross = motion_map @ sums[:, _CROSS].reshape(-1, *_CROSS_SHAPE)
-            return np.hstack([repacked_gram(gram), sums[:, _DISTURBANCE, None], cross.reshape(len(sums), -1)])
-
-        self._window.revise(update)
-        self._late.map(full_map)
-        total = self._window.total
-        cross = total[_CROSS].reshape(_CROSS_SHAPE)
-        motion_gram = unpacked_gram(total[:GRAM_SIZE])[MOTION_FEATURES, MOTION_FEATURES]
-        self._told_left = 1.0
-        self._since_told = np.zeros(GRAM_SIZE)
-        self._told = _Told(cross, motion_gram, self.count, self._changed_at, self._last_block, old_poses, new_poses)
+        to_new = gram_map(feature_map)
+        self._window.revise(lambda sums: mapped(sums, to_new))
+        self._late.map(to_new)
+        self._correction = WrenchCorrection(
+            self._window.total, self._changed_at, self._last_block, old_poses, new_poses
+        )
 
     def payload(self, own: int, team: TeamPoses) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
         """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable."""
@@ -332,17 +254,9 @@ class LoadMemory:
         if self._late.contradict:
             return None, ("load: the forces of late do not fit what is remembered of it",)
         estimate = self._estimate(self._model)
-        seen_by_own = seen_inertia_derivative(self._poses[own], estimate.inertia)
-        to_central = np.linalg.inv(barycentric_derivative(estimate.inertia))
-        by_poses = seen_by_own[:, 6:] @ to_central @ self._by_poses(estimate)
-        by_poses[:, 6 * own : 6 * own + 6] += seen_by_own[:, :6]
-        covariance = seen_by_own[:, 6:] @ estimate.covariance @ seen_by_own[:, 6:].T
-        covariance += by_poses @ team.covariance @ by_poses.T
-        covariance *= 1.0 + (_NEW * self._config.rate / self.count) ** 2
-        unseen = unseen_quantities(covariance, estimate.inertia.mass, self._length())
-        inertia = estimate.inertia.carried(self._poses[own].inverse())
-        sentences = tuple(f"{part.what}: {part.remedy}" for part in unseen)
-        return _published(inertia, covariance, {part.quantity for part in unseen}), sentences
+        inflation = 1.0 + (_NEW * self._config.rate / self.count) ** 2
+        _, size = middle_and_size(self._poses)
+        return seen_payload(estimate, self._by_poses(estimate), own, team, inflation, size)
 
     def _by_poses(self, estimate: InertiaEstimate) -> Array:
         """Derivative of ``theta`` by all poses, shape (10, 6 N)."""
@@ -358,34 +272,10 @@ class LoadMemory:
         )
 
     def _estimate(self, model: InertiaModel) -> InertiaEstimate:
-        places = np.array([pose.translation for pose in self._poses])
-        return estimate_inertia(self._window.information(model), places.mean(axis=0), self._length())
-
-    def _length(self) -> float:
-        """Root mean square distance of the grasps from their middle [m]."""
-        places = np.array([pose.translation for pose in self._poses])
-        return float(np.sqrt(np.square(places - places.mean(axis=0)).sum(axis=1).mean()))
+        return estimate_inertia(self._window.information(model), *middle_and_size(self._poses))
 
     def _is_enough(self) -> bool:
         return self.count >= _LEAST * self._config.rate
-
-
-def _published(inertia: Inertia, covariance: Array, unseen: Collection[str]) -> PayloadEstimate | None:
-    """What is seen: inertia is about the centre of mass, and so unseen with it, and both with the mass."""
-    if "mass" in unseen:
-        return None
-    if "com" in unseen:
-        return PayloadEstimate(inertia.mass, None, None, covariance[:1, :1])
-    if "inertia" in unseen:
-        return PayloadEstimate(inertia.mass, inertia.com, None, covariance[:4, :4])
-    return PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, covariance)
-
-
-def _moments(motion: Array, wrench: Array, own_wrench: Array, disturbance: float) -> Array:
-    """Packed Gram matrix of a block, its disturbance, and its share of ``C_i``."""
-    rows = features(motion, wrench)
-    cross = rows[:, MOTION_FEATURES].T @ own_wrench
-    return np.concatenate([packed_gram(rows), [len(rows) * disturbance], cross.ravel()])
 
 
 class _MeanSquare:

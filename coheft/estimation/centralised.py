@@ -24,7 +24,7 @@ from coheft.estimation.acceleration import (
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.inertia import INERTIA_SIZE, InertiaModel, features, packed_gram, unpacked_gram
 from coheft.estimation.inertia_derivatives import barycentric_derivative
-from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia
+from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, middle_and_size
 from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, TWIST, WRENCH, SensorNoise
 from coheft.estimation.pose_sensitivity import MOTION_FEATURES, PoseSensitivity, inertia_by_poses
 from coheft.estimation.registration import RegistrationMoments, score_and_information
@@ -126,15 +126,12 @@ def estimate_centralised(
     sums = sum_up(samples, poses, noise, rate)
     sample_features = features(sums.motion, sums.wrench)
     gram = packed_gram(sample_features)
-    places = np.array([pose.translation for pose in poses])
-    centre = places.mean(axis=0)
-    length = float(np.sqrt(np.square(places - centre).sum(axis=1).mean()))
     parameters = None
     for _ in range(_REWEIGHTINGS):
         model = InertiaModel(
             sums.fusion.wrench_covariance, sums.fusion.acceleration_covariance, parameters, with_offset
         )
-        estimate = estimate_inertia(model.information(gram), centre, length)
+        estimate = estimate_inertia(model.information(gram), *middle_and_size(poses))
         parameters = estimate.inertia.barycentric()
     needed = np.tensordot(sample_features, model.regressor_coefficients, axes=1)[..., :INERTIA_SIZE]
     moving = sample_features[:, MOTION_FEATURES]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,7 +12,7 @@ from coheft.estimation.consistency import nearest_possible
 from coheft.estimation.inertia import INERTIA_SIZE, InertiaInformation
 from coheft.estimation.inertia_derivatives import barycentric_derivative
 from coheft.estimation.rigid_body import Inertia, pack_symmetric, unpack_symmetric
-from coheft.estimation.spatial import Array
+from coheft.estimation.spatial import Array, Pose
 
 _GRAVITY = 9.81
 _SEEN = 0.3
@@ -54,6 +55,13 @@ class InertiaEstimate:
     parameters_covariance: Array
     offset: Array | None
     unseen: tuple[Unseen, ...]
+
+
+def middle_and_size(poses: Sequence[Pose]) -> tuple[Array, float]:
+    """Middle (3,) of the grasps and their root mean square distance from it [m]: about where the load is, how large."""
+    places = np.array([pose.translation for pose in poses])
+    middle: Array = places.mean(axis=0)
+    return middle, float(np.sqrt(np.square(places - middle).sum(axis=1).mean()))
 
 
 def estimate_inertia(information: InertiaInformation, centre: Array, length: float) -> InertiaEstimate:

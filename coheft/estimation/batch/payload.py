@@ -10,7 +10,7 @@ import numpy as np
 from coheft.estimation.body_motion import perturbed
 from coheft.estimation.consistency import is_possible, nearest_possible
 from coheft.estimation.inertia_derivatives import barycentric_derivative
-from coheft.estimation.inertia_estimate import unseen_quantities
+from coheft.estimation.inertia_estimate import middle_and_size, unseen_quantities
 from coheft.estimation.rigid_body import Inertia, pack_symmetric, unpack_symmetric
 from coheft.estimation.spatial import Array, Pose
 
@@ -91,8 +91,7 @@ def make_payload(measured: Inertia, covariance: Array, poses: Sequence[Pose]) ->
         covariance: Of ``(m, h, J)``, shape (10, 10).
         poses: Of the grasps, for the size of the load.
     """
-    places = np.array([pose.translation for pose in poses])
-    length = float(np.sqrt(np.square(places - places.mean(axis=0)).sum(axis=1).mean()))
+    _, length = middle_and_size(poses)
     derivative = barycentric_derivative(measured)
     information: Array = np.linalg.inv(derivative @ covariance @ derivative.T).astype(np.float64)
     possible = nearest_possible(measured.barycentric(), information, length)

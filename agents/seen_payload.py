@@ -1,0 +1,52 @@
+"""What a robot publishes of the load: in its own grasp frame, with its covariance, and only what it has seen."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from coheft.estimation.inertia_derivatives import barycentric_derivative, seen_inertia_derivative
+from coheft.estimation.inertia_estimate import InertiaEstimate, unseen_quantities
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Array
+from coheft.estimation.team_registration import TeamPoses
+from coheft.wire.messages import PayloadEstimate
+
+
+def seen_payload(
+    estimate: InertiaEstimate, by_poses: Array, own: int, team: TeamPoses, inflation: float, size: float
+) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
+    """Mass properties in ``F_i``; and what is not observable, in words.
+
+    Args:
+        estimate: In the body frame.
+        by_poses: Derivative of ``theta`` by the perturbations of all poses, shape (10, 6 N).
+        own: Index of the robot.
+        team: All poses and how well they are known.
+        inflation: How many times larger the covariance is than all this says.
+        size: Of the load, roughly [m].
+    """
+    pose = team.poses[own]
+    derivative = seen_inertia_derivative(pose, estimate.inertia)
+    to_central = np.linalg.inv(barycentric_derivative(estimate.inertia))
+    seen_by_poses = derivative[:, 6:] @ to_central @ by_poses
+    seen_by_poses[:, 6 * own : 6 * own + 6] += derivative[:, :6]
+    covariance = derivative[:, 6:] @ estimate.covariance @ derivative[:, 6:].T
+    covariance += seen_by_poses @ team.covariance @ seen_by_poses.T
+    covariance *= inflation
+    unseen = unseen_quantities(covariance, estimate.inertia.mass, size)
+    inertia = estimate.inertia.carried(pose.inverse())
+    sentences = tuple(f"{part.what}: {part.remedy}" for part in unseen)
+    return _published(inertia, covariance, {part.quantity for part in unseen}), sentences
+
+
+def _published(inertia: Inertia, covariance: Array, unseen: Collection[str]) -> PayloadEstimate | None:
+    """What is seen: inertia is about the centre of mass, and so unseen with it, and both with the mass."""
+    if "mass" in unseen:
+        return None
+    if "com" in unseen:
+        return PayloadEstimate(inertia.mass, None, None, covariance[:1, :1])
+    if "inertia" in unseen:
+        return PayloadEstimate(inertia.mass, inertia.com, None, covariance[:4, :4])
+    return PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, covariance)
