@@ -1,8 +1,8 @@
 """Total wrenches as the newest poses would have carried them.
 
 The total wrench was carried with the poses of its time. Its moments are linear in them,
-``sum x (sum_j Ad(g_j) u_j)^T = sum_j C_j Ad(g_j)^T`` with ``C_j = sum x u_j^T``. Every robot keeps its own
-``C_j``, tells it when new poses come into use, and when all have been heard, the moments of the samples before are corrected.
+``sum x (sum_j Ad(g_j) u_j)^T = sum_j C_j Ad(g_j)^T`` with ``C_j = sum x u_j^T``. Every robot keeps its own ``C_j``, and
+tells it when new poses come into use; when all have been heard, the moments of the samples before are corrected.
 """
 
 from __future__ import annotations
