@@ -27,8 +27,6 @@ _SHORTEST_ROUND = 0.2
 """Shortest time between two fits of the poses [s]."""
 _CHUNK = 0.1
 """Robots tell each other every so often, or when all have been heard, which blocks they have [s]."""
-_MOVING = 4.0
-"""While a fit moves a pose by more of its standard deviations, it is too far from the optimum for these to be true."""
 _LEFT = 0.25
 """Share of a fit's last step that may be left to go, because the fit is not linear."""
 _UNTRIED = 4.0
@@ -146,7 +144,7 @@ class PoseFits:
         self._fits.tell(0, self._tells, np.concatenate([[index + self._hearing], *numbers]))
 
 
-def still_move(fitted: TeamPoses, steps: Sequence[Array]) -> bool:
-    """Whether the last fit has moved poses so far that how well they are known is not known."""
+def largest_step(fitted: TeamPoses, steps: Sequence[Array]) -> float:
+    """How far the last fit has moved a pose, in its standard deviations."""
     deviations = np.sqrt(np.diag(fitted.covariance)).reshape(-1, 6)
-    return bool(np.any(np.abs(steps[1:]) > _MOVING * deviations[1:]))
+    return float(np.max(np.abs(steps[1:]) / deviations[1:]))

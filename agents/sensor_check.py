@@ -13,11 +13,13 @@ _SENSORS = ("gyro", "velocity", "accelerometer", "force", "torque")
 _LARGEST = 1e6
 """No sensor of an arm reads more, whatever its unit [rad/s, m/s, m/s², N, N·m]; squares of it are still harmless."""
 _OUTLIER = 12.0
-"""A sample that differs by more standard deviations from both its neighbours, on the same side, is an outlier. What
-really changes at a sudden differs from one of them only. The last one of a block has one neighbour: it is an outlier if
-it is so far from where the two before it point,"""
+"""A sample that differs by more standard deviations from both its neighbours, on the same side, is an outlier. The last
+one of a block has one neighbour: it is an outlier if it is so far from where the two before it point,"""
 _UNUSUAL = 3.0
 """and so many times as far as any other of the block."""
+_BACK = 0.3
+"""After an outlier at least so much of the step is taken back: what really changes at a sudden may overshoot, but
+stays."""
 
 
 class SensorCheck:
@@ -60,7 +62,9 @@ class SensorCheck:
         at_limit = (2 * (samples == limits[:, None]).sum(axis=1) > len(samples)) & (limits != 0.0)
         if at_limit.any():
             return _in_words("is saturated", np.any(at_limit, axis=0))
-        peaks = np.minimum(np.abs(steps[:-1]), np.abs(steps[1:])) * (steps[:-1] * steps[1:] < 0.0)
+        sizes = np.abs(steps)
+        least, most = np.minimum(sizes[:-1], sizes[1:]), np.maximum(sizes[:-1], sizes[1:])
+        peaks = least * ((steps[:-1] * steps[1:] < 0.0) & (least > _BACK * most))
         bends = np.abs(np.diff(steps, axis=0))
         far = (peaks > _OUTLIER).any(axis=0)
         if len(bends):

@@ -20,7 +20,7 @@ from agents.contradictions import Contradictions
 from agents.early_sums import EarlySums
 from agents.load_changes import LoadChanges
 from agents.load_memory import LoadMemory
-from agents.pose_fits import PoseFits, still_move
+from agents.pose_fits import PoseFits, largest_step
 from agents.sums import Entered, TeamSums
 from agents.total_motion import TotalMotion
 from agents.watch import block_misfit
@@ -39,6 +39,10 @@ from consensus.schedule import choose_schedule
 _PATIENCE = 0.25
 """After so long without a complete sum, the load may have changed unnoticed; and when sums are complete again, a change
 in the meantime takes so long to be noticed [s]."""
+_MOVING = 4.0
+"""While a fit moves a pose by more of its standard deviations, it is too far from the optimum for these to be true."""
+_LITTLE = 0.5
+"""When it moves none by more than this, it does not matter with which poses samples are seen."""
 _JUMP = 30.0
 """A block whose squared residuals are so many times what they should be is held until the next one has come: a load
 changes for longer than a block."""
@@ -127,7 +131,7 @@ class Team:
         self._fits = PoseFits(config, members, self._own, start, schedule.rounds, self._hearing)
         # Versions of the poses that the past was mapped to, and corrected for.
         self._version = self._corrected = 0
-        self._steps: list[Array] = []
+        self._largest_step = np.inf
         self._crosses, self._first_crosses = (Flood(members, LoadMemory.told_size) for _ in range(2))
         self._contradictions = Contradictions(config, self._names)
         self._floods = Floods(
@@ -183,9 +187,11 @@ class Team:
     def found(self) -> Found | None:
         """What is known of poses and load; None as long as no poses have been fitted.
 
-        While a fit is under way, what was known before: motions are seen with new poses then, wrenches with old ones.
+        While a fit is under way that matters, what was known before: motions are seen with new poses then, wrenches
+        with old ones.
         """
-        if self._corrected == self._version and self._fitted is not None:
+        is_coherent = self._corrected == self._version or self._largest_step < _LITTLE
+        if self._fitted is not None and is_coherent:
             payload, unseen = self._memory.payload(self._own, self._fitted)
             return Found(self._neighbours_poses(self._fitted), payload, unseen, self.learned_block)
         if self._found_before is not None and self._memory.changed_at > self._found_before.learned_block:
@@ -205,7 +211,7 @@ class Team:
         age = self._next - 1 - self._rounds - self.learned_block
         if age > self._patience:
             return (f"no complete sum of the team since {self._config.start_of(self.learned_block + 1):.2f} s",)
-        if not self._has_begun or (self._fitted is not None and still_move(self._fitted, self._steps)):
+        if not self._has_begun or (self._fitted is not None and self._largest_step > _MOVING):
             return ("the poses are still being found",)
         if self.learned_block < self._settled_block:
             return (f"complete sums of the team again since {self._config.start_of(self._resumed_block):.2f} s only",)
@@ -319,11 +325,12 @@ class Team:
         self._fits.map(feature_map)
         self._contradictions.map(feature_map)
         self._memory.map_features(feature_map, self._poses, poses)
-        self._steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
+        steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
         old_poses, self._poses, self._version = self._poses, poses, version
         self._motion.set_poses(poses)
         self._memory.set_poses(poses, self._motion.fusion)
-        self._fitted = self._fits.known(poses, self._steps)
+        self._fitted = self._fits.known(poses, steps)
+        self._largest_step = largest_step(self._fitted, steps)
         self._crosses.tell(self._own, version, self._memory.told())
         if self._first is not None:
             self._first.map_features(feature_map, old_poses, poses)
