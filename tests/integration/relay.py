@@ -73,8 +73,10 @@ class Relay:
                     near.close()
                     continue
                 self._sockets |= {near, far}
+            # Before any thread runs that may come to the connection's end, and close it.
+            for end in (near, far):
+                end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             for source, target in ((near, far), (far, near)):
-                source.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 waiting: SimpleQueue[tuple[float, bytes]] = SimpleQueue()
                 self._start(self._read, source, waiting)
                 self._start(self._write, target, waiting)
