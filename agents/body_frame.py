@@ -66,6 +66,12 @@ class BodyFrame:
             frame, {(name, since[name]): pose for name, pose in poses.items() if since[name] in (holds[name], 0)}
         )
 
+    def forget(self) -> None:
+        """Nothing that is known of poses can be relied upon."""
+        self._pairs, self._holds = {}, {}
+        self._kept = self._told = None
+        self._gossip.forget_pose()
+
     def update_pairs(self, block: int, previous: Array | None, inbox: Mapping[str, Channels]) -> None:
         """Take in neighbours' samples of a block, and the own ones, shape (B, 15)."""
         own = self._gossip.own

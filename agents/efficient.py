@@ -100,7 +100,11 @@ class EfficientEstimator:
 
     def _dissolve(self, team: Team) -> None:
         """The team is another one now: keep what is known of the poses."""
-        self._body_frame.keep(self._frame, team.poses(), self._holds)
+        poses = team.poses_to_keep()
+        if poses is None:
+            self._body_frame.forget()
+        else:
+            self._body_frame.keep(self._frame, poses, self._holds)
         self._team = None
 
     def fits(self, channels: Channels) -> bool:

@@ -120,6 +120,7 @@ class Team:
         self._hearing = diameter(graph) + 1
 
         self._motion = TotalMotion(config, self._poses)
+        self._beyond_doubt: tuple[Pose, ...] | None = None
         self._found_before: Found | None = None
         self._fitted: TeamPoses | None = None
         self._memory = LoadMemory(config, len(self._names), self._own)
@@ -173,6 +174,8 @@ class Team:
             told |= self._early_sums.channels()
         self._fits.common.add(index, (newest, early))
         self._contradictions.step(index, self._fitted)
+        if not self.doubts():
+            self._beyond_doubt = self._poses
         told["load_change"] = np.array([float(self._memory.changed_at)])
         return told | self._floods.channels()
 
@@ -180,9 +183,13 @@ class Team:
         """Whether what a neighbour sent has the shapes of this team."""
         return self._floods.fit(channels) and self._sums.fit(channels) and self._early_sums.fit(channels)
 
-    def poses(self) -> dict[str, Pose]:
-        """Of all members, in the body frame."""
-        return dict(zip(self._names, self._poses, strict=True))
+    def poses_to_keep(self) -> dict[str, Pose] | None:
+        """Of all members, in the body frame, for the next team; None if they cannot be relied upon.
+
+        Whatever contradicts the team's motion has been at work for a while when it is noticed.
+        """
+        kept = self._poses if self._contradictions.by is None else self._beyond_doubt
+        return None if kept is None else dict(zip(self._names, kept, strict=True))
 
     def found(self) -> Found | None:
         """What is known of poses and load; None as long as no poses have been fitted.

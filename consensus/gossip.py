@@ -70,6 +70,10 @@ class Gossip:
         numbers = () if pose is None else tuple(pose.numbers().tolist())
         self._tell(replace(self.own, ready_block=block, pose=numbers, team=self.team, frame=frame))
 
+    def forget_pose(self) -> None:
+        """Take back what this robot has told of its pose."""
+        self._tell(replace(self.own, ready_block=-1, pose=(), frame=0))
+
     def announce_holding(self, holding: bool, since: int) -> None:
         """Tell everybody that this robot takes hold of the load, or lets go of it, at block ``since``."""
         self._tell(replace(self.own, holding=holding, since=since, ready_block=-1, pose=(), frame=0))
