@@ -141,7 +141,7 @@ class BodyFrame:
         if graph is None or self._config.name not in graph:
             return None
         if frame == 0 and self._config.name == min(graph):
-            return Pose.identity(), self._gossip.team
+            return Pose.identity(), self._gossip.membership
         pose = self._through_neighbour(graph)
         own = self._gossip.own
         if pose is None and own.pose and own.frame == frame:

@@ -8,8 +8,7 @@ import numpy as np
 
 from agents.watch import MISFIT, Watch
 from coheft.estimation.registration import RegistrationMoments
-from coheft.estimation.spatial import Array
-from coheft.estimation.team_registration import TeamPoses
+from coheft.estimation.spatial import Array, Pose
 from coheft.wire.config import AgentConfig
 from consensus.flood import Flood
 
@@ -17,7 +16,6 @@ _BLAMED = 0.6
 """After so long a contradiction a robot starts over [s]."""
 _TOLD = 0.1
 """Robots tell each other so often how their sensors fit the team's motion [s]."""
-_POSE_FREEDOM = 6
 
 
 class Contradictions:
@@ -48,15 +46,17 @@ class Contradictions:
         """As if every sample's features had been ``feature_map`` (28, 28) times what they were."""
         self._watch.map(feature_map)
 
-    def step(self, index: int, fitted: TeamPoses | None) -> None:
-        """One block; ``fitted`` are the newest poses, None while none have been fitted."""
-        if fitted is not None and index % self._every == 0:
-            self.flood.tell(self._own, index, np.array([self._misfit(fitted)]))
-        self._blamed = self._blamed + 1 if self.by == self._names[self._own] else 0
+    def step(self, index: int, pose: Pose, deviations: Array) -> None:
+        """One block.
 
-    def _misfit(self, fitted: TeamPoses) -> float:
-        own = slice(_POSE_FREEDOM * self._own, _POSE_FREEDOM * (self._own + 1))
-        return self._watch.misfit(fitted.poses[self._own], np.diag(np.diag(fitted.covariance[own, own])))
+        Args:
+            index: Its number.
+            pose: The own one.
+            deviations: Standard deviations of its perturbation, shape (6,).
+        """
+        if index % self._every == 0:
+            self.flood.tell(self._own, index, np.array([self._watch.misfit(pose, np.diag(deviations**2))]))
+        self._blamed = self._blamed + 1 if self.by == self._names[self._own] else 0
 
     @property
     def by(self) -> str | None:

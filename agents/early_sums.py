@@ -1,4 +1,4 @@
-"""Samples from before the start of a team's sums follow, one block in turn, through sums of their own."""
+"""Samples from before the start of a team's sums follow, the newest first, through sums of their own."""
 
 from __future__ import annotations
 
@@ -35,8 +35,7 @@ class EarlySums:
     ) -> None:
         self._sums = TeamSums("early", config.name, neighbours, schedule, config.block, config.noise)
         self._start = start
-        self._delay = min(start, config.blocks(EARLY))
-        self._end = start + schedule.rounds + self._delay
+        self._end = start + schedule.rounds + min(start, config.blocks(EARLY))
         self._history = dict(history)
 
     def are_over(self, index: int) -> bool:
@@ -52,8 +51,8 @@ class EarlySums:
     ) -> tuple[Entered, Array] | None:
         """One block enters, carried with ``pose`` of a version, and another leaves: see ``TeamSums.advance``."""
         finished = self._sums.advance(inbox)
-        block = index - self._delay
-        samples = self._history.pop(block, None) if block < self._start else None
+        block = 2 * self._start - 1 - index
+        samples = self._history.pop(block, None)
         self._sums.enter(None if samples is None else Entered(block, samples, pose, version))
         return finished
 

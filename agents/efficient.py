@@ -1,30 +1,36 @@
 """The method at the Cramér-Rao bound, for one robot.
 
 First, poses of the neighbours by maximum likelihood, and from neighbour to neighbour the robot's own pose in the frame
-of the reference robot, the **body frame**. When everybody's is roughly known, the network's sums begin (``Team``):
-everybody carries its own samples to the body frame with its own pose, so all rounds happen in one frame, and every
-loop is closed by construction. The totals say how the body moves and what wrench moves it. Out of these come better
-poses, again and again, with all samples since the start, and the load's inertia (``agents.load_memory.LoadMemory``).
+of the reference robot, the **body frame**. When everybody's is roughly known, the network's sums begin: everybody
+carries its own samples to the body frame with its own pose, so all rounds happen in one frame, and every loop is closed
+by construction. The totals say how the body moves, and out of that come better poses (``PoseSearch``). When these are
+known well, the sums begin anew (``Team``), with all samples from before as well: poses become better still, again and
+again, and what wrench moves the body says what the load is (``agents.load_memory.LoadMemory``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from agents.body_frame import BodyFrame
 from agents.early_sums import EARLY
 from agents.estimator import Belief, Channels, is_converged
 from agents.load_changes import LoadChanges
+from agents.pose_search import PoseSearch
 from agents.team import Team
 from coheft.estimation.measurement import KINEMATICS, MeasurementBlock
 from coheft.estimation.observability import PoseEstimate
-from coheft.estimation.spatial import Array
+from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
 from consensus.gossip import Gossip
 
 _DIRECTIONS = 6
 _KINEMATICS_SIZE = 9
+_TEAM = "team"
+"""Channel that says of which team the others are."""
 _PAIRS_EVERY = 0.1
 """Time between two looks at the neighbours' poses, before the sums begin [s]."""
 
@@ -39,6 +45,7 @@ class EfficientEstimator:
         self._history_length = config.blocks(EARLY)
         self._look_every = config.blocks(_PAIRS_EVERY)
         self._history: dict[int, Array] = {}
+        self._search: PoseSearch | None = None
         self._team: Team | None = None
         self._team_number = self._frame = 0
         self._holds: dict[str, int] = {}
@@ -49,68 +56,104 @@ class EfficientEstimator:
         samples = None if own is None else own.samples
         if self._team is not None and self._team.must_start_over:
             self._gossip.announce_holding(True, index)  # as if it had just taken hold: with its pose unknown
-        if self._team is not None and self._gossip.team != self._team_number:
-            self._dissolve(self._team)
+        if self._gossip.team != self._team_number:
+            self._dissolve()
         start = self._gossip.start_block
-        if self._team is None and start is not None and index >= start:
-            self._team = self._assemble(start)
+        if self._search is None and self._team is None and start is not None and index >= start:
+            self._assemble(start)
+        if self._team is None:
+            self._remember(index, samples)
+        told = {_TEAM: np.array([float(self._team_number)])}
+        inbox_of_team = {name: channels for name, channels in inbox.items() if self._is_of_team(channels)}
         if self._team is not None:
-            return self._team.step(index, samples, inbox)
+            return told | self._team.step(index, samples, inbox_of_team)
+        if self._search is not None:
+            return told | self._look_for_poses(self._search, index, samples, inbox_of_team)
         return self._prepare(index, samples, inbox)
+
+    def _remember(self, index: int, samples: Array | None) -> None:
+        """Own samples, for the sums that are to begin."""
+        self._history = {block: rows for block, rows in self._history.items() if block > index - self._history_length}
+        if samples is not None:
+            self._history[index] = samples
+
+    def _look_for_poses(
+        self, search: PoseSearch, index: int, samples: Array | None, inbox: Mapping[str, Channels]
+    ) -> dict[str, Array]:
+        told = search.step(index, samples, inbox)
+        pose = search.well_known_pose()
+        if pose is not None and not self._gossip.own.refined:
+            self._announce_pose(index, pose, self._frame, refined=True)
+        return told
 
     def _prepare(self, index: int, samples: Array | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
         """A block without sums: find out the own pose in the body frame."""
         self._body_frame.update_pairs(index - 1, self._history.get(index - 1), inbox)
         self._body_frame.hear_kept_poses(inbox)
         self._announce(index)
-        self._history = {block: rows for block, rows in self._history.items() if block > index - self._history_length}
         told = self._body_frame.channels()
         if samples is not None:
-            self._history[index] = samples
             told["kinematics"] = samples[:, KINEMATICS]
         return told
 
     def _announce(self, index: int) -> None:
-        """Once the own pose in the body frame is roughly known, tell it, and a start far enough ahead for all."""
-        graph, own = self._gossip.graph, self._gossip.own
-        if graph is None or (own.ready_block >= 0 and own.team == self._gossip.team):
+        """Once the own pose in the body frame is known, tell it: one that is kept is known well, one found roughly."""
+        if self._gossip.graph is None or self._gossip.is_ready:
             return
-        known = self._body_frame.kept_pose()
-        if known is None and index % self._look_every == 0:
-            known = self._body_frame.found_pose()
-        if known is not None:
-            self._gossip.announce_ready(index + 2 * len(graph), *known)
+        kept = self._body_frame.kept_pose()
+        if kept is not None:
+            self._announce_pose(index, *kept, refined=True)
+        elif index % self._look_every == 0:
+            found = self._body_frame.found_pose()
+            if found is not None:
+                self._announce_pose(index, *found, refined=False)
 
-    def _assemble(self, start: int) -> Team | None:
-        """The team whose sums begin; None if somebody's pose is missing, or in another frame."""
+    def _announce_pose(self, index: int, pose: Pose, frame: int, refined: bool) -> None:
+        """Tell it, and a start of the sums that is far enough ahead for everybody to hear of it in time."""
+        graph = self._gossip.graph
+        if graph is not None:
+            self._gossip.announce_ready(index + 2 * len(graph), pose, frame, refined)
+
+    def _assemble(self, start: int) -> None:
+        """The team's sums begin; not if somebody's pose is missing, or in another frame."""
         graph, frame = self._gossip.graph, self._gossip.frame()
         poses = {name: self._gossip.pose(name) for name in graph or ()}
-        if graph is None or self._config.name not in graph:
-            return None
-        if any(pose is None or self._gossip.records[name].frame != frame for name, pose in poses.items()):
-            return None
+        known = {name: pose for name, pose in poses.items() if pose is not None}
+        if graph is None or self._config.name not in graph or len(known) < len(poses):
+            return
+        if any(self._gossip.records[name].frame != frame for name in graph):
+            return
+        self._team_number, self._frame = self._gossip.team, frame
+        if not self._gossip.is_refined:
+            self._search = PoseSearch(self._config, graph, known, start)
+            return
         # A load that was held by others weighed otherwise.
         earliest = max(record.since for record in self._gossip.records.values())
         history = {block: rows for block, rows in self._history.items() if block >= earliest}
         self._history = {}
-        self._team_number, self._frame = self._gossip.team, frame
         self._holds = {name: self._gossip.records[name].since for name in graph}
-        known = {name: pose for name, pose in poses.items() if pose is not None}
-        return Team(self._config, graph, known, start, history, self._load_changes)
+        self._team = Team(self._config, graph, known, start, history, self._load_changes)
 
-    def _dissolve(self, team: Team) -> None:
+    def _dissolve(self) -> None:
         """The team is another one now: keep what is known of the poses."""
-        poses = team.poses_to_keep()
-        if poses is None:
-            self._body_frame.forget()
-        else:
-            self._body_frame.keep(self._frame, poses, self._holds)
-        self._team = None
+        if self._team is not None:
+            poses = self._team.poses_to_keep()
+            if poses is None:
+                self._body_frame.forget()
+            else:
+                self._body_frame.keep(self._frame, poses, self._holds)
+        self._team_number = 0
+        self._search = self._team = None
+
+    def _is_of_team(self, channels: Channels) -> bool:
+        number = channels.get(_TEAM)
+        return number is not None and number.shape == (1,) and int(number[0]) == self._team_number
 
     def fits(self, channels: Channels) -> bool:
         """See ``Estimator.fits``."""
-        if self._team is not None:
-            return self._team.fits(channels)
+        at_work = self._team or self._search
+        if at_work is not None:
+            return self._is_of_team(channels) and at_work.fits(channels)
         rows = channels.get("kinematics")
         return rows is None or rows.shape == (self._config.block, _KINEMATICS_SIZE)
 
@@ -118,7 +161,7 @@ class EfficientEstimator:
         """See ``Estimator.belief``."""
         found = None if self._team is None else self._team.found()
         if self._team is None or found is None:
-            poses = self._body_frame.neighbours_poses()
+            poses = (self._search and self._search.neighbours_poses()) or self._body_frame.neighbours_poses()
             return Belief(
                 "poses",
                 False,
@@ -141,7 +184,9 @@ class EfficientEstimator:
 
     def doubts(self) -> tuple[str, ...]:
         """See ``Estimator.doubts``."""
-        return ("the team's sums have not begun",) if self._team is None else self._team.doubts()
+        if self._team is not None:
+            return self._team.doubts()
+        return ("the poses are still being found" if self._search else "the team's sums have not begun",)
 
 
 def _seen(poses: Mapping[str, PoseEstimate]) -> dict[str, UncertainPose]:

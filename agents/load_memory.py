@@ -26,8 +26,6 @@ _COHERENCE = 1.0
 """Time for which what the robots push against each other keeps its direction, more or less [s]."""
 _SPOILT = 2.0
 """Where poses disturb wrenches more than this, samples are not compared: the first fits of few samples are rough."""
-_SAME = 30.0
-"""Limit of the chi-square of the difference between two estimates, ten degrees of freedom: 1e-3 by chance."""
 _NEW = 0.5
 """A load is so much less certain, in variance, as the square of this over the time of its samples: in few samples the
 motions' noise is not what it is on average [s]."""
@@ -154,10 +152,10 @@ class LoadMemory:
         self._changed_at = changed_at
         self._late.begin()
 
-    def push_early(self, motion: Array, wrench: Array, own_wrench: Array) -> None:
-        """Take in a block from before all others, as ``push``; it is not looked at for changes."""
+    def push_early(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> None:
+        """Take in a block from before all others, as ``push``."""
         if self.changed_at < 0:
-            self._window.push_early(load_moments(motion, wrench, own_wrench, 0.0))
+            self._window.push_early(block, load_moments(motion, wrench, own_wrench, min(self._disturbance, _SPOILT)))
 
     def adopt(self, changed_at: int) -> bool:
         """A neighbour says that the load changed at this block. Returns whether that is news."""
@@ -169,39 +167,9 @@ class LoadMemory:
         return True
 
     @property
-    def is_rough(self) -> bool:
-        """Whether samples cannot be compared with each other yet, because poses are not known well enough."""
-        return self._disturbance > _SPOILT
-
-    @property
     def count(self) -> float:
         """Number of samples that count."""
         return count(self._window.total)
-
-    def successor(self) -> LoadMemory:
-        """An empty memory with the same knowledge of poses, and weights of samples by what is known of the load now."""
-        result = LoadMemory(self._config, len(self._poses), self._own)
-        assert self._fusion is not None
-        self.set_poses(self._poses, self._fusion)
-        result._parameters = self._parameters
-        result.set_poses(self._poses, self._fusion)
-        result._mean_crosses = self._mean_crosses
-        if self._disturbance_shape is not None:
-            result._expect_disturbance(self._disturbance * self._disturbance_shape)
-        return result
-
-    def absorb(self, older: LoadMemory) -> bool:
-        """Take in what was remembered before, if it seems to be of the same load; returns whether it does."""
-        if self._model is None or not self._is_enough() or self._changed_at >= 0:
-            return False
-        mine, theirs = self._estimate(self._model), older._estimate(self._model)
-        # What the poses' errors do to both is much the same.
-        spread = mine.parameters_covariance + theirs.parameters_covariance
-        difference = mine.parameters - theirs.parameters
-        if not difference @ np.linalg.solve(spread, difference) < _SAME:
-            return False
-        self._window.push_early(older._window.total)
-        return True
 
     def told(self) -> Array:
         """What everybody has to know of the samples so far, see ``WrenchCorrection.told``."""

@@ -29,7 +29,7 @@ _CHUNK = 0.1
 """Robots tell each other every so often, or when all have been heard, which blocks they have [s]."""
 _LEFT = 0.25
 """Share of a fit's last step that may be left to go, because the fit is not linear."""
-_UNTRIED = 4.0
+_UNTRIED = 1.5
 """Poses are so much less certain, in variance, as the square of this over the time of samples that they were fitted to
 [s]: what is left out of their covariance is of second order, and matters when they are new."""
 _SCORE_SIZE, _POSE_SIZE = 6, 12
@@ -146,5 +146,4 @@ class PoseFits:
 
 def largest_step(fitted: TeamPoses, steps: Sequence[Array]) -> float:
     """How far the last fit has moved a pose, in its standard deviations."""
-    deviations = np.sqrt(np.diag(fitted.covariance)).reshape(-1, 6)
-    return float(np.max(np.abs(steps[1:]) / deviations[1:]))
+    return float(np.max(np.abs(steps[1:]) / fitted.deviations[1:]))

@@ -141,9 +141,7 @@ class SeedEstimator:
 
     def _announce_poses(self, index: int) -> None:
         """Once all poses are known, offer a start."""
-        own = self._gossip.own
-        is_announced = own.ready_block >= 0 and own.team == self._gossip.team
-        if not is_announced and all(self._is_known(pose) for pose in self._poses().values()):
+        if not self._gossip.is_ready and all(self._is_known(pose) for pose in self._poses().values()):
             self._announce_start(index)
 
     def _announce_start(self, index: int) -> None:

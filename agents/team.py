@@ -21,6 +21,7 @@ from agents.early_sums import EarlySums
 from agents.load_changes import LoadChanges
 from agents.load_memory import LoadMemory
 from agents.pose_fits import PoseFits, largest_step
+from agents.pose_search import WELL_KNOWN
 from agents.sums import Entered, TeamSums
 from agents.total_motion import TotalMotion
 from agents.watch import block_misfit
@@ -48,9 +49,6 @@ _JUMP = 30.0
 changes for longer than a block."""
 _NONSENSE = 15.0
 """The same for the motion of the body, which does not change at a sudden: such a block is not used."""
-_MUCH_MORE = 4.0
-"""What was learned with rough poses is looked at again when there are so many times as many samples: then, if it is of
-a slightly different load that nobody noticed, it does no harm."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,7 @@ class Team:
     Args:
         config: The agent's settings.
         graph: The team's.
-        poses: Of all its members, roughly, by name. That of the first defines the body frame.
+        poses: Of all its members, well known, by name. That of the first defines the body frame.
         start: Block at which the sums begin, the same for everybody.
         history: Own samples of the blocks before, by number.
         load_changes: Told of those that are noticed.
@@ -125,27 +123,22 @@ class Team:
         self._fitted: TeamPoses | None = None
         self._memory = LoadMemory(config, len(self._names), self._own)
         self._memory.set_poses(self._poses, self._motion.fusion)
-        # What was learned with rough poses stands aside until it can be seen that it is of the same load.
-        self._first: LoadMemory | None = None
 
         members = len(self._names)
         self._fits = PoseFits(config, members, self._own, start, schedule.rounds, self._hearing)
         # Versions of the poses that the past was mapped to, and corrected for.
         self._version = self._corrected = 0
         self._largest_step = np.inf
-        self._crosses, self._first_crosses = (Flood(members, LoadMemory.told_size) for _ in range(2))
+        self._crosses = Flood(members, LoadMemory.told_size)
         self._contradictions = Contradictions(config, self._names)
         self._floods = Floods(
             {
                 **self._fits.floods,
                 "crosses": self._crosses,
-                "first_crosses": self._first_crosses,
                 "misfits": self._contradictions.flood,
             }
         )
         self._held: _Block | None = None
-        self._has_begun = False
-        self._begins_at = -1
         self._rounds = schedule.rounds
         self._patience = config.blocks(_PATIENCE)
         self._resumed_block = self._settled_block = -1
@@ -173,7 +166,7 @@ class Team:
             early = self._catch_up(index, inbox)
             told |= self._early_sums.channels()
         self._fits.common.add(index, (newest, early))
-        self._contradictions.step(index, self._fitted)
+        self._contradictions.step(index, self._poses[self._own], self._own_deviations())
         if not self.doubts():
             self._beyond_doubt = self._poses
         told["load_change"] = np.array([float(self._memory.changed_at)])
@@ -218,7 +211,7 @@ class Team:
         age = self._next - 1 - self._rounds - self.learned_block
         if age > self._patience:
             return (f"no complete sum of the team since {self._config.start_of(self.learned_block + 1):.2f} s",)
-        if not self._has_begun or (self._fitted is not None and self._largest_step > _MOVING):
+        if self._fitted is not None and self._largest_step > _MOVING:
             return ("the poses are still being found",)
         if self.learned_block < self._settled_block:
             return (f"complete sums of the team again since {self._config.start_of(self._resumed_block):.2f} s only",)
@@ -228,6 +221,13 @@ class Team:
     def must_start_over(self) -> bool:
         """Whether this robot's measurements have contradicted the team's motion for too long."""
         return self._contradictions.have_lasted
+
+    def _own_deviations(self) -> Array:
+        """Standard deviations of the own pose (6,)."""
+        if self._fitted is None:
+            return WELL_KNOWN
+        own: Array = self._fitted.deviations[self._own]
+        return own
 
     # --- sums ---
 
@@ -244,7 +244,7 @@ class Team:
             return None
         entered, sums = finished
         motion = self._motion.fusion.motion(sums)
-        (self._first or self._memory).push_early(motion, sums[:, 0], entered.samples[:, WRENCH])
+        self._memory.push_early(entered.block, motion, sums[:, 0], entered.samples[:, WRENCH])
         return RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
 
     def _take_in(self, entered: Entered, sums: Array, index: int) -> RegistrationMoments | None:
@@ -266,8 +266,6 @@ class Team:
             return None
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
         found = _Block(block, motion, sums[:, 0], entered.samples[:, WRENCH], moments)
-        if self._fitted is None:
-            return self._learn(found, index)
         self._contradictions.add(moments)
         held, self._held = self._held, None
         if self._contradictions.by is not None:
@@ -285,9 +283,6 @@ class Team:
         if found.number > self.learned_block + self._patience and self.learned_block >= 0:
             self._resumed_block, self._settled_block = found.number, found.number + self._patience
         self.learned_block = found.number
-        if not self._has_begun and 0 <= self._begins_at <= found.number:
-            self._has_begun = True
-            self._first, self._memory = self._memory, self._memory.successor()
         changed_at = self._memory.push(found.number, found.motion, found.wrench, found.own_wrench)
         if changed_at is not None:
             self._load_changes.notice(changed_at, index, within=self._hearing)
@@ -305,24 +300,11 @@ class Team:
 
     def _fit_poses(self, index: int) -> None:
         self._fits.step(index, self._version, self._poses, self._corrected == self._version)
-        rows, first_rows = self._crosses.rows(self._version), self._first_crosses.rows(self._version)
+        rows = self._crosses.rows(self._version)
         if self._fitted is None or self._corrected == self._version or rows is None:
             return
         self._memory.correct(rows, self._fitted)
         self._corrected = self._version
-        if self._first is not None:
-            self._review_first(self._first, self._fitted, first_rows)
-        elif self._begins_at < 0 and not self._memory.is_rough:
-            self._begins_at = self._fits.switched_at + 2 * self._hearing  # when all have heard, at the same block
-
-    def _review_first(self, first: LoadMemory, fitted: TeamPoses, rows: Array | None) -> None:
-        """Whether what was learned with rough poses is to count, once there is much more to hold it against."""
-        first.correct(rows, fitted)
-        if rows is None or self._memory.changed_at >= 0:
-            self._first = None
-        elif self._memory.count > _MUCH_MORE * first.count:
-            self._memory.absorb(first)
-            self._first = None
 
     def _map_to(self, version: int) -> None:
         """All samples so far count from now on as if they had been carried with the poses of a version."""
@@ -333,13 +315,9 @@ class Team:
         self._contradictions.map(feature_map)
         self._memory.map_features(feature_map, self._poses, poses)
         steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
-        old_poses, self._poses, self._version = self._poses, poses, version
+        self._poses, self._version = poses, version
         self._motion.set_poses(poses)
         self._memory.set_poses(poses, self._motion.fusion)
         self._fitted = self._fits.known(poses, steps)
         self._largest_step = largest_step(self._fitted, steps)
         self._crosses.tell(self._own, version, self._memory.told())
-        if self._first is not None:
-            self._first.map_features(feature_map, old_poses, poses)
-            self._first.set_poses(poses, self._motion.fusion)
-            self._first_crosses.tell(self._own, version, self._first.told())

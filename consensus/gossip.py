@@ -5,7 +5,8 @@ is new. A message carries what changed since the last one, and one older record 
 up for and the size of messages does not grow with the team.
 
 The **team** is all robots that hold the load. Whenever one of them starts again with an empty memory, lets go or takes
-hold, it is another team, with a number of its own, and everybody has to be ready for that one.
+hold, it is another team, and everybody has to be ready for that one. When all of its members know their poses well, it
+begins anew, and has another number.
 """
 
 from __future__ import annotations
@@ -59,24 +60,32 @@ class Gossip:
         """What it tells about itself."""
         return self.records[self.name]
 
-    def announce_ready(self, block: int, pose: Pose | None = None, frame: int = 0) -> None:
+    @property
+    def is_ready(self) -> bool:
+        """Whether this robot has told the present team that it is ready."""
+        return self.own.ready_block >= 0 and self.own.team == self.membership
+
+    def announce_ready(self, block: int, pose: Pose | None = None, frame: int = 0, refined: bool = False) -> None:
         """Tell everybody that this robot can take part in the present team's sums from ``block`` on.
 
         Args:
             block: The block.
             pose: Its pose in the body frame.
             frame: Number of that frame.
+            refined: Whether it knows its pose well.
         """
         numbers = () if pose is None else tuple(pose.numbers().tolist())
-        self._tell(replace(self.own, ready_block=block, pose=numbers, team=self.team, frame=frame))
+        self._tell(
+            replace(self.own, ready_block=block, pose=numbers, team=self.membership, frame=frame, refined=refined)
+        )
 
     def forget_pose(self) -> None:
         """Take back what this robot has told of its pose."""
-        self._tell(replace(self.own, ready_block=-1, pose=(), frame=0))
+        self._tell(replace(self.own, ready_block=-1, pose=(), frame=0, refined=False))
 
     def announce_holding(self, holding: bool, since: int) -> None:
         """Tell everybody that this robot takes hold of the load, or lets go of it, at block ``since``."""
-        self._tell(replace(self.own, holding=holding, since=since, ready_block=-1, pose=(), frame=0))
+        self._tell(replace(self.own, holding=holding, since=since, ready_block=-1, pose=(), frame=0, refined=False))
 
     def _tell(self, record: LinkState) -> None:
         self.records[self.name] = replace(record, sequence=record.sequence + 1)
@@ -94,7 +103,7 @@ class Gossip:
     def pose(self, name: str) -> Pose | None:
         """What a robot has told the present team of its pose, None if nothing."""
         record = self.records[name]
-        return Pose.of_numbers(record.pose) if record.pose and record.team == self.team else None
+        return Pose.of_numbers(record.pose) if record.pose and record.team == self.membership else None
 
     def frame(self) -> int:
         """Number of the body frame of this team: that of the first of its members that has one; 0 if none has."""
@@ -115,16 +124,23 @@ class Gossip:
         }
         is_connected = bool(graph) and len(distances(graph, min(graph))) == len(graph)
         self.graph = graph if is_connected and not self.unknown() else None
-        self.team = zlib.crc32(repr(identity).encode()) if self.graph else 0
-        self.start_block = None
-        if self.graph is not None and all(r.ready_block >= 0 and r.team == self.team for r in members.values()):
+        self.membership = self.team = zlib.crc32(repr(identity).encode()) if self.graph else 0
+        self.start_block, self.is_refined = None, False
+        if self.graph is not None and all(r.ready_block >= 0 and r.team == self.membership for r in members.values()):
             changes = [record.since for record in self.records.values()]
             self.start_block = max(*(record.ready_block for record in members.values()), *changes)
+            self.is_refined = all(record.refined for record in members.values())
+            if self.is_refined:
+                self.team = zlib.crc32(repr((identity, "refined")).encode())
 
     graph: dict[str, tuple[str, ...]] | None
     """The team's graph; None while somebody named as a neighbour has not been heard of, or if it is not connected."""
+    membership: int
+    """Number of the present members; 0 while the graph is unknown."""
     team: int
-    """Number of the present team; 0 while the graph is unknown."""
+    """Number of the present team: of its members, and whether they know their poses well."""
+    is_refined: bool
+    """Whether they do."""
     start_block: int | None
     """The block at which everybody is ready, the same for all agents; None while somebody is not."""
 

@@ -48,7 +48,7 @@ class ForgettingWindow:
         """Take in a block: packed Gram matrix (190,), then the riders; its number does not matter."""
         self._sums = self._factors * self._sums + gram
 
-    def push_early(self, gram: Array) -> None:
+    def push_early(self, block: int, gram: Array) -> None:
         """Nothing: it would have faded."""
 
     def review(self, model: InertiaModel, is_coherent: bool = False) -> None:

@@ -59,8 +59,8 @@ class Memory(Protocol):
     def push(self, block: int, gram: Array) -> None:
         """Take in a block: its number, larger than all before, and packed Gram matrix (190,), then the riders."""
 
-    def push_early(self, gram: Array) -> None:
-        """Take in a block from before all others."""
+    def push_early(self, block: int, gram: Array) -> None:
+        """Take in a block from before all others: its number, smaller than all before, and moments."""
 
     @property
     def total(self) -> Array:
@@ -149,11 +149,7 @@ class LoadWindow:
 
     def push(self, block: int, gram: Array) -> None:
         """Take in a block: its number, larger than all before, and packed Gram matrix (190,), then the riders."""
-        self._thin_out()
-        if self._borders == len(self._firsts):
-            self._firsts = np.concatenate([self._firsts, np.zeros_like(self._firsts)])
-            self._orders = np.concatenate([self._orders, np.zeros_like(self._orders)])
-            self._sums = np.concatenate([self._sums, np.zeros_like(self._sums)])
+        self._make_room()
         end = self._borders
         self._firsts[end], self._orders[end] = block, self._count
         self._sums[end] = 0.0
@@ -162,10 +158,24 @@ class LoadWindow:
         self._count += 1
         self._last_block = block
 
-    def push_early(self, gram: Array) -> None:
-        """Take in a block from before all others: it adds to the oldest stretch."""
-        if self._borders:
-            self._sums[0] += gram
+    def push_early(self, block: int, gram: Array) -> None:
+        """Take in a block from before all others: its number, smaller than all before, and moments."""
+        if not self._borders:
+            return
+        self._make_room()
+        for array in (self._firsts, self._orders, self._sums):
+            array[1 : 1 + self._borders] = array[: self._borders].copy()
+        self._firsts[0], self._orders[0] = block, self._orders[1] - 1
+        self._sums[0] += gram
+        self._borders += 1
+
+    def _make_room(self) -> None:
+        """For another border."""
+        self._thin_out()
+        if self._borders == len(self._firsts):
+            self._firsts = np.concatenate([self._firsts, np.zeros_like(self._firsts)])
+            self._orders = np.concatenate([self._orders, np.zeros_like(self._orders)])
+            self._sums = np.concatenate([self._sums, np.zeros_like(self._sums)])
 
     def review(self, model: InertiaModel, is_coherent: bool = False) -> LoadChange | None:
         """Test whether the load changed at one of the borders; if so, forget all that is older than the likeliest.

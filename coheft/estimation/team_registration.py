@@ -58,6 +58,12 @@ class TeamPoses:
     covariance: Array
     limits: Visibility
 
+    @property
+    def deviations(self) -> Array:
+        """Standard deviations of all perturbations, shape (N, 6)."""
+        result: Array = np.sqrt(np.diag(self.covariance)).reshape(-1, 6)
+        return result
+
     def relative(self, i: int, j: int) -> PoseEstimate:
         """``pose_j_in_i`` of two different robots."""
         rows = np.r_[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]

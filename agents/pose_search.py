@@ -1,0 +1,110 @@
+"""From poses that are roughly known to poses with which the load can be weighed.
+
+Robots know their poses in the body frame to a degree at first, each through its neighbours. With sums over the whole
+team they find all of them jointly. What was summed with rough poses is off by terms of second order for ever: so
+nothing of this is kept but the poses, and when everybody knows its own well, the team begins anew (``agents.team``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from agents.pose_fits import PoseFits, largest_step
+from agents.sums import Entered, TeamSums
+from agents.total_motion import TotalMotion
+from coheft.estimation.body_motion import perturbation_between
+from coheft.estimation.measurement import KINEMATICS
+from coheft.estimation.observability import PoseEstimate
+from coheft.estimation.registration import RegistrationMoments
+from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.team_registration import TeamPoses, refit_map
+from coheft.wire.config import AgentConfig
+from consensus.flood import Floods
+from consensus.graph import Neighbours, diameter
+from consensus.schedule import choose_schedule
+
+WELL_KNOWN = np.repeat([5e-3, 10e-3], 3)
+"""Poses are known well when all standard deviations are below these [rad, m],"""
+_MOVING = 4.0
+"""and the last fit has moved none by more of its standard deviations."""
+
+
+class PoseSearch:
+    """One agent's part in it.
+
+    Args:
+        config: The agent's settings.
+        graph: The team's.
+        poses: Of all its members, roughly, by name. That of the first defines the body frame.
+        start: Block at which the sums begin, the same for everybody.
+    """
+
+    def __init__(self, config: AgentConfig, graph: Neighbours, poses: Mapping[str, Pose], start: int) -> None:
+        self._noise = config.noise
+        self._names = sorted(graph)
+        self._own = self._names.index(config.name)
+        self._neighbours = graph[config.name]
+        self._poses = tuple(poses[name] for name in self._names)
+        schedule = choose_schedule({name: graph[name] for name in self._names})
+        self._sums = TeamSums("sums", config.name, self._neighbours, schedule, config.block, config.noise)
+        self._motion = TotalMotion(config, self._poses)
+        hearing = diameter(graph) + 1
+        self._fits = PoseFits(config, len(self._names), self._own, start, schedule.rounds, hearing)
+        self._floods = Floods(self._fits.floods)
+        self._version = 0
+        self._fitted: TeamPoses | None = None
+        self._largest_step = np.inf
+        self._next = start
+
+    def step(self, index: int, samples: Array | None, inbox: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
+        """One block: it enters the sums, and one that entered earlier leaves them."""
+        if index != self._next:
+            self._sums.clear()
+        self._next = index + 1
+        for name, channels in inbox.items():
+            self._floods.hear(name, channels)
+        self._fits.step(index, self._version, self._poses, True)
+        finished = self._sums.advance(inbox)
+        self._fits.common.add(index, (None if finished is None else self._moments(*finished), None))
+        pose, version = self._fits.carrying_pose(self._poses), self._fits.carried
+        self._sums.enter(None if samples is None else Entered(index, samples, pose, version))
+        return self._sums.channels() | self._floods.channels()
+
+    def _moments(self, entered: Entered, sums: Array) -> RegistrationMoments | None:
+        """What a block says of the own pose."""
+        block = self._motion.add(entered, sums)
+        total = self._motion.total(block)
+        if total is None:
+            return None
+        entered, _ = total
+        if entered.version != self._version:
+            self._map_to(entered.version)
+        motion = self._motion.motion(block)
+        return None if motion is None else RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
+
+    def _map_to(self, version: int) -> None:
+        poses = self._fits.take_poses(version)
+        self._fits.map(refit_map(self._poses, poses, self._noise))
+        steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
+        self._poses, self._version = poses, version
+        self._motion.set_poses(poses)
+        self._fitted = self._fits.known(poses, steps)
+        self._largest_step = largest_step(self._fitted, steps)
+
+    def fits(self, channels: Mapping[str, Array]) -> bool:
+        """Whether what a neighbour sent has the shapes of this team."""
+        return self._floods.fit(channels) and self._sums.fit(channels)
+
+    def neighbours_poses(self) -> dict[str, PoseEstimate]:
+        """What is known of them; empty as long as no poses have been fitted."""
+        if self._fitted is None:
+            return {}
+        return {name: self._fitted.relative(self._own, self._names.index(name)) for name in sorted(self._neighbours)}
+
+    def well_known_pose(self) -> Pose | None:
+        """The own pose in the body frame, once the poses of the whole team are known well."""
+        if self._fitted is None or self._largest_step > _MOVING:
+            return None
+        return self._poses[self._own] if np.all(self._fitted.deviations < WELL_KNOWN) else None
