@@ -3,11 +3,13 @@
 Poses of a team are fitted to sums over samples, each robot's to its own. Where messages are lost, not everybody has the
 same samples, and what errors of the common body motion would cancel between robots does not: a fit to sums over
 different samples is far worse than it believes. So robots tell each other which blocks they have, a chunk of steps at a
-time, and count only what all of them have.
+time, and count only what all of them have. If one of them says that something contradicts the team's motion, the chunks
+of late, in which it went unnoticed, do not count.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -32,25 +34,28 @@ class CommonMoments:
         start: First step.
         chunk: Steps per chunk: more than it takes to hear from everybody.
         parts: Blocks per step.
+        unsure: For so many chunks something may be wrong without being noticed.
 
     Attributes:
-        total: Over all chunks that are agreed upon.
         chunks: Number of chunks that are agreed upon.
         steps: Step, counted from the first, at which the next one begins.
+        is_spoilt: Whether somebody said with the last one that something is wrong.
         flood: Tells the others, and hears them: per robot what it says about the chunk before, and about the present.
     """
 
-    def __init__(self, robots: int, own: int, start: int, chunk: int, parts: int) -> None:
+    def __init__(self, robots: int, own: int, start: int, chunk: int, parts: int, unsure: int) -> None:
         self._words = -(-chunk * parts // _BITS)
-        self.total = RegistrationMoments.none()
+        self._sure = RegistrationMoments.none()
+        self._unsure: deque[RegistrationMoments] = deque([RegistrationMoments.none()] * unsure, maxlen=unsure)
+        self.is_spoilt = False
         self.chunks = self.steps = 0
-        self.flood = Flood(robots, 2 * (1 + self._words))
+        self.flood = Flood(robots, 2 * (2 + self._words))
         self._own = own
         self._start = start
         self._chunk = chunk
         self._parts = parts
         self._pending: dict[int, RegistrationMoments] = {}
-        self._told_before = np.zeros(1 + self._words)
+        self._told_before = np.zeros(2 + self._words)
 
     def add(self, step: int, blocks: Sequence[RegistrationMoments | None]) -> None:
         """Take in what a step has given: moments of ``parts`` blocks, None for each that is missing."""
@@ -59,11 +64,17 @@ class CommonMoments:
             if moments is not None and len(self._pending) < 2 * self._chunk * self._parts:
                 self._pending[(step - self._start) * self._parts + part] = moments
 
-    def agree(self, step: int) -> bool:
+    @property
+    def total(self) -> RegistrationMoments:
+        """Over all chunks that are agreed upon."""
+        return sum(self._unsure, self._sure)
+
+    def agree(self, step: int, is_spoilt: bool = False) -> bool:
         """Count the next chunk if everybody has told what it has of it; returns whether that was so.
 
         Args:
             step: The present step, which ``add`` was called for.
+            is_spoilt: Whether this robot knows of something that contradicts the team's motion.
         """
         passed = step - self._start + 1
         if passed < self.steps + self._chunk:
@@ -72,18 +83,26 @@ class CommonMoments:
         if stamp < self.chunks:
             # Only whole chunks, so that robots that are a step or two apart propose the same.
             following = self.steps + (passed - self.steps) // self._chunk * self._chunk
-            row = np.concatenate([self._told_before, [following], self._mask()])
+            row = np.concatenate([self._told_before, [following, float(is_spoilt)], self._mask()])
             self.flood.tell(self._own, self.chunks, row)
         told = self._told()
         if told is None:
             return False
         self._told_before = row[len(row) // 2 :]
-        common = np.bitwise_and.reduce(told[:, 1:].astype(np.int64), axis=0)
+        common = np.bitwise_and.reduce(told[:, 2:].astype(np.int64), axis=0)
         first, self.steps = self.steps * self._parts, int(told[:, 0].max())
+        chunk = RegistrationMoments.none()
         for key in [key for key in self._pending if key < self.steps * self._parts]:
             moments, (word, bit) = self._pending.pop(key), divmod(key - first, _BITS)
             if 0 <= key - first < self._chunk * self._parts and common[word] >> bit & 1:
-                self.total += moments
+                chunk += moments
+        self.is_spoilt = bool(np.any(told[:, 1] > 0.0))
+        if self.is_spoilt:
+            chunk = RegistrationMoments.none()
+            self._unsure.extend([chunk] * len(self._unsure))
+        else:
+            self._sure += self._unsure[0]
+            self._unsure.append(chunk)
         self.chunks += 1
         return True
 
@@ -105,5 +124,6 @@ class CommonMoments:
 
     def map(self, feature_map: Array) -> None:
         """Everything, as if every sample's features had been ``feature_map`` (28, 28) times what they were."""
-        self.total = self.total.mapped(feature_map)
+        self._sure = self._sure.mapped(feature_map)
+        self._unsure.extend([moments.mapped(feature_map) for moments in self._unsure])
         self._pending = {key: moments.mapped(feature_map) for key, moments in self._pending.items()}

@@ -33,7 +33,7 @@ class Contradictions:
         self.flood = Flood(len(names), 1)
         self._names = names
         self._own = names.index(config.name)
-        self._watch = Watch(config.noise, config.rate / config.block)
+        self._watch, self._early_watch = (Watch(config.noise, config.rate / config.block) for _ in range(2))
         self._every = config.blocks(_TOLD)
         self._patience = config.blocks(_BLAMED)
         self._blamed = 0
@@ -42,9 +42,18 @@ class Contradictions:
         """Take in what a block says of the own pose."""
         self._watch.add(moments)
 
+    def add_early(self, moments: RegistrationMoments) -> None:
+        """The same of a block from before the start of the sums."""
+        self._early_watch.add(moments)
+
+    def forget_early(self) -> None:
+        """They do not matter any more."""
+        self._early_watch.clear()
+
     def map(self, feature_map: Array) -> None:
         """As if every sample's features had been ``feature_map`` (28, 28) times what they were."""
         self._watch.map(feature_map)
+        self._early_watch.map(feature_map)
 
     def step(self, index: int, pose: Pose, deviations: Array) -> None:
         """One block.
@@ -55,7 +64,9 @@ class Contradictions:
             deviations: Standard deviations of its perturbation, shape (6,).
         """
         if index % self._every == 0:
-            self.flood.tell(self._own, index, np.array([self._watch.misfit(pose, np.diag(deviations**2))]))
+            covariance = np.diag(deviations**2)
+            misfit = max(watch.misfit(pose, covariance) for watch in (self._watch, self._early_watch))
+            self.flood.tell(self._own, index, np.array([misfit]))
         self._blamed = self._blamed + 1 if self.by == self._names[self._own] else 0
 
     @property

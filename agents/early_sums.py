@@ -38,6 +38,10 @@ class EarlySums:
         self._end = start + schedule.rounds + min(start, config.blocks(EARLY))
         self._history = dict(history)
 
+    def end(self) -> None:
+        """Let no more go through."""
+        self._end = 0
+
     def are_over(self, index: int) -> bool:
         """Whether all have gone through."""
         return index >= self._end

@@ -59,7 +59,7 @@ class LoadMemory:
             self._kept = float(np.exp(-1.0 / blocks))
             floor = np.full(INERTIA_SIZE + OFFSET_SIZE * self._offsets, 1e3)
             self._window = ForgettingWindow(blocks, floor, riders=RIDERS)
-        self._last_block = self._changed_at = -1
+        self._first_block = self._last_block = self._changed_at = -1
         self._poses: Sequence[Pose] = ()
         self._sensitivity: PoseSensitivity | None = None
         self._fusion: MotionFusion | None = None
@@ -155,6 +155,7 @@ class LoadMemory:
     def push_early(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> None:
         """Take in a block from before all others, as ``push``."""
         if self.changed_at < 0:
+            self._first_block = block
             self._window.push_early(block, load_moments(motion, wrench, own_wrench, min(self._disturbance, _SPOILT)))
 
     def adopt(self, changed_at: int) -> bool:
@@ -165,6 +166,17 @@ class LoadMemory:
         if self._model is not None:
             self._window.accept(changed_at, self._model)
         return True
+
+    def forget_late(self, duration: float) -> None:
+        """What came in the last so many seconds does not count."""
+        blocks = self._config.blocks(duration)
+        self._window.forget_since(self._last_block - blocks)
+        self._late.begin()
+
+    def forget_early(self, duration: float) -> None:
+        """What came in the last so many seconds of what was before all others does not count."""
+        if self._first_block >= 0:
+            self._window.forget_before(self._first_block + self._config.blocks(duration))
 
     @property
     def count(self) -> float:

@@ -25,6 +25,10 @@ from consensus.flood import Flood
 
 _SHORTEST_ROUND = 0.2
 """Shortest time between two fits of the poses [s]."""
+_FIRST = 0.4
+"""Time of samples for the first one [s]."""
+UNNOTICED = 0.5
+"""What contradicts the team's motion is noticed within this time [s]."""
 _CHUNK = 0.1
 """Robots tell each other every so often, or when all have been heard, which blocks they have [s]."""
 _LEFT = 0.25
@@ -51,6 +55,7 @@ class PoseFits:
         told_moments: The same as they were when the own score was told last.
         carried: Version of the poses that samples are carried with now, 0 at the start.
         switched_at: Block from which on they are.
+        spoilt: Poses of versions up to this one were fitted to samples that something may have spoilt.
         floods: What is told to neighbours and heard from them, by name.
     """
 
@@ -60,17 +65,19 @@ class PoseFits:
         self._hearing = hearing
         self._shortest = config.blocks(_SHORTEST_ROUND)
         self._longest = 3 * hearing + under_way + 3
-        self._tells, self._tell_step = 0, under_way + self._shortest
+        self._tells, self._tell_step = 0, under_way + config.blocks(_FIRST)
         chunk = max(config.blocks(_CHUNK), 2 * hearing)
-        self.common = CommonMoments(robots, own, start, chunk, parts=2)
+        unsure = -(-config.blocks(UNNOTICED) // chunk) + 1
+        self.common = CommonMoments(robots, own, start, chunk, parts=2, unsure=unsure)
         self._scores = Flood(robots, 1 + _SCORE_SIZE)
         self._fits = Flood(1, 1 + robots * _POSE_SIZE)
         self.floods = {"common": self.common.flood, "scores": self._scores, "fits": self._fits}
         self.told_moments = RegistrationMoments.none()
         self.carried = self.switched_at = 0
+        self.spoilt = -1
         self._told_poses: dict[int, tuple[Pose, ...]] = {}
 
-    def step(self, index: int, version: int, poses: Sequence[Pose], is_settled: bool) -> None:
+    def step(self, index: int, version: int, poses: Sequence[Pose], is_settled: bool, is_spoilt: bool) -> None:
         """Whatever is due at a block.
 
         Args:
@@ -78,8 +85,11 @@ class PoseFits:
             version: Of the poses in use.
             poses: In use.
             is_settled: Whether everything accumulated is seen with these poses.
+            is_spoilt: Whether something contradicts the team's motion.
         """
-        while self.common.agree(index - 1):
+        while self.common.agree(index - 1, is_spoilt):
+            if self.common.is_spoilt:
+                self.spoilt = self._tells
             self._tell_score(version, poses, is_settled and self.carried == version)
         if self._own == 0:
             self._fit(index, version, poses)

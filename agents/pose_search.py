@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from agents.contradictions import Contradictions
 from agents.pose_fits import PoseFits, largest_step
 from agents.sums import Entered, TeamSums
 from agents.total_motion import TotalMotion
@@ -25,6 +26,8 @@ from consensus.flood import Floods
 from consensus.graph import Neighbours, diameter
 from consensus.schedule import choose_schedule
 
+_ROUGHLY_KNOWN = np.repeat([0.05, 0.05], 3)
+"""Standard deviations at first, at the end of a chain of neighbours [rad, m]."""
 WELL_KNOWN = np.repeat([5e-3, 10e-3], 3)
 """Poses are known well when all standard deviations are below these [rad, m],"""
 _MOVING = 4.0
@@ -52,7 +55,8 @@ class PoseSearch:
         self._motion = TotalMotion(config, self._poses)
         hearing = diameter(graph) + 1
         self._fits = PoseFits(config, len(self._names), self._own, start, schedule.rounds, hearing)
-        self._floods = Floods(self._fits.floods)
+        self._contradictions = Contradictions(config, self._names)
+        self._floods = Floods({**self._fits.floods, "misfits": self._contradictions.flood})
         self._version = 0
         self._fitted: TeamPoses | None = None
         self._largest_step = np.inf
@@ -65,10 +69,12 @@ class PoseSearch:
         self._next = index + 1
         for name, channels in inbox.items():
             self._floods.hear(name, channels)
-        self._fits.step(index, self._version, self._poses, True)
+        self._fits.step(index, self._version, self._poses, True, self._contradictions.by is not None)
         finished = self._sums.advance(inbox)
         self._fits.common.add(index, (None if finished is None else self._moments(*finished), None))
         pose, version = self._fits.carrying_pose(self._poses), self._fits.carried
+        deviations = _ROUGHLY_KNOWN if self._fitted is None else self._fitted.deviations[self._own]
+        self._contradictions.step(index, self._poses[self._own], deviations)
         self._sums.enter(None if samples is None else Entered(index, samples, pose, version))
         return self._sums.channels() | self._floods.channels()
 
@@ -82,11 +88,17 @@ class PoseSearch:
         if entered.version != self._version:
             self._map_to(entered.version)
         motion = self._motion.motion(block)
-        return None if motion is None else RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
+        if motion is None:
+            return None
+        moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
+        self._contradictions.add(moments)
+        return moments
 
     def _map_to(self, version: int) -> None:
         poses = self._fits.take_poses(version)
-        self._fits.map(refit_map(self._poses, poses, self._noise))
+        feature_map = refit_map(self._poses, poses, self._noise)
+        self._fits.map(feature_map)
+        self._contradictions.map(feature_map)
         steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
         self._poses, self._version = poses, version
         self._motion.set_poses(poses)
@@ -105,6 +117,6 @@ class PoseSearch:
 
     def well_known_pose(self) -> Pose | None:
         """The own pose in the body frame, once the poses of the whole team are known well."""
-        if self._fitted is None or self._largest_step > _MOVING:
+        if self._fitted is None or self._largest_step > _MOVING or self._version <= self._fits.spoilt:
             return None
         return self._poses[self._own] if np.all(self._fitted.deviations < WELL_KNOWN) else None

@@ -20,7 +20,7 @@ from agents.contradictions import Contradictions
 from agents.early_sums import EarlySums
 from agents.load_changes import LoadChanges
 from agents.load_memory import LoadMemory
-from agents.pose_fits import PoseFits, largest_step
+from agents.pose_fits import UNNOTICED, PoseFits, largest_step
 from agents.pose_search import WELL_KNOWN
 from agents.sums import Entered, TeamSums
 from agents.total_motion import TotalMotion
@@ -139,6 +139,7 @@ class Team:
             }
         )
         self._held: _Block | None = None
+        self._is_contradicted = False
         self._rounds = schedule.rounds
         self._patience = config.blocks(_PATIENCE)
         self._resumed_block = self._settled_block = -1
@@ -156,6 +157,7 @@ class Team:
         for name, channels in inbox.items():
             self._floods.hear(name, channels)
             self._hear_of_change(channels.get("load_change"), index)
+        self._look_for_contradictions()
         self._fit_poses(index)
         finished = self._sums.advance(inbox)
         newest = None if finished is None else self._take_in(*finished, index)
@@ -211,7 +213,7 @@ class Team:
         age = self._next - 1 - self._rounds - self.learned_block
         if age > self._patience:
             return (f"no complete sum of the team since {self._config.start_of(self.learned_block + 1):.2f} s",)
-        if self._fitted is not None and self._largest_step > _MOVING:
+        if self._fitted is not None and (self._largest_step > _MOVING or self._version <= self._fits.spoilt):
             return ("the poses are still being found",)
         if self.learned_block < self._settled_block:
             return (f"complete sums of the team again since {self._config.start_of(self._resumed_block):.2f} s only",)
@@ -221,6 +223,16 @@ class Team:
     def must_start_over(self) -> bool:
         """Whether this robot's measurements have contradicted the team's motion for too long."""
         return self._contradictions.have_lasted
+
+    def _look_for_contradictions(self) -> None:
+        """When there is one, what was learned while it went unnoticed does not count."""
+        was, self._is_contradicted = self._is_contradicted, self._contradictions.by is not None
+        if self._is_contradicted and not was:
+            self._held = None
+            self._memory.forget_late(UNNOTICED)
+            self._memory.forget_early(UNNOTICED)
+            self._early_sums.end()
+            self._contradictions.forget_early()
 
     def _own_deviations(self) -> Array:
         """Standard deviations of the own pose (6,)."""
@@ -245,7 +257,9 @@ class Team:
         entered, sums = finished
         motion = self._motion.fusion.motion(sums)
         self._memory.push_early(entered.block, motion, sums[:, 0], entered.samples[:, WRENCH])
-        return RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
+        moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
+        self._contradictions.add_early(moments)
+        return moments
 
     def _take_in(self, entered: Entered, sums: Array, index: int) -> RegistrationMoments | None:
         """The team's sums of a block, in the body frame; returns what they say of the own pose."""
@@ -268,7 +282,7 @@ class Team:
         found = _Block(block, motion, sums[:, 0], entered.samples[:, WRENCH], moments)
         self._contradictions.add(moments)
         held, self._held = self._held, None
-        if self._contradictions.by is not None:
+        if self._is_contradicted:
             return None
         if block_misfit(moments, self._poses[self._own], self._config.noise) > _NONSENSE:
             return None
@@ -299,7 +313,7 @@ class Team:
     # --- poses ---
 
     def _fit_poses(self, index: int) -> None:
-        self._fits.step(index, self._version, self._poses, self._corrected == self._version)
+        self._fits.step(index, self._version, self._poses, self._corrected == self._version, self._is_contradicted)
         rows = self._crosses.rows(self._version)
         if self._fitted is None or self._corrected == self._version or rows is None:
             return

@@ -58,6 +58,10 @@ class Watch:
         """Take in the moments of a block."""
         self._recent.append(moments)
 
+    def clear(self) -> None:
+        """Look back no farther than now."""
+        self._recent.clear()
+
     def map(self, feature_map: Array) -> None:
         """As if every sample's features had been ``feature_map`` (28, 28) times what they were."""
         for k, moments in enumerate(self._recent):

@@ -49,7 +49,8 @@ class Team:
     def __init__(self, graph: Neighbours, chunk: int) -> None:
         self.graph = graph
         self.robots = {
-            name: CommonMoments(len(graph), own, START, chunk, PARTS) for own, name in enumerate(sorted(graph))
+            name: CommonMoments(len(graph), own, START, chunk, PARTS, unsure=2)
+            for own, name in enumerate(sorted(graph))
         }
         self.had: set[tuple[int, int]] = set()
         self.totals: dict[str, list[set[tuple[int, int]]]] = {name: [] for name in graph}
@@ -142,7 +143,7 @@ def test_a_map_is_of_all_that_counts_and_of_what_will() -> None:
     rng = np.random.default_rng(2)
     feature_map = rng.normal(size=(FEATURES, FEATURES))
     blocks = [RegistrationMoments.of(rng.normal(size=(5, 9)), rng.normal(size=(5, 12))) for _ in range(3)]
-    alone = CommonMoments(1, 0, START, 1, 1)
+    alone = CommonMoments(1, 0, START, 1, 1, unsure=2)
     alone.add(START, [blocks[0]])
     alone.add(START + 1, [blocks[1]])
     assert alone.agree(START)

@@ -64,6 +64,9 @@ class ForgettingWindow:
     def forget_before(self, block: int) -> None:
         """Nothing: older blocks fade by themselves."""
 
+    def forget_since(self, block: int) -> None:
+        """Nothing: what they spoil fades with time."""
+
     def forget_borders_before(self, block: int) -> None:
         """Nothing: there are none."""
 

@@ -78,6 +78,9 @@ class Memory(Protocol):
     def forget_before(self, block: int) -> None:
         """Forget all blocks with smaller numbers."""
 
+    def forget_since(self, block: int) -> None:
+        """Forget all blocks from this one on."""
+
     def forget_borders_before(self, block: int) -> None:
         """Keep all samples, but do not look for changes before this block any more."""
 
@@ -225,6 +228,15 @@ class LoadWindow:
         for array in (self._firsts, self._orders, self._sums):
             array[:end] = array[kept : self._borders].copy()
         self._borders = end
+
+    def forget_since(self, block: int) -> None:
+        """Forget all blocks from this one on, and those that cannot be told apart from them any more."""
+        kept = int(np.searchsorted(self._firsts[: self._borders], block, side="right")) - 1
+        if kept <= 0:
+            self._borders = 0
+        else:
+            self._sums[:kept] -= self._sums[kept]
+            self._borders = kept
 
     def forget_borders_before(self, block: int) -> None:
         """Keep all samples, but do not look for changes before this block any more."""
