@@ -47,6 +47,7 @@ class CommonMoments:
         self._words = -(-chunk * parts // _BITS)
         self._sure = RegistrationMoments.none()
         self._unsure: deque[RegistrationMoments] = deque([RegistrationMoments.none()] * unsure, maxlen=unsure)
+        self._spoilt_step = -1
         self.is_spoilt = False
         self.chunks = self.steps = 0
         self.flood = Flood(robots, 2 * (2 + self._words))
@@ -69,12 +70,15 @@ class CommonMoments:
         """Over all chunks that are agreed upon."""
         return sum(self._unsure, self._sure)
 
-    def agree(self, step: int, is_spoilt: bool = False) -> bool:
+    def spoil(self, step: int) -> None:
+        """Something contradicts the team's motion at a step, and may have done so for a while."""
+        self._spoilt_step = step - self._start
+
+    def agree(self, step: int) -> bool:
         """Count the next chunk if everybody has told what it has of it; returns whether that was so.
 
         Args:
             step: The present step, which ``add`` was called for.
-            is_spoilt: Whether this robot knows of something that contradicts the team's motion.
         """
         passed = step - self._start + 1
         if passed < self.steps + self._chunk:
@@ -83,7 +87,7 @@ class CommonMoments:
         if stamp < self.chunks:
             # Only whole chunks, so that robots that are a step or two apart propose the same.
             following = self.steps + (passed - self.steps) // self._chunk * self._chunk
-            row = np.concatenate([self._told_before, [following, float(is_spoilt)], self._mask()])
+            row = np.concatenate([self._told_before, [following, float(self.steps <= self._spoilt_step)], self._mask()])
             self.flood.tell(self._own, self.chunks, row)
         told = self._told()
         if told is None:

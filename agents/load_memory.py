@@ -26,6 +26,8 @@ _COHERENCE = 1.0
 """Time for which what the robots push against each other keeps its direction, more or less [s]."""
 _SPOILT = 2.0
 """Where poses disturb wrenches more than this, samples are not compared: the first fits of few samples are rough."""
+_OTHER_LOAD = 3.0
+"""An early block with such a mean square of its residuals over what it should be, and all before it, are of another."""
 _NEW = 0.5
 """A load is so much less certain, in variance, as the square of this over the time of its samples: in few samples the
 motions' noise is not what it is on average [s]."""
@@ -60,6 +62,7 @@ class LoadMemory:
             floor = np.full(INERTIA_SIZE + OFFSET_SIZE * self._offsets, 1e3)
             self._window = ForgettingWindow(blocks, floor, riders=RIDERS)
         self._first_block = self._last_block = self._changed_at = -1
+        self._is_early_over = False
         self._poses: Sequence[Pose] = ()
         self._sensitivity: PoseSensitivity | None = None
         self._fusion: MotionFusion | None = None
@@ -153,8 +156,9 @@ class LoadMemory:
         self._late.begin()
 
     def push_early(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> None:
-        """Take in a block from before all others, as ``push``."""
-        if self.changed_at < 0:
+        """Take in a block from before all others, as ``push``, unless it is of another load."""
+        self._is_early_over |= self.changed_at >= 0 or self.surprise(motion, wrench) > _OTHER_LOAD
+        if not self._is_early_over:
             self._first_block = block
             self._window.push_early(block, load_moments(motion, wrench, own_wrench, min(self._disturbance, _SPOILT)))
 

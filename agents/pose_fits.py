@@ -87,7 +87,9 @@ class PoseFits:
             is_settled: Whether everything accumulated is seen with these poses.
             is_spoilt: Whether something contradicts the team's motion.
         """
-        while self.common.agree(index - 1, is_spoilt):
+        if is_spoilt:
+            self.common.spoil(index - 1)
+        while self.common.agree(index - 1):
             if self.common.is_spoilt:
                 self.spoilt = self._tells
             self._tell_score(version, poses, is_settled and self.carried == version)
@@ -132,7 +134,7 @@ class PoseFits:
         When it is time depends on the agreed steps only: everybody tells of the same samples.
         """
         steps = self.common.steps
-        if steps < self._tell_step:
+        if steps < self._tell_step or self.common.total.count < _FIRST * self._config.rate:
             return
         self._tells += 1
         grown = round(self._config.efficient.refit_share * steps)
