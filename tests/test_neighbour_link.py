@@ -7,6 +7,8 @@ import pytest
 from agents.neighbour_link import KEPT, NeighbourLink
 from coheft.wire.messages import Hello, NeighbourMessage
 
+NOW = 100.0
+
 
 def message(block: int, incarnation: int = 1) -> NeighbourMessage:
     return NeighbourMessage(sender="r2", block=block, gossip=[], channels={}, incarnation=incarnation)
@@ -15,9 +17,9 @@ def message(block: int, incarnation: int = 1) -> NeighbourMessage:
 @pytest.fixture
 def link() -> NeighbourLink:
     """A neighbour that has sent its message of block 9 in time."""
-    link = NeighbourLink("r2")
+    link = NeighbourLink("r2", NOW)
     link.note_presence(True)
-    link.take_message(message(9), next_block=10)
+    link.take_message(message(9), 10, NOW)
     return link
 
 
@@ -25,7 +27,7 @@ def test_a_step_waits_for_a_neighbour_that_keeps_pace_until_its_message_is_there
     assert not link.is_missing(10)
     link.take_messages(10)
     assert link.is_missing(11)
-    link.take_message(message(10), next_block=11)
+    link.take_message(message(10), 11, NOW)
     assert not link.is_missing(11)
 
 
@@ -35,15 +37,15 @@ def test_nobody_waits_for_a_neighbour_that_is_gone_until_it_is_heard_in_time_aga
     assert not link.is_missing(11)
     link.note_presence(True)
     assert not link.is_missing(11)
-    link.take_message(message(8), next_block=11)
+    link.take_message(message(8), 11, NOW)
     assert not link.is_missing(12), "a late message is no sign of keeping pace"
-    link.take_message(message(11), next_block=12)
+    link.take_message(message(11), 12, NOW)
     assert link.is_missing(13)
 
 
 def test_nobody_waits_for_what_a_neighbour_has_skipped(link):
     link.take_messages(10)
-    link.take_message(message(14), next_block=11)
+    link.take_message(message(14), 11, NOW)
     assert not link.is_missing(11)
     assert link.is_missing(16)
 
@@ -52,7 +54,7 @@ def test_messages_that_come_early_wait_for_their_step_and_all_others_go_to_the_n
     link.take_messages(10)
     early, late, nonsense = message(12), message(3), message(10**6)
     for said in (early, late, nonsense):
-        link.take_message(said, next_block=11)
+        link.take_message(said, 11, NOW)
     assert link.take_messages(11) == [late, nonsense]
     assert link.take_messages(12) == []
     assert link.take_messages(13) == [early]
@@ -60,22 +62,22 @@ def test_messages_that_come_early_wait_for_their_step_and_all_others_go_to_the_n
 
 def test_what_a_neighbour_said_before_it_started_again_is_waited_for_no_longer(link):
     link.take_messages(10)
-    link.take_message(message(10), next_block=11)
-    link.take_hello(Hello(sender="r2", heard=["r1"], incarnation=2), "r1")
+    link.take_message(message(10), 11, NOW)
+    link.take_hello(Hello(sender="r2", heard=["r1"], incarnation=2), "r1", NOW)
     assert link.hears_us
     assert link.is_missing(11)
-    link.take_message(message(10, incarnation=2), next_block=11)
+    link.take_message(message(10, incarnation=2), 11, NOW)
     assert not link.is_missing(11)
 
 
 def test_however_much_a_neighbour_says_little_is_kept(link):
     for _ in range(100 * KEPT):
-        link.take_message(message(11), next_block=10)
+        link.take_message(message(11), 10, NOW)
     assert len(link.take_messages(12)) == KEPT
 
 
 def test_a_link_that_goes_and_comes_back_is_told_once_each_but_not_that_it_comes_at_first():
-    link = NeighbourLink("r2")
+    link = NeighbourLink("r2", NOW)
     assert not link.take_change()
     link.note_presence(True)
     assert not link.take_change()

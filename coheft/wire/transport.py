@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any, Literal, get_args
 
 # Few threads for all of Zenoh's work: fewer switches between threads per message. Not one, because each listener that
@@ -101,6 +102,11 @@ def open_session(
         yield session
 
 
+def session_id(session: zenoh.Session) -> str:
+    """Its identity; no two sessions have the same."""
+    return str(session.zid())
+
+
 def check_name(name: str) -> str:
     """A name that can be part of a key.
 
@@ -143,29 +149,47 @@ class Keys:
 
 
 class Sender:
-    """Says messages of one kind under one key.
+    """Says messages of one kind under one key, from any thread.
 
     Args:
-        session: The plane's session.
+        session: The plane's session; None: those that are attached later.
         key: What to say it under.
         may_drop: When a listener does not keep up, lose messages rather than wait for it. Right for observers: one
             that is frozen must not hold up the run.
     """
 
-    def __init__(self, session: zenoh.Session, key: str, *, may_drop: bool) -> None:
-        control = zenoh.CongestionControl.DROP if may_drop else zenoh.CongestionControl.BLOCK
+    def __init__(self, session: zenoh.Session | None, key: str, *, may_drop: bool) -> None:
+        self._control = zenoh.CongestionControl.DROP if may_drop else zenoh.CongestionControl.BLOCK
         self._key = key
-        self._publisher = session.declare_publisher(key, congestion_control=control, express=True)
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._lock = Lock()
+        if session is not None:
+            self.attach(session)
+
+    def attach(self, session: zenoh.Session) -> None:
+        """Say it on one more session, too."""
+        publisher = session.declare_publisher(self._key, congestion_control=self._control, express=True)
+        with self._lock:
+            self._publishers[session_id(session)] = publisher
+
+    def detach(self, session: zenoh.Session) -> None:
+        """Say nothing more on a session."""
+        with self._lock:
+            publisher = self._publishers.pop(session_id(session))
+        publisher.undeclare()  # type: ignore[no-untyped-call]
 
     def send(self, message: Message) -> None:
         """Say it to all who listen now."""
-        self._publisher.put(encode(message, self._key))
+        data = encode(message, self._key)
+        with self._lock:
+            for publisher in self._publishers.values():
+                publisher.put(data)
 
     @property
     def has_listener(self) -> bool:
         """Whether anybody listens now."""
-        status: Any = self._publisher.matching_status  # an object, though its type stub says bool
-        return bool(status.matching)
+        statuses: list[Any] = [publisher.matching_status for publisher in self._publishers.values()]
+        return any(status.matching for status in statuses)  # objects, though the type stub says bool
 
 
 def ask(session: zenoh.Session, key: str, request: Request, timeout: float = 2.0) -> Status | Refusal:
