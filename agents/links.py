@@ -12,6 +12,7 @@ from coheft.wire.cart import CartAgentProcessConfig
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.dialled import DialledLink
 from coheft.wire.inbox import Event, Inbox, LinkChange, Presence, Received, Refused
+from coheft.wire.message_size import LEAST_LIMIT
 from coheft.wire.messages import Hello, Message, Stop
 from coheft.wire.planes import guard_agent_for_observers, guard_neighbours, guard_robot
 from coheft.wire.problem_log import ProblemLog
@@ -47,6 +48,7 @@ class AgentLinks:
         measurements: type[Message],
         said: type[Message],
         security: Credentials | None,
+        largest: int,
     ) -> None:
         name, others, keys = config.agent.name, config.agent.neighbours, Keys(config.run)
         self._inbox = inbox = Inbox()
@@ -72,7 +74,13 @@ class AgentLinks:
         def dial_neighbour(other: str, endpoint: str) -> DialledLink:
             guard = guard_neighbours(security, keys, name, [other])
             return DialledLink(
-                endpoint, guard, inbox, lambda session: hear_neighbours(session, other), self.hello, self.message
+                endpoint,
+                guard,
+                inbox,
+                lambda session: hear_neighbours(session, other),
+                self.hello,
+                self.message,
+                largest=largest,
             )
 
         def dial(link: DialledLink) -> DialledLink:
@@ -83,7 +91,7 @@ class AgentLinks:
         self._server = dial(DialledLink(config.server, guard, inbox, hear_server, self.ready, self.reference))
         dialled = {other.name: other.endpoint for other in config.neighbours if other.endpoint is not None}
         guard = guard_neighbours(security, keys, name, others)
-        dialled_in = stack.enter_context(open_session(listen=[config.listen], guard=guard))
+        dialled_in = stack.enter_context(open_session([config.listen], guard=guard, largest=largest))
         inbox.watch_strangers(dialled_in, guard)
         hear_neighbours(dialled_in, *(other for other in others if other not in dialled))
         self.hello.attach(dialled_in)
@@ -147,6 +155,7 @@ def open_links(
     measurements: type[Message],
     said: type[Message],
     security: Credentials | None = None,
+    largest: int = LEAST_LIMIT,
 ) -> Iterator[AgentLinks]:
     """An agent's links, until the server says stop.
 
@@ -155,11 +164,12 @@ def open_links(
         measurements: What the server sends.
         said: What neighbours say, besides hello.
         security: Credentials; None: the open profile.
+        largest: What neighbours may say in one message [B].
 
     Raises:
         LinkError: Somebody listens at one of its endpoints already.
     """
     with ExitStack() as stack:
-        links = AgentLinks(stack, config, measurements, said, security)
+        links = AgentLinks(stack, config, measurements, said, security, largest)
         with suppress(Stopped):
             yield links

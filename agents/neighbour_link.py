@@ -8,7 +8,7 @@ from collections import deque
 from coheft.wire.messages import Hello, NeighbourMessage
 
 SILENCE = 2.0
-"""A neighbour whose process runs is heard more often than that, however long its steps take [s]; longer than the lease."""
+"""A neighbour whose process runs is heard more often, however long its steps take [s]; longer than Zenoh's lease."""
 LONGEST_PAUSE = 64.0
 """Between two attempts to begin the link with a neighbour anew, when they are in vain [s]; the first is ``SILENCE``."""
 KEPT = 64

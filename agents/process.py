@@ -264,7 +264,7 @@ def run_agent(config: AgentProcessConfig) -> None:
     Raises:
         LinkError: Somebody listens at one of its endpoints already, or the server is gone and does not come back.
     """
-    with open_links(config, Measurements, NeighbourMessage, config.security) as links:
+    with open_links(config, Measurements, NeighbourMessage, config.security, config.largest_message) as links:
         AgentProcess(config, links).run()
 
 

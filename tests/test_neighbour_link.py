@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+
 import pytest
 
-from agents.neighbour_link import KEPT, NeighbourLink
+from agents.neighbour_link import KEPT, LONGEST_PAUSE, SILENCE, NeighbourLink
 from coheft.wire.messages import Hello, NeighbourMessage
 
 NOW = 100.0
@@ -89,3 +91,46 @@ def test_a_link_that_goes_and_comes_back_is_told_once_each_but_not_that_it_comes
     link.note_presence(False)
     link.note_presence(True)
     assert not link.take_change(), "back before anybody asked"
+
+
+def hello(*heard: str) -> Hello:
+    return Hello(sender="r2", heard=list(heard))
+
+
+def test_a_link_that_is_gone_is_begun_anew_at_once_and_then_with_growing_pauses(link):
+    link.take_hello(hello("r1"), "r1", NOW + 10.0)
+    assert link.is_whole
+    assert not link.begin_anew(NOW + 10.0)
+    link.note_presence(False)
+    begun = [t for t in (NOW + 10.0 + 0.25 * step for step in range(1600)) if link.begin_anew(t)]
+    pauses = [later - earlier for earlier, later in itertools.pairwise(begun)]
+    assert begun[0] == NOW + 10.0
+    assert pauses == [4.0, 8.0, 16.0, 32.0, *(len(pauses) - 4) * [LONGEST_PAUSE]]
+    link.note_presence(True)
+    link.take_hello(hello("r1"), "r1", begun[-1] + 1.0)
+    assert not link.begin_anew(begun[-1] + 1.0)
+    link.note_presence(False)
+    assert link.begin_anew(begun[-1] + SILENCE), "it was whole in between"
+
+
+@pytest.mark.parametrize("heard", [(), ("r3",)])
+def test_a_link_that_stands_but_does_not_carry_to_the_neighbour_is_begun_anew(link, heard):
+    link.take_hello(hello("r1"), "r1", NOW)
+    assert not link.begin_anew(NOW + 10.0)
+    link.take_hello(hello(*heard), "r1", NOW + 10.1)
+    assert not link.begin_anew(NOW + 10.0 + SILENCE - 0.1)
+    assert link.begin_anew(NOW + 10.0 + SILENCE)
+    assert not link.is_linked
+
+
+def test_a_neighbour_that_is_silent_is_not_heard_any_more_and_its_link_is_begun_anew(link):
+    link.take_hello(hello("r1"), "r1", NOW)
+    link.notice_silence(NOW + SILENCE)
+    assert link.is_whole
+    assert not link.begin_anew(NOW + SILENCE)
+    link.notice_silence(NOW + SILENCE + 0.1)
+    assert link.is_linked
+    assert not link.is_heard
+    assert not link.is_missing(11), "nobody waits for it"
+    assert not link.begin_anew(NOW + SILENCE + 0.1)
+    assert link.begin_anew(NOW + 2.0 * SILENCE)

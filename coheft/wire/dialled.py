@@ -15,6 +15,7 @@ from threading import Thread
 import zenoh
 
 from coheft.wire.inbox import Inbox
+from coheft.wire.message_size import LEAST_LIMIT
 from coheft.wire.security import Guard
 from coheft.wire.transport import Sender, open_session, session_id
 
@@ -28,6 +29,7 @@ class DialledLink:
         inbox: What hears.
         listen: Lets the inbox hear a new session.
         senders: What speaks.
+        largest: Messages that are larger are dropped [B].
 
     Raises:
         LinkError: The endpoint is malformed.
@@ -40,17 +42,21 @@ class DialledLink:
         inbox: Inbox,
         listen: Callable[[zenoh.Session], None],
         *senders: Sender,
+        largest: int = LEAST_LIMIT,
     ) -> None:
         self._endpoint = endpoint
         self._guard = guard
         self._inbox = inbox
         self._listen = listen
         self._senders = senders
+        self._largest = largest
         self._dial()
 
     def _dial(self) -> None:
         with ExitStack() as stack:
-            self._session = stack.enter_context(open_session(connect=[self._endpoint], guard=self._guard))
+            self._session = stack.enter_context(
+                open_session(connect=[self._endpoint], guard=self._guard, largest=self._largest)
+            )
             self._listen(self._session)
             for sender in self._senders:
                 sender.attach(self._session)

@@ -26,6 +26,7 @@ import zenoh
 
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.codec import decode, encode
+from coheft.wire.message_size import LEAST_LIMIT
 from coheft.wire.messages import Message, Refusal, Request, Status
 from coheft.wire.security import Guard
 
@@ -35,8 +36,6 @@ ROLES: tuple[Role, ...] = get_args(Role)
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
-_MAX_MESSAGE = 256 * 1024
-"""What is larger is dropped before it is put together [B]; no message of ours comes near."""
 _SETTINGS: dict[str, object] = {
     "mode": "peer",
     # Together these three keep every message to one hop: peers neither look for others nor tell each other of others,
@@ -57,7 +56,6 @@ _LINK_SETTINGS: dict[str, object] = {
             }
         },
     },
-    "rx": {"max_message_size": _MAX_MESSAGE},
 }
 _DIAL_SETTINGS: dict[str, object] = {
     # Dial for ever, in the background: processes start in any order.
@@ -69,7 +67,10 @@ _DIAL_SETTINGS: dict[str, object] = {
 
 @contextmanager
 def open_session(
-    listen: Iterable[str] = (), connect: Iterable[str] = (), guard: Guard | None = None
+    listen: Iterable[str] = (),
+    connect: Iterable[str] = (),
+    guard: Guard | None = None,
+    largest: int = LEAST_LIMIT,
 ) -> Iterator[zenoh.Session]:
     """A session whose only links are those that are given; closed at the end of the context.
 
@@ -78,6 +79,7 @@ def open_session(
             is a guard.
         connect: Endpoints to dial, until somebody answers.
         guard: Who may be at the other ends, and say what; None: whoever comes, and everything.
+        largest: Messages that are larger are dropped before they are put together [B].
 
     Raises:
         LinkError: An endpoint is malformed, or somebody listens there already.
@@ -88,7 +90,9 @@ def open_session(
         "listen": {"endpoints": listen, "exit_on_failure": True},
         "connect": {"endpoints": connect, **_DIAL_SETTINGS},
         "transport": {
-            "link": _LINK_SETTINGS | (guard.link_settings if guard is not None else {}),
+            "link": _LINK_SETTINGS
+            | {"rx": {"max_message_size": largest}}
+            | (guard.link_settings if guard is not None else {}),
             "shared_memory": {"enabled": False},  # no faster for small messages
         },
     }

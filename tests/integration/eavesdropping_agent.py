@@ -19,6 +19,7 @@ from agents.agent import Agent, Outbox
 from coheft.wire import dialled
 from coheft.wire.codec import encode
 from coheft.wire.config import AgentProcessConfig
+from coheft.wire.message_size import LEAST_LIMIT
 from coheft.wire.messages import StatusRequest
 from coheft.wire.security import Guard
 from coheft.wire.supervised import supervised_main
@@ -67,11 +68,14 @@ def run(config: AgentProcessConfig) -> None:
 
     @contextmanager
     def open_with_spy(
-        listen: Iterable[str] = (), connect: Iterable[str] = (), guard: Guard | None = None
+        listen: Iterable[str] = (),
+        connect: Iterable[str] = (),
+        guard: Guard | None = None,
+        largest: int = LEAST_LIMIT,
     ) -> Iterator[zenoh.Session]:
         listen, connect = list(listen), list(connect)
         plane = "robot" if config.server in connect else "observer" if config.observe in listen else "neighbour"
-        with open_session(listen, connect, guard) as session:
+        with open_session(listen, connect, guard, largest) as session:
             spies[plane].append(Spy(session, plane, config.agent.name, config.run))
             yield session
 
