@@ -49,7 +49,7 @@ class AgentProcess:
     def __init__(self, config: AgentProcessConfig, links: AgentLinks) -> None:
         self._config = config
         self._outside = links
-        now = time.monotonic()
+        self._tend_at = now = time.monotonic()
         self._links = {name: NeighbourLink(name, now) for name in config.agent.neighbours}
         self._measurements: deque[tuple[float, Measurements]] = deque(maxlen=_BACKLOG)
         self._world: int | None = None
@@ -87,16 +87,14 @@ class AgentProcess:
             LinkError: The server is gone for too long.
         """
         for _ in range(_AT_ONCE):
-            event = self._outside.receive(0.0)
-            self._handle(event)
-            if event is None:
+            if not self._take_in(0.0):
                 break
         next_request = time.monotonic()
         while not self._measurements:
             if self._is_fed:
-                self._handle(self._outside.receive(PERIOD))
+                self._take_in(PERIOD)
             elif (wait := next_request - time.monotonic()) > 0.0:
-                self._handle(self._outside.receive(wait))
+                self._take_in(wait)
             else:
                 self._ask_for_measurements()
                 next_request = time.monotonic() + HELLO_PERIOD
@@ -107,7 +105,6 @@ class AgentProcess:
         Raises:
             LinkError: The server is gone for too long.
         """
-        self._tend_links()
         if self._server_lost_at is not None and time.monotonic() - self._server_lost_at > self._config.server_limit:
             raise LinkError(
                 f"{self._name} lost its link with {SERVER} at block {self._block}, and it did not come back "
@@ -136,7 +133,7 @@ class AgentProcess:
             if not missing:
                 return
             if left > 0.0:
-                self._handle(self._outside.receive(min(left, PERIOD)))
+                self._take_in(left)
                 continue
             for link in missing:
                 link.keeps_pace = False
@@ -158,15 +155,25 @@ class AgentProcess:
             for link in self._links.values():
                 link.keeps_pace = link.is_heard
 
-    def _handle(self, event: Event | None) -> None:
-        """Take in whatever came; when nothing came, tend the links.
+    def _take_in(self, wait: float) -> bool:
+        """Take in what comes next, within ``wait`` [s], and whether anything did; tend the links in between.
 
         Raises:
             Stopped: The server said so.
         """
+        event = self._outside.receive(max(0.0, min(wait, self._tend_at - time.monotonic())))
         if event is None:
             self._tend_links()
-            return
+            return False
+        self._handle(event)
+        return True
+
+    def _handle(self, event: Event) -> None:
+        """Take in whatever came.
+
+        Raises:
+            Stopped: The server said so.
+        """
         match self._outside.sort(event, self._take):
             case LinkChange(links=count):
                 self._note_server_links(count)
@@ -178,6 +185,7 @@ class AgentProcess:
     def _tend_links(self) -> None:
         """Begin those anew that we dial and that do not carry; all that has come is taken in."""
         now = time.monotonic()
+        self._tend_at = now + PERIOD
         for name, link in self._links.items():
             link.notice_silence(now)
             if name in self._outside.dialled and link.begin_anew(now):

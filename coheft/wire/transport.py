@@ -1,7 +1,7 @@
 """Zenoh sessions between processes: explicit links, no discovery, nothing that is handed on to a third party.
 
-A process opens one session per plane (see ``coheft.wire.messages``), so that nothing crosses from one plane to another.
-What it says goes out through a ``Sender``; what it hears comes through one ``coheft.wire.inbox.Inbox``.
+A process opens at least one session per plane (see ``coheft.wire.messages``), so that nothing crosses from one plane to
+another. What it says goes out through a ``Sender``; what it hears comes through one ``coheft.wire.inbox.Inbox``.
 """
 
 from __future__ import annotations
