@@ -8,48 +8,33 @@ from __future__ import annotations
 import os
 import time
 from collections import deque
-from contextlib import ExitStack
 from typing import NoReturn
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded: small products, many processes
 
-import zenoh
 from msgspec import structs
 
 from agents.cart import CartAgent
 from agents.cart_sums import CHANNELS
+from agents.links import HELLO_PERIOD, AgentLinks, open_links
 from coheft.errors import LinkError, MessageError
-from coheft.wire.cart import CartAgentProcessConfig, CartMeasurement, CartMessage
+from coheft.wire.cart import CartAgentConfig, CartAgentProcessConfig, CartMeasurement, CartMessage
 from coheft.wire.codec import check_array, check_field
-from coheft.wire.inbox import Event, Inbox, LinkChange, Received, Refused
-from coheft.wire.messages import Hello, Message, Ready, Stop
-from coheft.wire.problem_log import ProblemLog
+from coheft.wire.inbox import Event, LinkChange
+from coheft.wire.messages import Hello, Message, Ready
 from coheft.wire.supervised import supervised_main
-from coheft.wire.transport import Keys, Sender, open_session
-
-_HELLO_PERIOD = 0.05
-_SERVER = "the server"
-
-
-class _Stopped(Exception):  # noqa: N818
-    """The server has said that the run is over."""
 
 
 class CartAgentProcess:
-    """A pusher and its links: one session per plane, one inbox for all of them.
+    """A pusher and its links.
 
     At sample k the pusher steps with its measurement k and its neighbours' messages k - 1.
     """
 
-    def __init__(
-        self,
-        config: CartAgentProcessConfig,
-        robot_plane: zenoh.Session,
-        neighbour_plane: zenoh.Session,
-        observer_plane: zenoh.Session,
-    ) -> None:
-        self._config = config.agent
-        self._agent = CartAgent(config.agent)
+    def __init__(self, config: CartAgentConfig, links: AgentLinks) -> None:
+        self._config = config
+        self._links = links
+        self._agent = CartAgent(config)
         self._block = 0
         self._measurements: deque[CartMeasurement] = deque()
         self._next_measurement = 0
@@ -57,35 +42,16 @@ class CartAgentProcess:
         self._heard: set[str] = set()
         self._heard_by: set[str] = set()
 
-        name, keys = config.agent.name, Keys(config.run)
-        self._ready = Sender(robot_plane, keys.robot(name, "ready"), may_drop=False)
-        self._push = Sender(robot_plane, keys.robot(name, "reference"), may_drop=False)
-        self._hello = Sender(neighbour_plane, keys.agent(name, "hello"), may_drop=False)
-        self._message = Sender(neighbour_plane, keys.agent(name, "block"), may_drop=False)
-        self._estimate = Sender(observer_plane, keys.observe_agent(name, "estimate"), may_drop=True)
-        self._problems = ProblemLog(name, Sender(observer_plane, keys.observe_agent(name, "problem"), may_drop=True))
-        self._inbox = Inbox()
-        self._inbox.watch_links(robot_plane, _SERVER)
-        self._inbox.listen(
-            robot_plane, _SERVER, {keys.robot(name, "measurements"): CartMeasurement, keys.robot(name, "stop"): Stop}
-        )
-        for other in config.agent.neighbours:
-            self._inbox.listen(
-                neighbour_plane, other, {keys.agent(other, "hello"): Hello, keys.agent(other, "block"): CartMessage}
-            )
-
     def run(self) -> None:
-        """Meet the neighbours, then answer sample after sample until the server says stop.
+        """Meet the neighbours, then answer sample after sample.
 
         Raises:
             LinkError: The link with the server is lost.
+            Stopped: The server said so.
         """
-        try:
-            self._meet()
-            while True:
-                self._answer()
-        except _Stopped:
-            return
+        self._meet()
+        while True:
+            self._answer()
 
     def _meet(self) -> None:
         """Say hello until all neighbours hear us, then ready, both until the first sample comes."""
@@ -93,41 +59,34 @@ class CartAgentProcess:
         while not self._measurements:
             wait = next_hello - time.monotonic()
             if wait > 0.0:
-                self._handle(self._inbox.receive(wait))
+                self._handle(self._links.receive(wait))
                 continue
-            self._hello.send(Hello(sender=self._config.name, heard=sorted(self._heard)))
+            self._links.hello.send(Hello(sender=self._config.name, heard=sorted(self._heard)))
             if self._heard_by.issuperset(self._config.neighbours):
-                self._ready.send(Ready(robot=self._config.name))
-            next_hello = time.monotonic() + _HELLO_PERIOD
+                self._links.ready.send(Ready(robot=self._config.name))
+            next_hello = time.monotonic() + HELLO_PERIOD
 
     def _answer(self) -> None:
         """Wait for all that belongs to one sample, step, and say what came of it."""
         expected = set(self._config.neighbours) if self._block > 0 else set()
         while not self._measurements or expected - self._messages.get(self._block - 1, {}).keys():
-            self._handle(self._inbox.receive())
+            self._handle(self._links.receive())
         heard = self._messages.pop(self._block - 1, {})
         outbox = self._agent.step(self._measurements.popleft(), list(heard.values()))
         self._block += 1
-        self._message.send(outbox.message)
-        self._push.send(outbox.push)
+        self._links.message.send(outbox.message)
+        self._links.reference.send(outbox.push)
         if outbox.estimate is not None:
-            self._estimate.send(structs.replace(outbox.estimate, problems=self._problems.count))
+            self._links.estimate.send(structs.replace(outbox.estimate, problems=self._links.problems.count))
 
     def _handle(self, event: Event | None) -> None:
         """Take in whatever came.
 
         Raises:
             LinkError: The link with the server is lost.
-            _Stopped: The server said so.
+            Stopped: The server said so.
         """
-        match event:
-            case Received(source, message):
-                try:
-                    self._take(source, message)
-                except MessageError as error:
-                    self._problems.tell(f"refused from {source}: {error}")
-            case Refused(source, error):
-                self._problems.tell(f"refused from {source}: {error}")
+        match self._links.sort(event, self._take):
             case LinkChange(source, links=0):
                 raise LinkError(f"{self._config.name} lost its link with {source} at sample {self._block}")
 
@@ -136,7 +95,6 @@ class CartAgentProcess:
 
         Raises:
             MessageError: Nobody waits for it.
-            _Stopped: It says stop.
         """
         match message:
             case CartMeasurement():
@@ -155,8 +113,6 @@ class CartAgentProcess:
                 self._heard.add(source)
                 if self._config.name in message.heard:
                     self._heard_by.add(source)
-            case Stop():
-                raise _Stopped
 
     def _check_message(self, source: str, message: CartMessage) -> None:
         check_field("sender", message.sender, source)
@@ -175,12 +131,8 @@ def run_agent(config: CartAgentProcessConfig) -> None:
     Raises:
         LinkError: Somebody listens at one of its endpoints already, or the link with the server is lost.
     """
-    dialled = [neighbour.endpoint for neighbour in config.neighbours if neighbour.endpoint is not None]
-    with ExitStack() as stack:
-        robot_plane = stack.enter_context(open_session(connect=[config.server]))
-        neighbour_plane = stack.enter_context(open_session(listen=[config.listen], connect=dialled))
-        observer_plane = stack.enter_context(open_session(listen=[config.observe]))
-        CartAgentProcess(config, robot_plane, neighbour_plane, observer_plane).run()
+    with open_links(config, CartMeasurement, CartMessage) as links:
+        CartAgentProcess(config.agent, links).run()
 
 
 def main() -> NoReturn:

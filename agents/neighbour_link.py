@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 from coheft.wire.messages import Hello, NeighbourMessage
 
+SILENCE = 2.0
+"""A neighbour whose process runs is heard more often, however long its steps take [s]; longer than Zenoh's lease."""
+LONGEST_PAUSE = 64.0
+"""Between two attempts to begin the link with a neighbour anew, when they are in vain [s]; the first is ``SILENCE``."""
 KEPT = 64
 """Messages that may wait for their step; a neighbour that is further ahead is not one to keep pace with."""
 
 
 class NeighbourLink:
     """One neighbour.
+
+    Args:
+        name: Its name.
+        now: Time at which its link is begun [s].
 
     Attributes:
         name: Its name.
@@ -21,13 +30,17 @@ class NeighbourLink:
         keeps_pace: Its message of the next block can be expected in time.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, now: float) -> None:
         self.name = name
         self.is_linked = False
         self.is_heard = False
         self.hears_us = False
         self.keeps_pace = False
         self._known: bool | None = None
+        self._heard_at = -math.inf
+        self._whole_at = -math.inf
+        self._begun_at = now
+        self._pause = SILENCE
         self._incarnation = -1
         self._messages: deque[NeighbourMessage] = deque(maxlen=KEPT)
 
@@ -36,6 +49,34 @@ class NeighbourLink:
         self.is_linked = is_here
         if not is_here:
             self.is_heard = self.hears_us = self.keeps_pace = False
+
+    @property
+    def is_whole(self) -> bool:
+        """Its link stands, and carries both ways."""
+        return self.is_linked and self.is_heard and self.hears_us
+
+    def notice_silence(self, now: float) -> None:
+        """It has not been heard of late: what it said before says nothing of its link. ``now`` in [s]."""
+        if now - self._heard_at > SILENCE:
+            self.is_heard = self.hears_us = self.keeps_pace = False
+
+    def begin_anew(self, now: float) -> bool:
+        """Whether to begin its link anew, which then counts as begun; in vain, each pause is twice the one before.
+
+        A link that is gone is left at once: one that comes back by itself may stay mute.
+
+        Args:
+            now: Time [s].
+        """
+        if self.is_whole:
+            self._pause, self._whole_at = SILENCE, now
+            return False
+        since = max(self._begun_at, self._whole_at) if self.is_linked else self._begun_at
+        if now - since < self._pause:
+            return False
+        self._begun_at, self._pause = now, min(2.0 * self._pause, LONGEST_PAUSE)
+        self.note_presence(False)
+        return True
 
     def take_change(self) -> bool:
         """Whether its link has gone, or come back, since this was asked; that it comes at first is no change."""
@@ -46,22 +87,23 @@ class NeighbourLink:
         self._known = self.is_linked
         return has_changed
 
-    def take_hello(self, hello: Hello, own_name: str) -> None:
-        """It is there, and may have started again."""
+    def take_hello(self, hello: Hello, own_name: str, now: float) -> None:
+        """It is there, and may have started again; ``now`` in [s]."""
         self._incarnation = max(self._incarnation, hello.incarnation)
-        self.is_heard = True
+        self.is_heard, self._heard_at = True, now
         self.hears_us = own_name in hello.heard
 
-    def take_message(self, message: NeighbourMessage, next_block: int) -> None:
+    def take_message(self, message: NeighbourMessage, next_block: int, now: float) -> None:
         """Keep a message for its step.
 
         Args:
             message: It.
             next_block: The block of the next step.
+            now: Time [s].
         """
         self._incarnation = max(self._incarnation, message.incarnation)
         self._messages.append(message)
-        self.is_heard = True
+        self.is_heard, self._heard_at = True, now
         self.keeps_pace = self.keeps_pace or self._can_be_of_use(message, next_block)
 
     def forget(self) -> None:

@@ -6,10 +6,12 @@ import zenoh
 from msgspec import structs
 
 from coheft.errors import MessageError
-from coheft.wire.codec import check_array, check_field
+from coheft.wire.codec import check_field
 from coheft.wire.inbox import Inbox
 from coheft.wire.messages import Measurements, Message, Ready, Reference, Stop
+from coheft.wire.scenario import Scenario
 from coheft.wire.transport import Keys, Sender
+from physics_server.reach import Reach
 
 _MOTION_SIZE = 12
 
@@ -25,10 +27,11 @@ class RobotLink:
         answered: The last block of measurements that it has answered or will never answer, -1 if none.
         joined: The block with which it began to take part.
         was_late: Its reference of the latest block did not come in time.
+        was_refused: Its latest reference was one that no arm can follow.
     """
 
     def __init__(
-        self, name: str, session: zenoh.Session, inbox: Inbox, keys: Keys, world: int, lag: int, samples_per_block: int
+        self, name: str, session: zenoh.Session, inbox: Inbox, keys: Keys, world: int, scenario: Scenario
     ) -> None:
         self.name = name
         self.is_ready = False
@@ -37,10 +40,12 @@ class RobotLink:
         self.answered = -1
         self.joined = 0
         self.was_late = False
+        self.was_refused = False
         self._attempt = -1
         self._world = world
-        self._lag = lag
-        self._motion_shape = (samples_per_block, _MOTION_SIZE)
+        self._lag = scenario.lookahead
+        self._motion_shape = (scenario.sensors.block, _MOTION_SIZE)
+        self._reach = Reach(scenario.robots)
         self._sent = -1
         self._references: dict[int, Reference] = {}
         self._measurements = Sender(session, keys.robot(name, "measurements"), may_drop=False)
@@ -79,7 +84,7 @@ class RobotLink:
             case Reference():
                 self._check(message)
                 self.answered = message.answers
-                self._references[message.block] = message
+                self._keep(message)
 
     def join(self, block: int) -> None:
         """Take part from a block on; the blocks before were simulated without it."""
@@ -101,8 +106,25 @@ class RobotLink:
                 f"answers is {reference.answers} but expected a block from {self.answered + 1} to {self._sent}"
             )
         check_field("block", reference.block, reference.answers + self._lag)
-        check_array(reference.motion, self._motion_shape, "motion")
-        check_array(reference.wrench, (6,), "wrench")
+        check_field("motion.shape", reference.motion.shape, self._motion_shape)
+        check_field("wrench.shape", reference.wrench.shape, (6,))
+
+    def _keep(self, reference: Reference) -> None:
+        """Keep a reference for its block. One that no arm can follow is an answer, but told once, and left out.
+
+        Raises:
+            MessageError: It is the first one of these.
+        """
+        excess = self._reach.excess(reference)
+        if excess is None:
+            self._references[reference.block] = reference
+        was_refused, self.was_refused = self.was_refused, excess is not None
+        if excess is not None and not was_refused:
+            raise MessageError(f"{excess}: its arm holds still until it asks for something that an arm can do")
+
+    def is_late(self, block: int) -> bool:
+        """Whether its reference of a block should have come."""
+        return self.is_ready and block >= self.joined + self._lag and not self.was_refused
 
     def take_reference(self, block: int) -> Reference | None:
         """Its reference of a block, None if it has not come; those of earlier blocks are forgotten."""

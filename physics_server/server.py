@@ -84,8 +84,7 @@ class Server:
         self._problems = ProblemLog(SERVER, Sender(observers, keys.observe_server("problem"), may_drop=True))
         world = time.time_ns()
         self._robots = {
-            name: RobotLink(name, session, self._inbox, keys, world, scenario.lookahead, scenario.sensors.block)
-            for name, session in robots.items()
+            name: RobotLink(name, session, self._inbox, keys, world, scenario) for name, session in robots.items()
         }
         for name, session in robots.items():
             guard = guard_server_for_robot(config.security, keys, name)
@@ -181,7 +180,7 @@ class Server:
             reference = robot.take_reference(block)
             if reference is not None:
                 references[name] = reference
-            elif robot.is_ready and block >= robot.joined + self._scenario.lookahead:
+            elif robot.is_late(block):
                 self._late_blocks += 1
                 if not robot.was_late:
                     self._problems.tell(f"{name} was late with its reference of block {block}")

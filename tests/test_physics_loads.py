@@ -13,7 +13,9 @@ from coheft.errors import LoadError, ScenarioError, SimulationError
 from coheft.estimation.measurement import ACCELERATION, GYRO
 from coheft.estimation.rigid_body import Inertia, combined
 from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion
+from coheft.wire.messages import Reference
 from coheft.wire.scenario import LoadChange, Scenario
+from physics_server.reach import Reach
 from physics_server.simulation import Simulation
 from tests.physics_run import excitation, reference, run, scenario
 
@@ -249,3 +251,22 @@ def test_references_that_the_engine_would_ignore_end_the_run(bad):
     motion[3, 5] = bad
     with pytest.raises(SimulationError, match=r"at 0.005 s references of r2 hold numbers"):
         simulation.advance({"r1": reference("r1", 1, np.zeros((5, 12))), "r2": reference("r2", 1, motion)})
+
+
+@pytest.mark.parametrize("column", [0, 2, 5, 6, 8, 11, "force", "torque"])
+def test_one_robot_that_asks_for_all_that_an_arm_can_do_does_not_end_the_run(column):
+    simulation, reach = Simulation(scenario()), Reach(scenario().robots)
+
+    def asked(size: float) -> Reference:
+        motion, wrench = np.zeros((5, 12)), np.zeros(6)
+        if isinstance(column, int):
+            motion[:, column] = size
+        else:
+            wrench[["force", "torque"].index(column) * 3] = size
+        return reference("r1", 0, motion, wrench)
+
+    most = 1e5
+    while reach.excess(asked(most)) is not None:
+        most *= 0.99
+    assert most > 1.0
+    run(simulation, lambda _: {"r1": asked(most)}, 600)

@@ -47,6 +47,28 @@ def test_the_scenarios_that_are_promised_are_there() -> None:
     assert {"ring6", "ring3", "line4", "ring12", "ring24", "quiet"} <= set(available_scenarios())
 
 
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (
+            'estimator = "seed"\nseed_method = { rounds = 256 }\nsensors = { block = 200 }\n',
+            r"'sensors.block': found 200, and 'seed_method.rounds' = 256: .* up to 4.2 MB; expected at most 4.0 MB",
+        ),
+        (
+            "sensors = { block = 200 }\nrobots = { perimeter = { count = 128, extent = [1.0, 1.0] } }\n",
+            r"'sensors.block': found 200, and 'robots' = 128: messages between neighbours would take up to .* MB",
+        ),
+    ],
+)
+def test_messages_that_would_be_too_large_are_refused(change: str, match: str) -> None:
+    robots = "" if "perimeter" in change else "[[robots.grasps]]" + GOOD.split("[[robots.grasps]]", 1)[1]
+    payload = "[payload]\nboxes = [{ mass = 2.0, size = [0.4, 0.3, 0.1] }]\n"
+    with pytest.raises(ScenarioError, match=match):
+        parse_scenario(f'name = "large"\n{change}{payload}{robots}', "large.toml")
+    smaller = change.replace("block = 200", "block = 20")
+    assert parse_scenario(f'name = "large"\n{smaller}{payload}{robots}', "large.toml").sensors.block == 20
+
+
 def test_good_scenario_is_good() -> None:
     scenario = parse_scenario(GOOD, "two.toml")
     assert scenario.robot_names == ("r1", "r2")

@@ -7,6 +7,7 @@ from typing import Literal
 import msgspec
 
 from coheft.estimation.measurement import SensorNoise
+from coheft.wire.message_size import LEAST_LIMIT
 from coheft.wire.scenario import Converged, EfficientSettings, Motion, Scenario, SeedSettings
 from coheft.wire.security import Credentials
 
@@ -72,6 +73,7 @@ class AgentProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             stands [s]; it does not wait again for that one until it keeps pace again.
         server_limit: How long it waits for a server that is gone to come back [s].
         security: Its credentials; None: the open profile.
+        largest_message: What a neighbour may send in one message [B].
     """
 
     agent: AgentConfig
@@ -83,6 +85,7 @@ class AgentProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     patience: float = 10.0
     server_limit: float = 30.0
     security: Credentials | None = None
+    largest_message: int = LEAST_LIMIT
 
 
 class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from queue import Empty, SimpleQueue
 from threading import Lock
 from typing import Any, cast
@@ -14,7 +14,7 @@ from coheft.errors import MessageError
 from coheft.wire.codec import decode, encode
 from coheft.wire.messages import Message, Refusal, Request, Status
 from coheft.wire.security import Guard
-from coheft.wire.transport import Role
+from coheft.wire.transport import Role, session_id
 
 ROOM = 8 * 2**20
 """For what one source has said and nobody has read yet [B]: minutes of a listener's absence, and no more of its memory
@@ -42,18 +42,32 @@ class Refused:
 
 @dataclass(frozen=True)
 class LinkChange:
-    """A process has come to, or gone from, the session called ``source``, which now has so many ``links``."""
+    """A process has come to, or gone from, the session called ``source``, which now has so many ``links``.
+
+    Attributes:
+        source: What the session is called.
+        links: How many processes are there.
+        session: Identity of the session: another one may have taken its place since.
+    """
 
     source: str
     links: int
+    session: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True)
 class Presence:
-    """A source has come within one hop, or has gone: one of its links stands, or none."""
+    """A source has come within one hop, or has gone: one of its links stands, or none.
+
+    Attributes:
+        source: Who.
+        is_here: Whether it has come.
+        session: Identity of the session that saw it: another one may have taken its place since.
+    """
 
     source: str
     is_here: bool
+    session: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True)
@@ -144,7 +158,7 @@ class Inbox:
         self._backlogs: dict[str, _Backlog] = {}
         self._kinds: dict[str, tuple[str, type[Message]]] = {}
         self._roles: dict[str, Role] = {}
-        self._kept: list[object] = []  # a subscriber that nobody holds goes silent
+        self._kept: dict[str, list[Any]] = {}  # by session; a subscriber that nobody holds goes silent
 
     def listen(self, session: zenoh.Session, source: str, kinds: dict[str, type[Message]]) -> None:
         """Hear one source.
@@ -162,13 +176,17 @@ class Inbox:
         if len(places) != 1:
             raise ValueError(f"keys are below {sorted(places)} but expected one place")
         self._kinds |= {key: (source, kind) for key, kind in kinds.items()}
-        self._kept.append(
-            session.declare_subscriber(f"{places.pop()}/*", self._handler(source), allowed_origin=zenoh.Locality.REMOTE)
+        self._keep(
+            session,
+            session.declare_subscriber(
+                f"{places.pop()}/*", self._handler(source), allowed_origin=zenoh.Locality.REMOTE
+            ),
         )
 
     def watch_links(self, session: zenoh.Session, source: str, guard: Guard | None = None) -> None:
         """Hear of processes that come and go at a session; with its guard, only of those that may come."""
         linked: set[str] = set()  # the session's own list may lag behind its events
+        own = session_id(session)
         backlog = self._backlog(source)
 
         def put(event: zenoh.LinkEvent) -> None:
@@ -179,13 +197,13 @@ class Inbox:
                 linked.add(peer)
             else:
                 linked.discard(peer)
-            backlog.put(LinkChange(source, len(linked)))
+            backlog.put(LinkChange(source, len(linked), own))
 
-        self._kept.append(session.info.declare_link_events_listener(put, history=True))
+        self._keep(session, session.info.declare_link_events_listener(put, history=True))
 
     def announce(self, session: zenoh.Session, key: str) -> None:
         """Be there for all who watch the presence under a key, as long as a link with them stands."""
-        self._kept.append(session.liveliness().declare_token(key))
+        self._keep(session, session.liveliness().declare_token(key))
 
     def watch_presence(self, session: zenoh.Session, source: str, key: str) -> None:
         """Hear whether a source that announces itself under a key is there.
@@ -193,13 +211,13 @@ class Inbox:
         On a session with several links this tells whose link it is; one that is cut takes its token along at once, one
         that is frozen when its lease ends.
         """
-        backlog = _Backlog(source, self._turns)
+        backlog, own = _Backlog(source, self._turns), session_id(session)
 
         def put(sample: zenoh.Sample) -> None:
-            backlog.put(Presence(source, sample.kind == zenoh.SampleKind.PUT))
+            backlog.put(Presence(source, sample.kind == zenoh.SampleKind.PUT, own))
 
         handler = zenoh.handlers.Callback(put, indirect=False)
-        self._kept.append(session.liveliness().declare_subscriber(key, handler, history=True))
+        self._keep(session, session.liveliness().declare_subscriber(key, handler, history=True))
 
     def watch_strangers(self, session: zenoh.Session, guard: Guard | None) -> None:
         """Hear of participants who dial a session though nothing of it is for them."""
@@ -213,13 +231,21 @@ class Inbox:
                 text = f"it dialled where only {', '.join(sorted(guard.names))} may"
                 backlog.put(Refused(str(name), MessageError(text)))
 
-        self._kept.append(session.info.declare_link_events_listener(put, history=True))
+        self._keep(session, session.info.declare_link_events_listener(put, history=True))
 
     def serve(self, session: zenoh.Session, roles: dict[str, Role]) -> None:
         """Hear questions; ``roles`` tells by the key in which role they are asked."""
         self._roles |= roles
         for key, role in roles.items():
-            self._kept.append(session.declare_queryable(key, self._handler(role), complete=True))
+            self._keep(session, session.declare_queryable(key, self._handler(role), complete=True))
+
+    def forget(self, session: zenoh.Session) -> None:
+        """Hear nothing more on a session; what it has said already stays."""
+        for declared in self._kept.pop(session_id(session), []):
+            declared.undeclare()
+
+    def _keep(self, session: zenoh.Session, declared: object) -> None:
+        self._kept.setdefault(session_id(session), []).append(declared)
 
     def _handler(self, source: str) -> Any:
         return zenoh.handlers.Callback(self._backlog(source).put, indirect=False)

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from coheft.errors import ScenarioError
+from coheft.wire.message_size import LARGEST, largest_message
 from coheft.wire.scenario import Scenario
 
 
@@ -62,6 +63,25 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
                 f"expected it for a new load only"
             )
     check_loads(scenario, origin)
+    check_message_size(scenario, origin)
+
+
+def check_message_size(scenario: Scenario, origin: str) -> None:
+    """Check that neighbours can tell each other what the sums need.
+
+    Raises:
+        ScenarioError: Their messages would be too large.
+    """
+    size = largest_message(scenario)
+    if size <= LARGEST:
+        return
+    is_seed = scenario.estimator == "seed"
+    other, found = ("seed_method.rounds", scenario.seed_method.rounds) if is_seed else ("robots", scenario.robot_count)
+    raise ScenarioError(
+        f"{origin}: key 'sensors.block': found {scenario.sensors.block}, and '{other}' = {found}: messages between "
+        f"neighbours would take up to {size / 1e6:.1f} MB; expected at most {LARGEST / 1e6:.1f} MB: make one of the "
+        f"two smaller"
+    )
 
 
 def check_loads(scenario: Scenario, origin: str) -> None:

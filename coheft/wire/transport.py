@@ -1,7 +1,7 @@
 """Zenoh sessions between processes: explicit links, no discovery, nothing that is handed on to a third party.
 
-A process opens one session per plane (see ``coheft.wire.messages``), so that nothing crosses from one plane to another.
-What it says goes out through a ``Sender``; what it hears comes through one ``coheft.wire.inbox.Inbox``.
+A process opens at least one session per plane (see ``coheft.wire.messages``), so that nothing crosses from one plane to
+another. What it says goes out through a ``Sender``; what it hears comes through one ``coheft.wire.inbox.Inbox``.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any, Literal, get_args
 
 # Few threads for all of Zenoh's work: fewer switches between threads per message. Not one, because each listener that
@@ -25,6 +26,7 @@ import zenoh
 
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.codec import decode, encode
+from coheft.wire.message_size import LEAST_LIMIT
 from coheft.wire.messages import Message, Refusal, Request, Status
 from coheft.wire.security import Guard
 
@@ -34,8 +36,6 @@ ROLES: tuple[Role, ...] = get_args(Role)
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
-_MAX_MESSAGE = 256 * 1024
-"""What is larger is dropped before it is put together [B]; no message of ours comes near."""
 _SETTINGS: dict[str, object] = {
     "mode": "peer",
     # Together these three keep every message to one hop: peers neither look for others nor tell each other of others,
@@ -56,7 +56,6 @@ _LINK_SETTINGS: dict[str, object] = {
             }
         },
     },
-    "rx": {"max_message_size": _MAX_MESSAGE},
 }
 _DIAL_SETTINGS: dict[str, object] = {
     # Dial for ever, in the background: processes start in any order.
@@ -68,7 +67,10 @@ _DIAL_SETTINGS: dict[str, object] = {
 
 @contextmanager
 def open_session(
-    listen: Iterable[str] = (), connect: Iterable[str] = (), guard: Guard | None = None
+    listen: Iterable[str] = (),
+    connect: Iterable[str] = (),
+    guard: Guard | None = None,
+    largest: int = LEAST_LIMIT,
 ) -> Iterator[zenoh.Session]:
     """A session whose only links are those that are given; closed at the end of the context.
 
@@ -77,6 +79,7 @@ def open_session(
             is a guard.
         connect: Endpoints to dial, until somebody answers.
         guard: Who may be at the other ends, and say what; None: whoever comes, and everything.
+        largest: Messages that are larger are dropped before they are put together [B].
 
     Raises:
         LinkError: An endpoint is malformed, or somebody listens there already.
@@ -87,7 +90,9 @@ def open_session(
         "listen": {"endpoints": listen, "exit_on_failure": True},
         "connect": {"endpoints": connect, **_DIAL_SETTINGS},
         "transport": {
-            "link": _LINK_SETTINGS | (guard.link_settings if guard is not None else {}),
+            "link": _LINK_SETTINGS
+            | {"rx": {"max_message_size": largest}}
+            | (guard.link_settings if guard is not None else {}),
             "shared_memory": {"enabled": False},  # no faster for small messages
         },
     }
@@ -99,6 +104,11 @@ def open_session(
         raise LinkError(f"cannot listen at {listen} and dial {connect}: {error}") from error
     with session:
         yield session
+
+
+def session_id(session: zenoh.Session) -> str:
+    """Its identity; no two sessions have the same."""
+    return str(session.zid())
 
 
 def check_name(name: str) -> str:
@@ -143,29 +153,47 @@ class Keys:
 
 
 class Sender:
-    """Says messages of one kind under one key.
+    """Says messages of one kind under one key, from any thread.
 
     Args:
-        session: The plane's session.
+        session: The plane's session; None: those that are attached later.
         key: What to say it under.
         may_drop: When a listener does not keep up, lose messages rather than wait for it. Right for observers: one
             that is frozen must not hold up the run.
     """
 
-    def __init__(self, session: zenoh.Session, key: str, *, may_drop: bool) -> None:
-        control = zenoh.CongestionControl.DROP if may_drop else zenoh.CongestionControl.BLOCK
+    def __init__(self, session: zenoh.Session | None, key: str, *, may_drop: bool) -> None:
+        self._control = zenoh.CongestionControl.DROP if may_drop else zenoh.CongestionControl.BLOCK
         self._key = key
-        self._publisher = session.declare_publisher(key, congestion_control=control, express=True)
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._lock = Lock()
+        if session is not None:
+            self.attach(session)
+
+    def attach(self, session: zenoh.Session) -> None:
+        """Say it on one more session, too."""
+        publisher = session.declare_publisher(self._key, congestion_control=self._control, express=True)
+        with self._lock:
+            self._publishers[session_id(session)] = publisher
+
+    def detach(self, session: zenoh.Session) -> None:
+        """Say nothing more on a session."""
+        with self._lock:
+            publisher = self._publishers.pop(session_id(session))
+        publisher.undeclare()  # type: ignore[no-untyped-call]
 
     def send(self, message: Message) -> None:
         """Say it to all who listen now."""
-        self._publisher.put(encode(message, self._key))
+        data = encode(message, self._key)
+        with self._lock:
+            for publisher in self._publishers.values():
+                publisher.put(data)
 
     @property
     def has_listener(self) -> bool:
         """Whether anybody listens now."""
-        status: Any = self._publisher.matching_status  # an object, though its type stub says bool
-        return bool(status.matching)
+        statuses: list[Any] = [publisher.matching_status for publisher in self._publishers.values()]
+        return any(status.matching for status in statuses)  # objects, though the type stub says bool
 
 
 def ask(session: zenoh.Session, key: str, request: Request, timeout: float = 2.0) -> Status | Refusal:

@@ -21,13 +21,14 @@ from physics_server.robot_link import RobotLink
 from physics_server.simulation import Simulation
 from tests.fuzz.any_message import NUMBERS, altered, values
 
-LAG, SAMPLES = 4, 10
+SCENARIO = load_scenario("ring3")
+LAG, SAMPLES = SCENARIO.lookahead, SCENARIO.sensors.block
 
 
 @pytest.fixture(scope="module")
 def link() -> Iterator[RobotLink]:
     with open_session(listen=[f"tcp/127.0.0.1:{free_ports(1)[0]}"]) as session:
-        yield RobotLink("r1", session, Inbox(), Keys("fuzz"), world=1, lag=LAG, samples_per_block=SAMPLES)
+        yield RobotLink("r1", session, Inbox(), Keys("fuzz"), world=1, scenario=SCENARIO)
 
 
 @given(data=st.data())
@@ -53,6 +54,34 @@ def test_a_robot_link_takes_an_answer_once(link: RobotLink) -> None:
     link.take(sound)
     with pytest.raises(MessageError, match="was answered already"):
         link.take(sound)
+
+
+def test_a_robot_link_counts_what_no_arm_can_do_as_an_answer_and_tells_it_once(link: RobotLink) -> None:
+    def answer(size: float, where: str) -> int:
+        block = link.answered + 1
+        link.send_measurements(Measurements(robot="r1", block=block, samples=np.zeros((SAMPLES, 15))))
+        motion, wrench = np.zeros((SAMPLES, 12)), np.zeros(6)
+        motion[1, 4] = size if where == "position" else 0.0
+        motion[2, 10] = size if where == "velocity" else 0.0
+        wrench[0] = size if where == "wrench" else 0.0
+        link.take(Reference(robot="r1", block=block + LAG, answers=block, motion=motion, wrench=wrench))
+        return block
+
+    for where in ("position", "velocity", "wrench"):
+        first = link.answered + 1
+        what = "wrench" if where == "wrench" else "motion"
+        with pytest.raises(MessageError, match=rf"^{what} asks for .*e\+.* but expected at most .* holds still"):
+            answer(1e9, where)
+        for nonsense in (1e300, np.nan, -np.inf):
+            second = answer(nonsense, where)
+        assert link.answered == second == first + 3
+        assert link.was_refused
+        assert not link.is_late(second + LAG)
+        assert link.take_reference(first + LAG) is None
+        assert link.take_reference(second + LAG) is None
+        sound = answer(0.1, where)
+        assert not link.was_refused
+        assert link.take_reference(sound + LAG) is not None
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ The agent itself is the real one. What it hears is written to ``$HEARD_FOLDER/<n
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 from collections.abc import Iterable, Iterator
@@ -13,10 +14,12 @@ from pathlib import Path
 
 import zenoh
 
-from agents import process
+from agents import links, process
 from agents.agent import Agent, Outbox
+from coheft.wire import dialled
 from coheft.wire.codec import encode
 from coheft.wire.config import AgentProcessConfig
+from coheft.wire.message_size import LEAST_LIMIT
 from coheft.wire.messages import StatusRequest
 from coheft.wire.security import Guard
 from coheft.wire.supervised import supervised_main
@@ -61,16 +64,19 @@ def _answer(query: zenoh.Query, own: str) -> None:
 
 
 def run(config: AgentProcessConfig) -> None:
-    planes = iter(("robot", "neighbour", "observer"))
-    spies: dict[str, Spy] = {}
+    spies: dict[str, list[Spy]] = {"robot": [], "neighbour": [], "observer": []}
 
     @contextmanager
     def open_with_spy(
-        listen: Iterable[str] = (), connect: Iterable[str] = (), guard: Guard | None = None
+        listen: Iterable[str] = (),
+        connect: Iterable[str] = (),
+        guard: Guard | None = None,
+        largest: int = LEAST_LIMIT,
     ) -> Iterator[zenoh.Session]:
-        with open_session(listen, connect, guard) as session:
-            plane = next(planes)
-            spies[plane] = Spy(session, plane, config.agent.name, config.run)
+        listen, connect = list(listen), list(connect)
+        plane = "robot" if config.server in connect else "observer" if config.observe in listen else "neighbour"
+        with open_session(listen, connect, guard, largest) as session:
+            spies[plane].append(Spy(session, plane, config.agent.name, config.run))
             yield session
 
     class AskingAgent(Agent):
@@ -79,16 +85,19 @@ def run(config: AgentProcessConfig) -> None:
         def step(self, *arguments) -> Outbox:  # type: ignore[no-untyped-def]
             outbox = super().step(*arguments)
             if outbox.message.block % ASK_EVERY == ASK_EVERY - 1:
-                for spy in spies.values():
+                for spy in itertools.chain(*spies.values()):
                     spy.ask_around()
             return outbox
 
-    process.open_session = open_with_spy  # type: ignore[attr-defined]
+    links.open_session = dialled.open_session = open_with_spy  # type: ignore[attr-defined]
     process.Agent = AskingAgent  # type: ignore[attr-defined,misc]
     process.run_agent(config)
     report = {
-        plane: {"heard": sorted(spy.heard), "answered": sorted(spy.answered), "alive": sorted(spy.alive)}
-        for plane, spy in spies.items()
+        plane: {
+            sense: sorted(set().union(*(getattr(spy, sense) for spy in of_plane)))
+            for sense in ("heard", "answered", "alive")
+        }
+        for plane, of_plane in spies.items()
     }
     (Path(os.environ["HEARD_FOLDER"]) / f"{config.agent.name}.json").write_text(json.dumps(report))
 

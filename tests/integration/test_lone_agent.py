@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from msgspec import structs
 
+from agents.neighbour_link import SILENCE
 from coheft.app.plan import make_plan
 from coheft.estimation.measurement import SAMPLE_SIZE
 from coheft.estimation.spatial import Array
@@ -24,8 +26,9 @@ WRONG_SHAPES = {"kinematics": np.zeros(3), "sums": np.zeros(1), "sums_valid": np
 class Surroundings:
     """The server and the neighbour of one agent."""
 
-    def __init__(self, team: Team, stack: ExitStack) -> None:
-        self.name, self.other = team.plan.agents
+    def __init__(self, team: Team, stack: ExitStack, agent: int) -> None:
+        names = list(team.plan.agents)
+        self.name, self.other = names[agent], names[1 - agent]
         self._team = team
         plan, keys = team.plan, team.keys
         dialled = [robot.endpoint for robot in plan.agents[self.other].neighbours if robot.endpoint is not None]
@@ -45,11 +48,19 @@ class Surroundings:
     def meet(self) -> None:
         """Wait for the links, say hello, wait until the agent asks for measurements and misses nobody."""
         wait_until(lambda: self._hello.has_listener and self._measurements.has_listener, "the agent's links")
-        self._hello.send(Hello(sender=self.other, heard=[self.name]))
+        self.greet(self.name)
         ready = self._next()
         while not isinstance(ready, Ready) or ready.missing:
             ready = self._next()
         self.attempt = ready.attempt
+
+    def greet(self, *heard: str) -> None:
+        """As its neighbour: whom it hears."""
+        self._hello.send(Hello(sender=self.other, heard=list(heard)))
+
+    def dialled_by(self) -> set[str]:
+        """Who has a link with its neighbour now."""
+        return {str(peer) for peer in self.neighbour.info.peers_zid()}
 
     def measure(self, block: int, world: int = 0, attempt: int | None = None) -> None:
         """Let its sensors measure something."""
@@ -92,12 +103,12 @@ class Surroundings:
 
 
 @contextmanager
-def lone_agent(folder: Path, patience: float = LIMIT) -> Iterator[Surroundings]:
-    """An agent that has met its surroundings."""
+def lone_agent(folder: Path, patience: float = LIMIT, agent: int = 0) -> Iterator[Surroundings]:
+    """An agent that has met its surroundings: the first of the two waits to be dialled, the other one dials."""
     plan = make_plan(small_scenario(2, "line"))
     with ExitStack() as stack:
         team = Team(plan, Keys(plan.run), folder, None, {})
-        surroundings = Surroundings(team, stack)
+        surroundings = Surroundings(team, stack, agent)
         config = structs.replace(plan.agents[surroundings.name], patience=patience)
         team.start(surroundings.name, AGENT, config)
         stack.callback(team.end, surroundings.name)
@@ -157,3 +168,25 @@ def test_a_new_world_is_met_with_a_new_mind(tmp_path):
         around.measure(0, world=2)
         assert around.answers(1) == [0]
         assert around.finish() == "the server has started again: so does this agent\n"
+
+
+def test_a_link_that_does_not_carry_to_the_neighbour_is_dialled_anew_and_one_that_does_is_left_alone(tmp_path):
+    with lone_agent(tmp_path, patience=0.1, agent=1) as around:
+        around.measure(0)
+        assert around.answers(1) == [0]
+        first = around.dialled_by()
+        assert len(first) == 1
+
+        def after(seconds: float, *heard: str) -> set[str]:
+            deadline = time.monotonic() + seconds
+            while time.monotonic() < deadline and around.dialled_by() <= first:
+                around.greet(*heard)
+                time.sleep(0.1)
+            return around.dialled_by()
+
+        assert after(2.0 * SILENCE, around.name) == first
+        wait_until(lambda: after(2.0 * SILENCE).isdisjoint(first), "a new link")
+        around.greet(around.name)
+        around.measure(1)
+        assert around.answers(1) == [1]
+        around.finish()

@@ -1,0 +1,95 @@
+"""A link that is dialled anew, over real loopback links."""
+
+from __future__ import annotations
+
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+from coheft.app.hosts import free_ports
+from coheft.wire.dialled import DialledLink
+from coheft.wire.inbox import Inbox, Presence, Received
+from coheft.wire.messages import Hello
+from coheft.wire.transport import Keys, Sender, open_session
+
+LIMIT = 20.0
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + LIMIT
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.005)
+
+
+def heard(inbox: Inbox) -> list[str]:
+    """Who has said something of late."""
+    found = []
+    while (event := inbox.receive(0.0)) is not None:
+        if isinstance(event, Received):
+            found.append(event.source)
+    return found
+
+
+def test_a_link_that_is_begun_anew_carries_both_ways_and_leaves_nothing_behind():
+    endpoint, keys = f"tcp/127.0.0.1:{free_ports(1)[0]}", Keys(f"test-{secrets.token_hex(4)}")
+    near_inbox, far_inbox = Inbox(), Inbox()
+    from_far = Sender(None, keys.agent("far", "hello"), may_drop=False)
+
+    def listen(session):
+        far_inbox.announce(session, keys.agent("far", "alive"))
+        far_inbox.watch_presence(session, "near", keys.agent("near", "alive"))
+        far_inbox.listen(session, "near", {keys.agent("near", "hello"): Hello})
+
+    with (
+        open_session(listen=[endpoint]) as near,
+        closing(DialledLink(endpoint, None, far_inbox, listen, from_far)) as link,
+    ):
+        near_inbox.announce(near, keys.agent("near", "alive"))
+        near_inbox.watch_presence(near, "far", keys.agent("far", "alive"))
+        near_inbox.listen(near, "far", {keys.agent("far", "hello"): Hello})
+        from_near = Sender(near, keys.agent("near", "hello"), may_drop=False)
+
+        def carries() -> bool:
+            from_far.send(Hello(sender="far", heard=[]))
+            from_near.send(Hello(sender="near", heard=[]))
+            time.sleep(0.01)
+            return bool(heard(near_inbox)) and bool(heard(far_inbox))
+
+        wait_until(carries)
+        before = threading.active_count(), len(list(Path("/proc/self/fd").iterdir()))
+        sessions = {link.session}
+        for _ in range(10):
+            link.renew()
+            sessions.add(link.session)
+            wait_until(carries)
+        assert len(sessions) == 11
+        wait_until(lambda: threading.active_count() <= before[0])
+        wait_until(lambda: len(list(Path("/proc/self/fd").iterdir())) <= before[1])
+
+        from_near.send(Hello(sender="near", heard=[]))
+        first = far_inbox.receive(LIMIT)
+        assert isinstance(first, Received)
+        assert far_inbox.receive(0.1) is None, "only the present session hears it"
+
+
+def test_news_of_a_link_tell_of_which_session_they_are():
+    endpoint, keys = f"tcp/127.0.0.1:{free_ports(1)[0]}", Keys(f"test-{secrets.token_hex(4)}")
+    inbox, ours = Inbox(), Inbox()
+
+    def listen(session):
+        inbox.watch_presence(session, "near", keys.agent("near", "alive"))
+
+    with open_session(listen=[endpoint]) as near, closing(DialledLink(endpoint, None, inbox, listen)) as link:
+        ours.announce(near, keys.agent("near", "alive"))
+        first = inbox.receive(LIMIT)
+        assert isinstance(first, Presence)
+        assert (first.is_here, first.session) == (True, link.session)
+        link.renew()
+        second = inbox.receive(LIMIT)
+        assert isinstance(second, Presence)
+        assert (second.is_here, second.session) == (True, link.session)
+        assert first.session != second.session

@@ -1,0 +1,64 @@
+"""What neighbours say fits into the messages that they take."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from agents.agent import Agent
+from coheft.estimation.measurement import MeasurementBlock
+from coheft.wire.codec import encode
+from coheft.wire.config import agent_config
+from coheft.wire.message_size import largest_message
+from coheft.wire.messages import NeighbourMessage, Reference
+from coheft.wire.scenario import Graph, Scenario, SeedSettings
+from consensus.graph import build_graph
+from physics_server.simulation import Simulation
+from tests.in_process import changed
+
+
+def largest_found(scenario: Scenario) -> int:
+    graph = build_graph(scenario.graph, scenario.robot_names)
+    agents = {name: Agent(agent_config(scenario, name, graph[name])) for name in graph}
+    simulation = Simulation(scenario)
+    references: dict[int, dict[str, Reference]] = {}
+    messages: dict[str, NeighbourMessage] = {}
+    largest = 0
+    for block in range(scenario.blocks):
+        result = simulation.advance(references.pop(block, {}))
+        outboxes = {
+            name: agent.step(
+                block,
+                MeasurementBlock(block, result.measurements[name].samples),
+                [messages[other] for other in graph[name] if other in messages],
+            )
+            for name, agent in agents.items()
+        }
+        messages = {name: outbox.message for name, outbox in outboxes.items()}
+        references[block + scenario.lookahead] = {name: outbox.reference for name, outbox in outboxes.items()}
+        largest = max(largest, *(len(encode(message, "key")) for message in messages.values()))
+    return largest
+
+
+@pytest.mark.parametrize("name", ["line4", "ring12"])
+def test_sums_of_summands_fit(name: str) -> None:
+    scenario = changed(name, load_changes=(), duration=8.0)
+    sensors = msgspec.structs.replace(scenario.sensors, block=50)
+    found = largest_found(msgspec.structs.replace(scenario, sensors=sensors))
+    bound = largest_message(msgspec.structs.replace(scenario, sensors=sensors))
+    assert 0.2 * bound < found <= bound
+
+
+def test_dynamic_consensus_fits() -> None:
+    scenario = changed(
+        "ring3",
+        load_changes=(),
+        duration=20.0,
+        estimator="seed",
+        graph=Graph(kind="line"),
+        seed_method=SeedSettings(rounds=64, pose_rotation_deg=1.0, pose_translation_mm=20.0),
+    )
+    sensors = msgspec.structs.replace(scenario.sensors, block=100)
+    scenario = msgspec.structs.replace(scenario, sensors=sensors)
+    found = largest_found(scenario)
+    assert 0.8 * largest_message(scenario) < found <= largest_message(scenario)
