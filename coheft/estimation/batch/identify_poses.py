@@ -16,6 +16,7 @@ from coheft.estimation.batch.calibration import (
     corrected_poses,
     gimbal_angles,
 )
+from coheft.estimation.batch.calibration_bounds import cut_to_bounds
 from coheft.estimation.batch.hand_eye import UNKNOWNS, HandEye, WristPoses, fit_hand_eye
 from coheft.estimation.batch.identify import (
     CUTOFF,
@@ -27,7 +28,7 @@ from coheft.estimation.batch.identify import (
 )
 from coheft.estimation.batch.payload import central_numbers, derivative_by_poses, make_payload, of_central_numbers
 from coheft.estimation.batch.recording import Recording, check_recording
-from coheft.estimation.batch.signals import Signals, signals_of
+from coheft.estimation.batch.signals import signals_of
 from coheft.estimation.inertia import INERTIA_SIZE
 from coheft.estimation.inertia_derivatives import barycentric_derivative, seen_inertia_derivative
 from coheft.estimation.rigid_body import Inertia
@@ -42,6 +43,10 @@ _IDENTIFIABLE = (
     "Not seen by any motion: zero of the gimbal's last angle (it turns the grasp frame itself), what all forces have "
     "too much in common (it looks like mass), offsets that lift or weigh. For these the stated uncertainty is that of "
     "the tolerances.",
+)
+_BEYOND = (
+    "No calibration errors within the bounds explain this recording, so they were taken for Gaussian: are the robots "
+    "worse than the bounds say?"
 )
 
 
@@ -88,10 +93,17 @@ def _without_doubts(recording: Recording, grasps: HandEye, cutoff: float) -> Ide
 
 def _with_doubts(recording: Recording, grasps: HandEye, tolerances: Tolerances, cutoff: float) -> Identification:
     signals = signals_of(corrected(recording, grasps.errors), cutoff)
-    fit, numbers, covariance = _fit(signals, grasps.team.poses, tolerances, recording.gravity)
-    by_poses = derivative_by_poses(
-        lambda moved: _fit(signals, moved, tolerances, recording.gravity, fit)[1], grasps.team.poses
-    )
+    poses = grasps.team.poses
+
+    def fit_with(moved: Sequence[Pose], start: CalibratedFit | None = None) -> CalibratedFit:
+        from_centre = [centre_of(moved).inverse() @ pose for pose in moved]
+        return fit_calibrated(signals, from_centre, tolerances, recording.gravity, start)
+
+    gaussian = fit_with(poses)
+    by_poses = derivative_by_poses(lambda moved: _at_first_grasp(fit_with(moved, gaussian), moved)[0], poses)
+    cut = cut_to_bounds(gaussian, tolerances, grasps.errors[:, POSITION_SCALE].ravel())
+    fit = cut or gaussian
+    numbers, covariance = _at_first_grasp(fit, poses)
     covariance = covariance + by_poses @ _given_errors(grasps) @ by_poses.T
     # A wrong zero of the first robot's gimbal turns the frame that everything is given in.
     inertia = of_central_numbers(numbers)
@@ -103,7 +115,7 @@ def _with_doubts(recording: Recording, grasps: HandEye, tolerances: Tolerances, 
         team=team,
         payload=make_payload(inertia, covariance + turned @ turned.T, team.poses),
         calibration=_findings(recording.names, grasps, fit, tolerances),
-        remarks=_IDENTIFIABLE,
+        remarks=(*_IDENTIFIABLE, *(() if cut else (_BEYOND,))),
         time=signals.time,
         residual=fit.residual,
     )
@@ -124,16 +136,9 @@ def corrected(recording: Recording, errors: Array) -> Recording:
     return replace(recording, robots=robots)
 
 
-def _fit(
-    signals: Signals,
-    poses: Sequence[Pose],
-    tolerances: Tolerances,
-    gravity: Array,
-    start: CalibratedFit | None = None,
-) -> tuple[CalibratedFit, Array, Array]:
-    """The fit, its ``(m, h, J)`` in the first robot's frame and in true lengths, and their covariance."""
+def _at_first_grasp(fit: CalibratedFit, poses: Sequence[Pose]) -> tuple[Array, Array]:
+    """``(m, h, J)`` (10,) in the first robot's frame, in true lengths, and covariance, of a fit about the centre."""
     centre = centre_of(poses)
-    fit = fit_calibrated(signals, [centre.inverse() @ pose for pose in poses], tolerances, gravity, start)
     about_centre = Inertia.from_barycentric(fit.parameters)
     # By theta and the scale: the centre, too, lies as far away as the scale says.
     derivative = np.zeros((INERTIA_SIZE, INERTIA_SIZE + 1))
@@ -141,7 +146,7 @@ def _fit(
     derivative[1:4, INERTIA_SIZE] = centre.translation
     known = fit.covariance[: INERTIA_SIZE + 1, : INERTIA_SIZE + 1]
     numbers = central_numbers(about_centre.carried(Pose(centre.rotation, fit.scale * centre.translation)))
-    return fit, numbers, derivative @ known @ derivative.T
+    return numbers, derivative @ known @ derivative.T
 
 
 def _unknowns(count: int, part: slice) -> Array:
