@@ -17,7 +17,7 @@ from coheft.app.mocobots.campaign import errors_of, scenario_of
 from coheft.app.mocobots.record import record, record_sphere
 from coheft.errors import RecordingError
 from coheft.estimation.batch.holds import holds_of
-from coheft.estimation.batch.identify import Identification
+from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.payload import central_numbers
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.body_motion import perturbation_between

@@ -87,7 +87,9 @@ def fit_calibrated(
         view[:, 6:9] = -(gravity @ rotation) @ pose.rotation.T
     moving = np.array([regressor(motion) for motion in motions])
     resting = np.array([regressor(motion) for motion in upwards])
-    forces = np.broadcast_to(_force_columns(signals, poses), (count, *moving.shape[1:3], 4 * count))
+    forces = np.broadcast_to(
+        _force_columns(signals.wrench, signals.rotation, poses), (count, *moving.shape[1:3], 4 * count)
+    )
     output = total_wrench(signals.wrench, poses)
     information = np.concatenate([np.zeros(INERTIA_SIZE), tolerances.motion_errors(count) ** -2])
     stretch = 1.0  # gravity's size in measured lengths, relative
@@ -108,15 +110,13 @@ def fit_calibrated(
     return _in_true_lengths(fit, stretch, count, used)
 
 
-def _force_columns(signals: Signals, poses: Sequence[Pose]) -> Array:
+def _force_columns(wrenches: Array, rotations: Array, poses: Sequence[Pose]) -> Array:
     """How scales and offsets of forces add to the total wrench, shape (n, 6, 4 N): all scales first.
 
     Scales count from their mean: all forces less, and the mass as well, would always leave less noise to explain.
     """
-    if signals.wrench is None or signals.rotation is None:
-        raise ValueError("expected signals with wrenches and rotations")
     scales, offsets = [], []
-    for wrench, rotation, pose in zip(signals.wrench, signals.rotation, poses, strict=True):
+    for wrench, rotation, pose in zip(wrenches, rotations, poses, strict=True):
         adjoint = pose.adjoint()
         scales.append(wrench @ adjoint.T)
         offsets.append(adjoint[:, :3] @ rotation.swapaxes(-1, -2))

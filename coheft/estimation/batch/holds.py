@@ -10,6 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import uniform_filter1d
 
 from coheft.errors import RecordingError
+from coheft.estimation.batch.body import total_wrench
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import smooth_poses
 from coheft.estimation.spatial import Array, Pose, skew
@@ -143,7 +144,7 @@ def static_estimate(holds: Holds, poses: Sequence[Pose]) -> StaticEstimate:
             f"degrees or more apart; found {found} (held: {held}). Hold it in others as well, {DURATION:g} s each, or "
             f"use --method instruments, which takes mass and centre of mass from the motion"
         )
-    total = np.sum([holds.wrench[:, i] @ pose.adjoint().T for i, pose in enumerate(poses)], axis=0)
+    total = total_wrench(holds.wrench.swapaxes(0, 1), poses)
     variance = np.sum([holds.scatter[:, i] @ (pose.adjoint() ** 2).T for i, pose in enumerate(poses)], axis=0)
     direction = down / np.linalg.norm(down, axis=1, keepdims=True)
     strength = float(np.linalg.norm(down, axis=1).mean())
@@ -151,7 +152,7 @@ def static_estimate(holds: Holds, poses: Sequence[Pose]) -> StaticEstimate:
     mass = float(weights.mean() / strength)
     matrix = mass * skew(down).reshape(-1, 3)  # -m h x g = m [g]x h
     torque = total[:, 3:].ravel()
-    com = np.linalg.lstsq(matrix, torque)[0]
+    com = np.linalg.lstsq(matrix, torque)[0].astype(np.float64)
     # What the residuals say, or the samples if that is more: holds are few.
     degrees = max(len(torque) - 3, 1)
     residual = max(float(np.sum((torque - matrix @ com) ** 2)) / degrees, float(variance[:, 3:].mean()))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.identify import Identification
+from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.centralised import estimate_centralised

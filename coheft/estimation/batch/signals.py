@@ -18,8 +18,10 @@ from coheft.estimation.batch.recording import Recording
 from coheft.estimation.spatial import Array
 
 ORDER = 3
-CUTOFF = 5.0
-"""Of the low-pass filter [Hz]."""
+PAPER_CUTOFF = 5.0
+"""Of the filter for plain least squares, which is biased the more, the higher it is [Hz]."""
+CUTOFF = 3.0
+"""Of the filter for unbiased methods: above, there is hardly any motion [Hz]."""
 EDGE = 2.0
 """Dropped at both ends [s]."""
 _OVERSAMPLING = 6.0
@@ -55,7 +57,7 @@ class Signals:
         return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
 
 
-def low_pass(samples: Array, rate: float, cutoff: float = CUTOFF, axis: int = 0) -> Array:
+def low_pass(samples: Array, rate: float, cutoff: float = PAPER_CUTOFF, axis: int = 0) -> Array:
     """Butterworth filter of third order, forwards and backwards.
 
     Args:
@@ -97,7 +99,7 @@ def rates(samples: Array, rate: float) -> Array:
     return derivative(lambda k: samples[:, 2 * k :] - samples[:, : -2 * k], rate)
 
 
-def smooth_poses(poses: Array, rate: float, cutoff: float = CUTOFF) -> tuple[Array, Array]:
+def smooth_poses(poses: Array, rate: float, cutoff: float = PAPER_CUTOFF) -> tuple[Array, Array]:
     """Filtered rotations (N, n, 3, 3) and positions (N, n, 3) of poses ``x y z qx qy qz qw``, shape (N, n, 7)."""
     quaternions = poses[..., 3:].copy()
     # Both signs are the same rotation: let none jump.
@@ -122,7 +124,7 @@ def body_rates(rotations: Array, rate: float) -> Array:
     return derivative(turn, rate)
 
 
-def signals_of(recording: Recording, cutoff: float = CUTOFF, edge: float = EDGE) -> Signals:
+def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF, edge: float = EDGE) -> Signals:
     """Smooth signals of a recording; what it does not hold is derived.
 
     Twists come from poses, their derivatives from twists, proper accelerations from these and gravity in the home
