@@ -103,6 +103,13 @@ def test_calibration_is_estimated_along_and_told(miscalibrated: Recording) -> No
     assert ours[7] < plain[7]
 
 
+def test_robots_worse_than_their_bounds_are_suspected(miscalibrated: Recording) -> None:
+    remark = "No calibration errors within the bounds"
+    for bounds, beyond in ((Bounds(), False), (Bounds(force_offset=0.01), True)):
+        found = identify(miscalibrated, "pose", bounds)
+        assert any(text.startswith(remark) for text in found.remarks) == beyond
+
+
 def test_who_ignores_calibration_errors_is_not_honest(miscalibrated: Recording) -> None:
     assert not honest(miscalibrated, identify(miscalibrated, "pose"))
 

@@ -63,7 +63,7 @@ def identify_poses(
     """
     check_recording(recording)
     wrists = WristPoses.of(recording.stacked("pose"), recording.rate, at_home=tolerances is not None)
-    recording.stacked("wrench")
+    recording.stacked("wrench")  # better refused before the long fit than after it
     start, loops = grasps_from_twists(signals_of(recording, cutoff), with_instruments=True)
     grasps = fit_hand_eye(wrists.averaged(_POSES_PER_SECOND), start.poses, tolerances)
     if tolerances is None:

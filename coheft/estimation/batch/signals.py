@@ -124,7 +124,7 @@ def body_rates(rotations: Array, rate: float) -> Array:
     return derivative(turn, rate)
 
 
-def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF, edge: float = EDGE) -> Signals:
+def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
     """Smooth signals of a recording; what it does not hold is derived.
 
     Twists come from poses, their derivatives from twists, proper accelerations from these and gravity in the home
@@ -133,7 +133,6 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF, edge: float =
     Args:
         recording: Checked.
         cutoff: Of the filter [Hz].
-        edge: Dropped at both ends [s].
 
     Raises:
         RecordingError: Too little was recorded, or for too short a time.
@@ -166,11 +165,11 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF, edge: float =
     else:
         raise RecordingError("found neither 'pose' nor 'acceleration' of all robots: nothing tells where down is")
     wrench = low_pass(recording.stacked("wrench"), rate, cutoff, axis=1)[:, inner] if recording.has("wrench") else None
-    inner_time = (time >= recording.time[0] + edge) & (time <= recording.time[-1] - edge)
+    inner_time = (time >= recording.time[0] + EDGE) & (time <= recording.time[-1] - EDGE)
     # What is left has nothing above the cutoff: fewer samples say the same.
     kept = np.flatnonzero(inner_time)[:: max(1, int(rate / (_OVERSAMPLING * cutoff)))]
     if len(kept) < _FEWEST:
-        raise RecordingError(f"found samples from {recording.span}, but {edge:g} s are dropped at both ends")
+        raise RecordingError(f"found samples from {recording.span}, but {EDGE:g} s are dropped at both ends")
     return Signals(
         time=time[kept],
         w=w[:, kept],
