@@ -41,9 +41,12 @@ def cut_to_bounds(fit: CalibratedFit, tolerances: Tolerances, position_scales: A
     inside &= (np.abs(samples[:, 1:]) <= UNIFORM_BOUND * spread[1:]).all(axis=1)
     expected = np.zeros(len(mean))
     expected[0] = 1.0
+    if not inside.any():
+        return None
+    samples = samples[inside]
     exponent = 0.5 * np.square((samples - expected) / spread).sum(axis=1)
-    weight = np.where(inside, np.exp(exponent - exponent.max(initial=0.0, where=inside)), 0.0)
-    if weight.sum() ** 2 < _FEWEST * np.square(weight).sum() or not inside.any():
+    weight = np.exp(exponent - exponent.max())
+    if weight.sum() ** 2 < _FEWEST * np.square(weight).sum():
         return None
     cut = np.average(samples, axis=0, weights=weight)
     gain = np.linalg.solve(errors, fit.covariance[INERTIA_SIZE:]).T
