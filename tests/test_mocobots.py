@@ -37,6 +37,9 @@ def test_rows_are_compared_in_the_papers_own_terms() -> None:
 def test_tables_hold_every_row_of_every_configuration() -> None:
     text = markdown(Mocobots([*trials(0.5), *trials(0.5, "d")], 2))
     assert text.count("### Table") == 4
+    # Half of the paper's largest position error.
+    short = next(line for line in text.splitlines() if line.startswith("| pose, vibration |"))
+    assert short.split("|")[3].strip().endswith("(28.50)")
     assert text.count("\n| a, ") == text.count("\n| d, ") == len(ROWS)
     row = next(line for line in text.splitlines() if line.startswith("| a, position 31"))
     assert row.split("|")[2].strip() == "51"

@@ -19,6 +19,7 @@ def _are_configurations(_: object, text: str) -> None:
 def mocobots(
     *,
     experiments: Count = 6,
+    first: Count = 1,
     configurations: Annotated[str, Parameter(validator=_are_configurations)] = "abcd",
     jobs: Count | None = None,
     json: ReportTarget = None,
@@ -32,6 +33,8 @@ def mocobots(
     experiments:
         Of each configuration, with and without calibration errors: from via point to via point, and on a sphere, in
         turns.
+    first:
+        Number of the first experiment: each number stands for motions, noise and robots of its own.
     configurations:
         Which of the paper's.
     jobs:
@@ -55,7 +58,7 @@ def mocobots(
     console = Console(stderr=json == "-")
     with Progress(console=console, disable=quiet) as progress:
         bar = progress.add_task("experiments", total=experiments_in(chosen, experiments))
-        found = run_campaign(chosen, experiments, jobs, lambda: progress.advance(bar))
+        found = run_campaign(chosen, range(first, first + experiments), jobs, lambda: progress.advance(bar))
     if json is not None:
         write_report(found, json)
     text = tables(found)

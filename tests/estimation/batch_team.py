@@ -23,9 +23,7 @@ def grasps(rng: np.random.Generator, count: int = 3) -> tuple[Pose, ...]:
     return (Pose.identity(), *(random_pose(rng) for _ in range(count - 1)))
 
 
-def exact_signals(
-    rng: np.random.Generator, poses: tuple[Pose, ...], seconds: float = 20.0, load: Inertia = LOAD
-) -> Signals:
+def exact_signals(rng: np.random.Generator, poses: tuple[Pose, ...], seconds: float = 20.0) -> Signals:
     """What robots feel without noise while the load swings; each pushes with a random share of what is needed."""
     time = np.arange(int(seconds * RATE)) / RATE
     motion = body_motion(rng, time)
@@ -54,10 +52,8 @@ def with_noise(rng: np.random.Generator, signals: Signals, w: float, v: float, a
     )
 
 
-def moving_recording(
-    rng: np.random.Generator, poses: tuple[Pose, ...], seconds: float = 20.0
-) -> tuple[Recording, Array, Array]:
-    """Exact poses of robots in home frames that stand anywhere, and the load's rotations (n, 3, 3) and positions.
+def moving_recording(rng: np.random.Generator, poses: tuple[Pose, ...], seconds: float = 20.0) -> Recording:
+    """Exact poses of robots in home frames that stand anywhere.
 
     World and load are the home and the grasp frame of the first robot.
     """

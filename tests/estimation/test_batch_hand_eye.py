@@ -19,7 +19,9 @@ from coheft.estimation.batch.calibration import (
     gimbal_axes,
     gimbal_rotations,
 )
-from coheft.estimation.batch.hand_eye import UNKNOWNS, WristPoses, fit_hand_eye, residuals_and_derivatives
+from coheft.estimation.batch.hand_eye import fit_hand_eye
+from coheft.estimation.batch.hand_eye_equations import UNKNOWNS, residuals_and_derivatives
+from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.body_motion import perturbation_between, perturbed
 from coheft.estimation.spatial import Array, Pose, rotation_exp
 from tests.estimation.batch_team import RATE, grasps, moving_recording

@@ -11,7 +11,7 @@ from coheft.app.identify.report import IdentifyReport
 from coheft.app.identify.tables import print_identification
 from coheft.app.report import write_report
 from coheft.errors import RecordingError
-from coheft.estimation.batch.identify import Identification
+from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.recording import Recording
 
 

@@ -7,16 +7,12 @@ from typing import Literal, get_args
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.calibration import Tolerances
-from coheft.estimation.batch.identify import (
-    CUTOFF,
-    PAPER_CUTOFF,
-    Identification,
-    identify_batch,
-    identify_with_instruments,
-)
+from coheft.estimation.batch.identification import Identification
+from coheft.estimation.batch.identify import identify_batch, identify_with_instruments
 from coheft.estimation.batch.identify_poses import identify_poses
 from coheft.estimation.batch.identify_sensors import identify_sensors
 from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
 
 Method = Literal["batch", "instruments", "pose", "likelihood"]
 METHODS: tuple[Method, ...] = get_args(Method)

@@ -8,7 +8,7 @@ import numpy as np
 
 from coheft.app.identify.report import IdentifyReport
 from coheft.errors import MissingPackageError
-from coheft.estimation.batch.identify import Identification
+from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.recording import Recording
 
 _AXES = ("x", "y", "z")

@@ -8,12 +8,12 @@ import msgspec
 import numpy as np
 
 from coheft.estimation.batch.holds import orientations
-from coheft.estimation.batch.identify import Identification
+from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.payload import PrincipalInertia
 from coheft.estimation.batch.recording import Recording, Truth
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Pose, rotation_log
+from coheft.estimation.spatial import rotation_log
 
 
 class Errors(msgspec.Struct, frozen=True):
@@ -165,15 +165,19 @@ def errors_of(recording: Recording, truth: Truth, found: Identification) -> Erro
     """Compare with the truth."""
     rotation, position = {}, {}
     for i, j in combinations(range(len(found.names)), 2):
-        estimate, true = (poses[i].inverse() @ poses[j] for poses in (found.team.poses, truth.poses))
-        error = perturbation_between(true, estimate)
         pair = f"{found.names[i]}-{found.names[j]}"
-        rotation[pair] = float(np.degrees(np.linalg.norm(error[:3])))
-        position[pair] = float(1e3 * np.linalg.norm(error[3:]))
+        rotation[pair], position[pair] = pose_errors(truth, found, i, j)
     load = truth.load_between(float(recording.time[0]), float(recording.time[-1]))
     if load is None:
         return Errors(rotation, position, None, None, None)
     return Errors(rotation, position, *load_errors(found.payload.inertia, load))
+
+
+def pose_errors(truth: Truth, found: Identification, i: int, j: int) -> tuple[float, float]:
+    """Of robot j's pose seen from robot i: rotation [degrees], position [mm]."""
+    estimate, true = (poses[i].inverse() @ poses[j] for poses in (found.team.poses, truth.poses))
+    error = perturbation_between(true, estimate)
+    return float(np.degrees(np.linalg.norm(error[:3]))), float(1e3 * np.linalg.norm(error[3:]))
 
 
 def load_errors(estimate: Inertia, truth: Inertia) -> tuple[float, float, list[float]]:
@@ -184,8 +188,3 @@ def load_errors(estimate: Inertia, truth: Inertia) -> tuple[float, float, list[f
         float(1e3 * np.linalg.norm(estimate.com - truth.com)),
         (100.0 * (moments / true_moments - 1.0)).tolist(),
     )
-
-
-def pose_of(report: PoseReport) -> Pose:
-    """The pose that a report states."""
-    return Pose(np.array(report.rotation), np.array(report.position_m))

@@ -9,13 +9,12 @@ import msgspec
 import numpy as np
 
 from coheft.app.identify.methods import Bounds, Method, identify
-from coheft.app.identify.report import load_errors
+from coheft.app.identify.report import load_errors, pose_errors
 from coheft.app.mocobots.paper import PAIRS, PAPER
 from coheft.app.mocobots.record import record, record_sphere
 from coheft.errors import MissingPackageError
-from coheft.estimation.batch.identify import Identification
+from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.spatial import Array
 from coheft.wire.encoders import EncoderErrors
 from coheft.wire.scenario import Scenario
@@ -48,7 +47,7 @@ class Trial(msgspec.Struct, frozen=True):
 
 
 class Mocobots(msgspec.Struct, frozen=True):
-    """All of them, and the calibration errors' bounds."""
+    """All of them, and how many there are of each configuration and noise."""
 
     trials: list[Trial]
     experiments: int
@@ -66,7 +65,7 @@ class Mocobots(msgspec.Struct, frozen=True):
 
 def run_campaign(
     configurations: Sequence[str],
-    experiments: int,
+    numbers: Sequence[int],
     jobs: int | None = None,
     on_progress: Callable[[], None] | None = None,
 ) -> Mocobots:
@@ -74,7 +73,7 @@ def run_campaign(
 
     Args:
         configurations: Some of ``a`` to ``d``.
-        experiments: Of each of them and each kind of noise.
+        numbers: Of the experiments of each of them and each kind of noise.
         jobs: Number of processes; None: one per core.
         on_progress: Called after each experiment.
 
@@ -89,7 +88,7 @@ def run_campaign(
         joblib.delayed(run_experiment)(configuration, noise, number)
         for configuration in configurations
         for noise in _METHODS
-        for number in range(1, experiments + 1)
+        for number in numbers
     ]
     trials: list[Trial] = []
     for found in joblib.Parallel(n_jobs=jobs or -1, return_as="generator_unordered")(tasks):
@@ -97,7 +96,7 @@ def run_campaign(
         if on_progress is not None:
             on_progress()
     trials.sort(key=lambda trial: (trial.configuration, trial.noise, trial.method, trial.number))
-    return Mocobots(trials, experiments)
+    return Mocobots(trials, len(numbers))
 
 
 def experiments_in(configurations: Sequence[str], experiments: int) -> int:
@@ -142,11 +141,6 @@ def errors_of(recording: Recording, found: Identification) -> list[float]:
     load = None if truth is None else truth.load_between(float(recording.time[0]), float(recording.time[-1]))
     if truth is None or load is None:
         raise ValueError("expected a recording that knows the truth")
-    errors = []
-    for i, j in PAIRS:
-        estimate, true = (poses[i].inverse() @ poses[j] for poses in (found.team.poses, truth.poses))
-        errors.append(perturbation_between(true, estimate))
+    rotations, positions = zip(*(pose_errors(truth, found, i, j) for i, j in PAIRS), strict=True)
     mass, com, principal = load_errors(found.payload.inertia, load)
-    rotations = [float(np.degrees(np.linalg.norm(error[:3]))) for error in errors]
-    positions = [float(1e3 * np.linalg.norm(error[3:])) for error in errors]
     return [*rotations, *positions, abs(mass), com, *principal]

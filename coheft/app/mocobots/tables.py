@@ -27,10 +27,20 @@ _COLUMNS: tuple[tuple[str, Noise, Method], ...] = (
 _DIGITS = (3, 3, 3, 2, 2, 2, 4, 2, 2, 2, 2)
 
 
+_KINDS = (
+    ("rotations, °", slice(0, 3)),
+    ("positions, mm", slice(3, 6)),
+    ("mass, kg", slice(6, 7)),
+    ("centre of mass, mm", slice(7, 8)),
+    ("principal inertias, %", slice(8, 11)),
+)
+"""Of rows."""
+
+
 def markdown(found: Mocobots) -> str:
-    """All tables: the paper's errors on hardware, and ours, mean (worst) over the experiments."""
+    """All tables: ours in short, then the paper's errors on hardware beside ours, mean (worst) over the experiments."""
     configurations = sorted({trial.configuration for trial in found.trials})
-    parts = []
+    parts = [_in_short(found, configurations)]
     for title, rows in _TABLES:
         header = ["", "paper, hardware", *(name for name, _, _ in _COLUMNS)]
         lines = [f"### {title}", "", _line(header), _line(["---"] * len(header))]
@@ -44,6 +54,20 @@ def markdown(found: Mocobots) -> str:
                 lines.append(_line(cells))
         parts.append("\n".join(lines))
     return "\n\n".join(parts) + "\n"
+
+
+def _in_short(found: Mocobots, configurations: Sequence[str]) -> str:
+    """Mean (worst) absolute errors of all configurations together."""
+    header = ["", *(kind for kind, _ in _KINDS)]
+    lines = ["### All configurations together", "", _line(header), _line(["---"] * len(header))]
+    for name, noise, method in _COLUMNS:
+        errors = np.abs(np.concatenate([found.rows(configuration, noise, method) for configuration in configurations]))
+        cells = [name]
+        for _, rows in _KINDS:
+            own, digits = errors[:, rows], _DIGITS[rows.start]
+            cells.append(f"{own.mean():.{digits}f} ({own.max():.{digits}f})")
+        lines.append(_line(cells))
+    return "\n".join(lines)
 
 
 def typical(errors: Array, row: int) -> float:

@@ -14,6 +14,11 @@ from coheft.estimation.spatial import Array, Pose
 _COEFFICIENTS = regressor_coefficients(with_offset=False)[:, :, :-1]
 
 
+def own_motions(signals: Signals) -> Array:
+    """Motion ``(w, v, a, alpha)`` of every robot's own grasp frame, shape (N, n, 12)."""
+    return np.concatenate([signals.w, signals.v, signals.a, signals.alpha], axis=-1)
+
+
 def body_motions(signals: Signals, poses: Sequence[Pose]) -> Array:
     """Motion ``(w, v, a, alpha)`` of the body frame as each robot alone sees it, shape (N, n, 12).
 
@@ -21,9 +26,8 @@ def body_motions(signals: Signals, poses: Sequence[Pose]) -> Array:
         signals: Of N robots.
         poses: Of their grasp frames in the body frame.
     """
-    own = np.concatenate([signals.w, signals.v, signals.a, signals.alpha], axis=-1)
     motions = []
-    for pose, motion in zip(poses, own, strict=True):
+    for pose, motion in zip(poses, own_motions(signals), strict=True):
         # The body frame is where a further sensor of that robot could be.
         motions.append(np.hstack([grasp_measurements(pose.inverse(), motion), motion[:, 9:] @ pose.rotation.T]))
     return np.array(motions)

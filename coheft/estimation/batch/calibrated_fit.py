@@ -34,22 +34,36 @@ class CalibratedFit:
     """The fit, in true lengths.
 
     Attributes:
-        parameters: ``theta = (m, m h, I_o)``, shape (10,).
-        scale: True lengths over measured ones.
-        force_scale: Of each robot, shape (N,).
-        force_offset: Of each robot, in its home frame's axes, shape (N, 3) [N].
-        covariance: Of ``(theta, scale, force_scale, force_offset)``, shape (11 + 4 N, 11 + 4 N).
+        numbers: ``(theta, scale, force_scale, force_offset)``, see below, shape (11 + 4 N,).
+        covariance: Of the numbers, shape (11 + 4 N, 11 + 4 N).
         residual: Of the total wrench, shape (n, 6).
         weight: Of the six components of its residual, shape (6,).
     """
 
-    parameters: Array
-    scale: float
-    force_scale: Array
-    force_offset: Array
+    numbers: Array
     covariance: Array
     residual: Array
     weight: Array
+
+    @property
+    def parameters(self) -> Array:
+        """``theta = (m, m h, I_o)``, shape (10,)."""
+        return self.numbers[:INERTIA_SIZE]
+
+    @property
+    def scale(self) -> float:
+        """True lengths over measured ones."""
+        return float(self.numbers[_GRAVITY])
+
+    @property
+    def force_scale(self) -> Array:
+        """Of each robot, shape (N,)."""
+        return self.numbers[_FORCES : _FORCES + (len(self.numbers) - _FORCES) // 4]
+
+    @property
+    def force_offset(self) -> Array:
+        """Of each robot, in its home frame's axes, shape (N, 3) [N]."""
+        return self.numbers[_FORCES + len(self.force_scale) :].reshape(-1, 3)
 
 
 def fit_calibrated(
@@ -73,16 +87,11 @@ def fit_calibrated(
         view[:, 6:9] = -(gravity @ rotation) @ pose.rotation.T
     moving = np.array([regressor(motion) for motion in motions])
     resting = np.array([regressor(motion) for motion in upwards])
-    forces = np.broadcast_to(_force_columns(signals, poses), (count, *moving.shape[1:3], 4 * count))
-    output = total_wrench(signals.wrench, poses)
-    spread = np.concatenate(
-        [
-            [tolerances.position_scale / np.sqrt(count)],
-            np.full(count, tolerances.force_scale),
-            np.full(3 * count, tolerances.force_offset),
-        ]
+    forces = np.broadcast_to(
+        _force_columns(signals.wrench, signals.rotation, poses), (count, *moving.shape[1:3], 4 * count)
     )
-    information = np.concatenate([np.zeros(INERTIA_SIZE), 1.0 / np.maximum(spread, 1e-9) ** 2])
+    output = total_wrench(signals.wrench, poses)
+    information = np.concatenate([np.zeros(INERTIA_SIZE), tolerances.motion_errors(count) ** -2])
     stretch = 1.0  # gravity's size in measured lengths, relative
     parameters, weight = np.zeros(INERTIA_SIZE), np.ones(6)
     if start is not None:
@@ -98,18 +107,16 @@ def fit_calibrated(
         parameters = fit.solution[:INERTIA_SIZE]
         stretch += float(fit.solution[_GRAVITY])
         used, weight = weight, _deserved_weight(fit.residual, signals.rate)
-    return _in_true_lengths(fit, stretch, count, tolerances.force_scale, used)
+    return _in_true_lengths(fit, stretch, count, used)
 
 
-def _force_columns(signals: Signals, poses: Sequence[Pose]) -> Array:
+def _force_columns(wrenches: Array, rotations: Array, poses: Sequence[Pose]) -> Array:
     """How scales and offsets of forces add to the total wrench, shape (n, 6, 4 N): all scales first.
 
     Scales count from their mean: all forces less, and the mass as well, would always leave less noise to explain.
     """
-    if signals.wrench is None or signals.rotation is None:
-        raise ValueError("expected signals with wrenches and rotations")
     scales, offsets = [], []
-    for wrench, rotation, pose in zip(signals.wrench, signals.rotation, poses, strict=True):
+    for wrench, rotation, pose in zip(wrenches, rotations, poses, strict=True):
         adjoint = pose.adjoint()
         scales.append(wrench @ adjoint.T)
         offsets.append(adjoint[:, :3] @ rotation.swapaxes(-1, -2))
@@ -133,7 +140,7 @@ def _power(scale: float) -> Array:
     return np.repeat([1.0 / scale, 1.0, scale], [1, 3, 6])
 
 
-def _in_true_lengths(fit: LinearFit, stretch: float, count: int, force_scale: float, weight: Array) -> CalibratedFit:
+def _in_true_lengths(fit: LinearFit, stretch: float, count: int, weight: Array) -> CalibratedFit:
     scale = 1.0 / stretch
     power = _power(scale)
     parameters = power * fit.solution[:INERTIA_SIZE]
@@ -143,17 +150,11 @@ def _in_true_lengths(fit: LinearFit, stretch: float, count: int, force_scale: fl
     derivative[0, _GRAVITY] = fit.solution[0]
     derivative[4:10, _GRAVITY] = -(scale**2) * fit.solution[4:10]
     derivative[_GRAVITY, _GRAVITY] = -(scale**2)
-    covariance = derivative @ fit.covariance @ derivative.T
-    # What all forces have too much in common stays as unknown as it was.
-    common = np.concatenate([-parameters, [0.0], np.ones(count), np.zeros(3 * count)])
-    covariance += np.outer(common, common) * force_scale**2 / count
-    rest = fit.solution[_FORCES:]
+    # What all forces have too much in common was left out of the model; it would have been taken for inertia.
+    derivative[:INERTIA_SIZE, _FORCES : _FORCES + count] = -parameters[:, None] / count
     return CalibratedFit(
-        parameters=parameters,
-        scale=scale,
-        force_scale=rest[:count],
-        force_offset=rest[count:].reshape(count, 3),
-        covariance=covariance,
+        numbers=np.concatenate([parameters, [scale], fit.solution[_FORCES:]]),
+        covariance=derivative @ fit.covariance @ derivative.T,
         residual=fit.residual,
         weight=weight,
     )

@@ -18,11 +18,17 @@ from coheft.estimation.spatial import Array
 ZERO, ANGLE_SCALE, POSITION_SCALE = slice(0, 3), slice(3, 6), slice(6, 7)
 POSE_ERRORS = 7
 """Numbers per robot that poses depend on: zero [rad], angle scale, position scale."""
+UNIFORM_BOUND = np.sqrt(3.0)
+"""Of a uniform error, over its standard deviation."""
+_EXACT = 1e-9
+"""What is said to be without error may still have one of this size, so that all errors have a distribution."""
 
 
 @dataclass(frozen=True)
 class Tolerances:
     """How well robots are calibrated: standard deviations of what is wrong, before anything is measured.
+
+    Scales and offsets are uniform: none is beyond ``UNIFORM_BOUND`` times its standard deviation.
 
     Attributes:
         zero: Of each gimbal angle's zero [rad].
@@ -43,18 +49,24 @@ class Tolerances:
         misalignment_deg: float, angle_scale: float, position_scale: float, force_scale: float, force_offset: float
     ) -> Tolerances:
         """Of errors that are uniform within plus or minus bounds; the misalignment is about a random axis."""
-        uniform = 1.0 / np.sqrt(3.0)
         return Tolerances(
             zero=float(np.radians(misalignment_deg) / 3.0),
-            angle_scale=uniform * angle_scale,
-            position_scale=uniform * position_scale,
-            force_scale=uniform * force_scale,
-            force_offset=uniform * force_offset,
+            angle_scale=angle_scale / UNIFORM_BOUND,
+            position_scale=position_scale / UNIFORM_BOUND,
+            force_scale=force_scale / UNIFORM_BOUND,
+            force_offset=force_offset / UNIFORM_BOUND,
         )
 
     def pose_errors(self) -> Array:
         """Of one robot's ``POSE_ERRORS``, shape (7,)."""
         return np.repeat([self.zero, self.angle_scale, self.position_scale], [3, 3, 1])
+
+    def motion_errors(self, count: int) -> Array:
+        """Of what the motion tells of N robots: the position scale of all, each force scale and offset, (1 + 4 N,)."""
+        common = self.position_scale / np.sqrt(count)
+        spread = np.repeat([common, self.force_scale, self.force_offset], [1, count, 3 * count])
+        result: Array = np.maximum(spread, _EXACT)
+        return result
 
 
 def gimbal_angles(rotations: Array) -> Array:

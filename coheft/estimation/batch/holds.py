@@ -10,15 +10,16 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import uniform_filter1d
 
 from coheft.errors import RecordingError
+from coheft.estimation.batch.body import total_wrench
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import smooth_poses
 from coheft.estimation.spatial import Array, Pose, skew
 
-TOLERANCE = 0.5
+_TOLERANCE = 0.5
 """Forces may differ by so much from the middle of their range [N]."""
-DURATION = 6.0
+_DURATION = 6.0
 """Holds last at least so long [s]."""
-SMOOTHING = 1.0
+_SMOOTHING = 1.0
 """Forces are averaged over so long before they are compared [s]: their noise is not motion."""
 _SAME = np.radians(2.0)
 """Orientations that differ by less than this show the same."""
@@ -50,22 +51,18 @@ class StaticEstimate:
     covariance: Array
 
 
-def find_holds(
-    forces: Array, time: Array, tolerance: float = TOLERANCE, duration: float = DURATION
-) -> list[tuple[int, int]]:
+def find_holds(forces: Array, time: Array) -> list[tuple[int, int]]:
     """Stretches of samples in which no force of any robot changes.
 
     Args:
         forces: Shape (N, n, 3) [N].
         time: Shape (n,) [s].
-        tolerance: [N].
-        duration: Least length [s].
 
     Returns:
         First and one past the last sample of each.
     """
     rate = (len(time) - 1) / (time[-1] - time[0])
-    length, smoothing = round(duration * rate), max(1, round(SMOOTHING * rate))
+    length, smoothing = round(_DURATION * rate), max(1, round(_SMOOTHING * rate))
     if len(time) < length:
         return []
     smooth = uniform_filter1d(forces, smoothing, axis=1)
@@ -74,7 +71,7 @@ def find_holds(
     steady = np.ones(windows.shape[1], dtype=np.bool_)
     for robot in windows:
         for axis in range(3):
-            steady &= robot[:, axis].max(axis=-1) - robot[:, axis].min(axis=-1) < 2.0 * tolerance
+            steady &= robot[:, axis].max(axis=-1) - robot[:, axis].min(axis=-1) < 2.0 * _TOLERANCE
     found: list[tuple[int, int]] = []
     for start in np.flatnonzero(steady):
         if found and start < found[-1][1]:
@@ -84,7 +81,7 @@ def find_holds(
     return found
 
 
-def holds_of(recording: Recording, tolerance: float = TOLERANCE, duration: float = DURATION) -> Holds:
+def holds_of(recording: Recording) -> Holds:
     """The recording's holds, found where it does not name them.
 
     Raises:
@@ -92,7 +89,7 @@ def holds_of(recording: Recording, tolerance: float = TOLERANCE, duration: float
     """
     wrench, time = recording.stacked("wrench"), recording.time
     if recording.holds is None:
-        spans = find_holds(wrench[..., :3], time, tolerance, duration)
+        spans = find_holds(wrench[..., :3], time)
     else:
         borders = np.searchsorted(time, np.array(recording.holds).reshape(-1, 2))
         spans = [(int(start), int(end)) for start, end in borders if end > start]
@@ -140,10 +137,10 @@ def static_estimate(holds: Holds, poses: Sequence[Pose]) -> StaticEstimate:
         held = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in holds.spans) or "none"
         raise RecordingError(
             f"the centre of mass needs the load to be held still in at least 2 orientations, {np.degrees(_SAME):g} "
-            f"degrees or more apart; found {found} (held: {held}). Hold it in others as well, {DURATION:g} s each, or "
+            f"degrees or more apart; found {found} (held: {held}). Hold it in others as well, {_DURATION:g} s each, or "
             f"use --method instruments, which takes mass and centre of mass from the motion"
         )
-    total = np.sum([holds.wrench[:, i] @ pose.adjoint().T for i, pose in enumerate(poses)], axis=0)
+    total = total_wrench(holds.wrench.swapaxes(0, 1), poses)
     variance = np.sum([holds.scatter[:, i] @ (pose.adjoint() ** 2).T for i, pose in enumerate(poses)], axis=0)
     direction = down / np.linalg.norm(down, axis=1, keepdims=True)
     strength = float(np.linalg.norm(down, axis=1).mean())
@@ -151,7 +148,7 @@ def static_estimate(holds: Holds, poses: Sequence[Pose]) -> StaticEstimate:
     mass = float(weights.mean() / strength)
     matrix = mass * skew(down).reshape(-1, 3)  # -m h x g = m [g]x h
     torque = total[:, 3:].ravel()
-    com = np.linalg.lstsq(matrix, torque)[0]
+    com = np.linalg.lstsq(matrix, torque)[0].astype(np.float64)
     # What the residuals say, or the samples if that is more: holds are few.
     degrees = max(len(torque) - 3, 1)
     residual = max(float(np.sum((torque - matrix @ com) ** 2)) / degrees, float(variance[:, 3:].mean()))

@@ -5,21 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.identify import Identification
+from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.centralised import estimate_centralised
+from coheft.estimation.rigid_body import Inertia
 
 _TOO_LARGE = 1.3
 """Residuals are suspicious from this share of what noise explains on."""
 
 
-def identify_sensors(recording: Recording, with_offset: bool = False) -> Identification:
+def identify_sensors(recording: Recording) -> Identification:
     """What a central computer finds with the noise that the recording names (``coheft.estimation.centralised``).
 
     Args:
         recording: With twists, accelerations, wrenches, and noise.
-        with_offset: Whether force and torque sensors may have constant offsets.
 
     Raises:
         RecordingError: Something is missing.
@@ -29,7 +29,7 @@ def identify_sensors(recording: Recording, with_offset: bool = False) -> Identif
         raise RecordingError("'noise' is missing: --method likelihood weighs sensors by their noise")
     channels = [recording.stacked(channel) for channel in ("twist", "acceleration", "wrench")]
     samples = np.concatenate(channels, axis=-1).swapaxes(0, 1)
-    found = estimate_centralised(samples, recording.noise, recording.rate, with_offset)
+    found = estimate_centralised(samples, recording.noise, recording.rate)
     estimate = found.payload
     size = float(np.sqrt(np.mean(np.square(found.residual) / np.diag(found.expected))))
     remark = f"Residuals of the total wrench are {size:.2f} times as large as the sensors' noise explains"
@@ -41,7 +41,7 @@ def identify_sensors(recording: Recording, with_offset: bool = False) -> Identif
         team=found.team,
         payload=Payload(
             inertia=estimate.inertia,
-            measured=estimate.inertia.from_barycentric(estimate.parameters),
+            measured=Inertia.from_barycentric(estimate.parameters),
             covariance=found.covariance,
             unseen=tuple(f"{unseen.what}: {unseen.remedy}" for unseen in estimate.unseen),
         ),

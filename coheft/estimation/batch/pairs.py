@@ -45,9 +45,7 @@ def position_between(rotation: Array, w_i: Array, v_i: Array, v_j: Array, instru
     return result
 
 
-def pair_pose(
-    twist_i: Array, twist_j: Array, rate: float, instrument: Array | None = None, limits: Visibility | None = None
-) -> PoseEstimate:
+def pair_pose(twist_i: Array, twist_j: Array, rate: float, instrument: Array | None = None) -> PoseEstimate:
     """``pose_j_in_i`` with its covariance.
 
     Args:
@@ -55,7 +53,6 @@ def pair_pose(
         twist_j: Likewise of robot j.
         rate: Samples per second.
         instrument: What others say of ``w_i``, in ``F_i``, shape (n, 3); None: plain least squares.
-        limits: When a direction counts as seen.
     """
     w_i, v_i, w_j, v_j = twist_i[:, :3], twist_i[:, 3:], twist_j[:, :3], twist_j[:, 3:]
     z = w_i if instrument is None else instrument
@@ -68,5 +65,5 @@ def pair_pose(
     derivative[:3, :3] = np.einsum("kab,kbc->ac", skew(w_i), skew(turned_w))
     derivative[3:, :3] = np.einsum("kab,kbc->ac", skew(z), skew(turned_v))
     derivative[3:, 3:] = np.einsum("kab,kbc->ac", skew(z), skew(w_i))
-    seen = seen_information(sandwich_information(derivative, scores, rate), limits or Visibility())
+    seen = seen_information(sandwich_information(derivative, scores, rate), Visibility())
     return PoseEstimate(Pose(rotation, position), seen.inverse(), seen.unseen())

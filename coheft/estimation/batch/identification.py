@@ -1,0 +1,82 @@
+"""What any method says of a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from coheft.estimation.batch.holds import Holds
+from coheft.estimation.batch.payload import Payload
+from coheft.estimation.spatial import Array
+from coheft.estimation.team_registration import TeamPoses
+
+_ALL_DIRECTIONS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationFinding:
+    """One thing that may be wrong with a robot.
+
+    Attributes:
+        robot: Whose.
+        what: Which.
+        unit: Of the numbers.
+        value: What was found.
+        std: How well it is known now,
+        before: and how well it was before anything was measured.
+    """
+
+    robot: str
+    what: str
+    unit: str
+    value: float
+    std: float
+    before: float
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether the recording said anything about it worth mentioning."""
+        return self.std < 0.5 * self.before
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """What a recording says.
+
+    Attributes:
+        method: How it was found.
+        names: Of the robots; the first one's grasp frame is what all is given in.
+        team: Poses of all grasp frames.
+        payload: Mass properties.
+        loops: Failures of loops of pairs to close, before they were made to, shape (6,) each [rad, m].
+        holds: What was measured at rest; None if not used.
+        calibration: What may be wrong with the robots.
+        remarks: What the reader should know, in words.
+        time: Of the residuals, shape (n,) [s].
+        residual: Of the total wrench (force, torque), or of the torque alone, shape (n, 6) or (n, 3).
+    """
+
+    method: str
+    names: tuple[str, ...]
+    team: TeamPoses
+    payload: Payload
+    loops: tuple[Array, ...] = ()
+    holds: Holds | None = None
+    calibration: tuple[CalibrationFinding, ...] = ()
+    remarks: tuple[str, ...] = ()
+    time: Array = field(default_factory=lambda: np.zeros(0))
+    residual: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """What the motion does not show, in words."""
+        sentences = []
+        for k, name in enumerate(self.names[1:], 1):
+            directions = self.team.relative(0, k).unseen
+            if len(directions) == _ALL_DIRECTIONS:
+                sentences.append(f"pose of {name}: the load has to move and turn")
+            elif directions:
+                parts = ", ".join(str(direction) for direction in directions)
+                sentences.append(f"pose of {name}, {parts}: turn the load about other axes as well")
+        return (*sentences, *self.payload.unseen)

@@ -1,0 +1,78 @@
+"""What wrists with encoders say of where they are: a gimbal's three angles and a position, sample by sample."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from coheft.errors import RecordingError
+from coheft.estimation.batch.calibration import gimbal_angles, gimbal_rotations
+from coheft.estimation.spatial import Array
+
+_LARGEST_TILT = 70.0
+"""Of the gimbal's second angle [degrees]; at 90 the two others turn about the same axis."""
+
+
+@dataclass(frozen=True, eq=False)
+class WristPoses:
+    """What encoders measured.
+
+    Attributes:
+        angles: Of the gimbals, shape (N, n, 3) [rad].
+        positions: In the home frames, shape (N, n, 3) [m].
+        zeros: Orientations in the home frames where the angles are zero, shape (N, 3, 3).
+        rate: Samples per second.
+    """
+
+    angles: Array
+    positions: Array
+    zeros: Array
+    rate: float
+
+    @staticmethod
+    def of(poses: Array, rate: float, *, at_home: bool) -> WristPoses:
+        """From poses ``x y z qx qy qz qw`` in the home frames, shape (N, n, 7).
+
+        Args:
+            poses: As recorded.
+            rate: Samples per second.
+            at_home: Whether the angles shall be those of real gimbals, which are zero at home. Otherwise they count
+                from the middle of the motion: no robot's angles are singular there.
+
+        Raises:
+            RecordingError: Real gimbals would be near their singularity.
+        """
+        rotations = Rotation.from_quat(poses[..., 3:].reshape(-1, 4)).as_matrix().reshape(*poses.shape[:2], 3, 3)
+        zeros = np.tile(np.eye(3), (len(poses), 1, 1))
+        if not at_home:
+            zeros = np.array([Rotation.from_matrix(own).mean().as_matrix() for own in rotations])
+        angles = gimbal_angles(zeros[:, None].swapaxes(-1, -2) @ rotations)
+        largest = float(np.degrees(np.abs(angles[..., 1]).max()))
+        if largest > _LARGEST_TILT:
+            raise RecordingError(
+                f"gimbals turn by {largest:.0f}° about their second axis, but only up to {_LARGEST_TILT:g}° can be "
+                f"told from poses: give poses relative to a home in the middle of the motion"
+            )
+        return WristPoses(angles, poses[..., :3], zeros, rate)
+
+    def some(self, rows: slice) -> WristPoses:
+        """Only some samples."""
+        return replace(self, angles=self.angles[:, rows], positions=self.positions[:, rows])
+
+    def averaged(self, rate: float) -> WristPoses:
+        """Means of neighbouring samples, about ``rate`` of them a second, slow as things move beside that."""
+        length = max(1, int(self.rate / rate))
+        count = self.angles.shape[1] // length
+
+        def mean(samples: Array) -> Array:
+            result: Array = samples[:, : count * length].reshape(len(samples), count, length, 3).mean(axis=2)
+            return result
+
+        return replace(self, angles=mean(self.angles), positions=mean(self.positions), rate=self.rate / length)
+
+    def rotations(self, robot: int) -> Array:
+        """Orientations of a grasp frame in its home frame as measured, shape (n, 3, 3)."""
+        result: Array = self.zeros[robot] @ gimbal_rotations(self.angles[robot])
+        return result
