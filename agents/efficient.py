@@ -69,7 +69,7 @@ class EfficientEstimator:
             return told | self._team.step(index, samples, inbox_of_team)
         if self._search is not None:
             return told | self._look_for_poses(self._search, index, samples, inbox_of_team)
-        return self._prepare(index, samples, inbox)
+        return told | self._prepare(index, samples, inbox)
 
     def _remember(self, index: int, samples: Array | None) -> None:
         """Own samples, for the sums that are to begin."""
@@ -147,13 +147,15 @@ class EfficientEstimator:
 
     def _is_of_team(self, channels: Channels) -> bool:
         number = channels.get(_TEAM)
-        return number is not None and number.shape == (1,) and int(number[0]) == self._team_number
+        return number is not None and int(number[0]) == self._team_number
 
     def fits(self, channels: Channels) -> bool:
         """See ``Estimator.fits``."""
+        if _TEAM in channels and channels[_TEAM].shape != (1,):
+            return False
         at_work = self._team or self._search
         if at_work is not None:
-            return self._is_of_team(channels) and at_work.fits(channels)
+            return not self._is_of_team(channels) or at_work.fits(channels)
         rows = channels.get("kinematics")
         return rows is None or rows.shape == (self._config.block, _KINEMATICS_SIZE)
 
