@@ -12,15 +12,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from agents.contradictions import Contradictions
-from agents.pose_fits import PoseFits, largest_step
+from agents.pose_fits import PoseFits
 from agents.sums import Entered, TeamSums
 from agents.total_motion import TotalMotion
-from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.measurement import KINEMATICS
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import TeamPoses, refit_map
+from coheft.estimation.team_registration import TeamPoses, fitted_poses, refit_map
 from coheft.wire.config import AgentConfig
 from consensus.flood import Floods
 from consensus.graph import Neighbours, diameter
@@ -29,9 +28,7 @@ from consensus.schedule import choose_schedule
 _ROUGHLY_KNOWN = np.repeat([0.05, 0.05], 3)
 """Standard deviations at first, at the end of a chain of neighbours [rad, m]."""
 WELL_KNOWN = np.repeat([5e-3, 10e-3], 3)
-"""Poses are known well when all standard deviations are below these [rad, m],"""
-_MOVING = 4.0
-"""and the last fit has moved none by more of its standard deviations."""
+"""Poses are known well when all standard deviations are below these [rad, m]."""
 
 
 class PoseSearch:
@@ -59,7 +56,6 @@ class PoseSearch:
         self._floods = Floods({**self._fits.floods, "misfits": self._contradictions.flood})
         self._version = 0
         self._fitted: TeamPoses | None = None
-        self._largest_step = np.inf
         self._next = start
 
     def step(self, index: int, samples: Array | None, inbox: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
@@ -99,11 +95,9 @@ class PoseSearch:
         feature_map = refit_map(self._poses, poses, self._noise)
         self._fits.map(feature_map)
         self._contradictions.map(feature_map)
-        steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
         self._poses, self._version = poses, version
         self._motion.set_poses(poses)
-        self._fitted = self._fits.known(poses, steps)
-        self._largest_step = largest_step(self._fitted, steps)
+        self._fitted = fitted_poses(poses, self._fits.told_moments, self._noise)
 
     def fits(self, channels: Mapping[str, Array]) -> bool:
         """Whether what a neighbour sent has the shapes of this team."""
@@ -117,6 +111,6 @@ class PoseSearch:
 
     def well_known_pose(self) -> Pose | None:
         """The own pose in the body frame, once the poses of the whole team are known well."""
-        if self._fitted is None or self._largest_step > _MOVING or self._version <= self._fits.spoilt:
+        if self._fitted is None or self._version <= self._fits.spoilt:
             return None
         return self._poses[self._own] if np.all(self._fitted.deviations < WELL_KNOWN) else None
