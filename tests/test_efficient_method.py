@@ -225,5 +225,5 @@ def test_who_hears_of_the_start_late_finds_the_round_that_is_under_way() -> None
     in_time = reach(lambda block: False)
     begun = min(e.block for e in in_time.estimates["r1"] if e.phase == "inertia")
     late = reach(lambda block: begun - 45 <= block < begun + 30)
-    heard_alike(late, rtol=1e-9)
+    heard_alike(late, rtol=1e-4)  # of the load, not everybody need have had the same samples
     assert_sure_and_right(late)

@@ -64,8 +64,8 @@ def test_the_mass_follows_the_leak(followed: Followed) -> None:
 
 def test_the_drop_is_noticed_first_and_the_leak_again_and_again(followed: Followed) -> None:
     for notices in followed.notices.values():
-        # What the robots feel at the drop itself is too sudden to be used.
-        assert notices[0].changed_at == pytest.approx(LEAKING.at, abs=0.05)
+        # What the robots feel at the drop itself is too sudden to be used; poses that are just new cost another block.
+        assert notices[0].changed_at == pytest.approx(LEAKING.at, abs=0.1)
         assert notices[0].noticed_at < LEAKING.at + 0.5
         assert len(notices) > 3
 
