@@ -26,6 +26,8 @@ _COHERENCE = 1.0
 """Time for which what the robots push against each other keeps its direction, more or less [s]."""
 _SPOILT = 2.0
 """Where poses disturb wrenches more than this, samples are not compared: the first fits of few samples are rough."""
+_ROUGHEST = 10.0
+"""Poses that have not been fitted yet disturb wrenches by not more than this."""
 _OTHER_LOAD = 3.0
 """An early block with such a mean square of its residuals over what it should be, and all before it, are of another."""
 _NEW = 0.5
@@ -126,8 +128,12 @@ class LoadMemory:
 
     def surprise(self, motion: Array, wrench: Array) -> float:
         """Mean square of a block's residuals over what it should be, by what is known of the load; 0 if nothing is."""
+        return self._surprise(motion, wrench) / (1.0 + self._disturbance)
+
+    def _surprise(self, motion: Array, wrench: Array) -> float:
+        """The same in units of the noise."""
         assert self._model is not None
-        return self._late.surprise(self._model, motion, wrench) / (1.0 + self._disturbance)
+        return self._late.surprise(self._model, motion, wrench)
 
     def _look_back(self, block: int, moments: Array) -> None:
         """Hold the wrenches of late against what is remembered; if they do not fit for long, forget it."""
@@ -157,7 +163,8 @@ class LoadMemory:
 
     def push_early(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> None:
         """Take in a block from before all others, as ``push``, unless it is of another load."""
-        self._is_early_over |= self.changed_at >= 0 or self.surprise(motion, wrench) > _OTHER_LOAD
+        expected = _OTHER_LOAD * (1.0 + min(self._disturbance, _ROUGHEST))
+        self._is_early_over |= self.changed_at >= 0 or self._surprise(motion, wrench) > expected
         if not self._is_early_over:
             self._first_block = block
             self._window.push_early(block, load_moments(motion, wrench, own_wrench, min(self._disturbance, _SPOILT)))
