@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from agents.late_wrenches import LateWrenches
-from agents.load_moments import CROSS_SHAPE, RIDERS, count, gram_map, load_moments, mapped
+from agents.load_moments import CROSS_SHAPE, RIDERS, gram_map, load_moments, mapped, number_of_samples
 from agents.seen_payload import seen_payload
 from agents.wrench_correction import TOLD_SIZE, WrenchCorrection, told_forces, told_mean_crosses
 from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.forgetting_window import ForgettingWindow
 from coheft.estimation.inertia import GRAM_SIZE, INERTIA_SIZE, OFFSET_SIZE, InertiaModel, unpacked_gram
+from coheft.estimation.inertia_derivatives import barycentric_derivative
 from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, middle_and_size
 from coheft.estimation.load_change import LoadWindow, Memory
 from coheft.estimation.pose_disturbance import wrench_disturbance
@@ -71,6 +73,7 @@ class LoadMemory:
         self._model: InertiaModel | None = None
         self._parameters: Array | None = None
         self._correction: WrenchCorrection | None = None
+        self._told_count, self._told_changed_at = 0.0, -1
         self._forces = _MeanSquare()
         self._mean_crosses = np.zeros((robots, *CROSS_SHAPE))
         self._disturbance = np.inf
@@ -192,7 +195,7 @@ class LoadMemory:
     @property
     def count(self) -> float:
         """Number of samples that count."""
-        return count(self._window.total)
+        return number_of_samples(self._window.total)
 
     def told(self) -> Array:
         """What everybody has to know of the samples so far, see ``WrenchCorrection.told``."""
@@ -210,6 +213,7 @@ class LoadMemory:
         if correction is None:
             return
         is_possible = rows is not None and correction.is_possible(rows, self._changed_at)
+        self._told_count, self._told_changed_at = correction.count if is_possible else 0.0, self._changed_at
         if rows is not None and is_possible:
             self._mean_crosses = told_mean_crosses(rows)
             self._window.revise(lambda sums: correction.apply(sums, self._mean_crosses))
@@ -245,9 +249,23 @@ class LoadMemory:
         if self._late.contradict:
             return None, ("load: the forces of late do not fit what is remembered of it",)
         estimate = self._estimate(self._model)
+        estimate = replace(estimate, covariance=estimate.covariance + self._by_untold(self._model, estimate))
         inflation = 1.0 + (_NEW * self._config.rate / self.count) ** 2
         _, size = middle_and_size(self._poses)
         return seen_payload(estimate, self._by_poses(estimate), own, team, inflation, size)
+
+    def _by_untold(self, model: InertiaModel, estimate: InertiaEstimate) -> Array:
+        """Covariance (10, 10) of ``(m, h, J)`` by what poses do to samples that others have not told of yet."""
+        untold = self.count - self._told_count if self._told_changed_at == self._changed_at else self.count
+        if untold < 1.0 or self._disturbance_shape is None:
+            return np.zeros((INERTIA_SIZE, INERTIA_SIZE))
+        gram = self._window.total[:GRAM_SIZE] * (untold / self.count)
+        coherent = min(untold, _COHERENCE * self._config.rate)
+        scores = coherent * self._disturbance * model.disturbance(gram)
+        inverse = np.linalg.inv(self._window.information(model).uncompensated)
+        by_theta = np.linalg.inv(barycentric_derivative(estimate.inertia))
+        covariance: Array = (inverse @ scores @ inverse)[:INERTIA_SIZE, :INERTIA_SIZE]
+        return by_theta @ covariance @ by_theta.T
 
     def _by_poses(self, estimate: InertiaEstimate) -> Array:
         """Derivative of ``theta`` by all poses, shape (10, 6 N)."""

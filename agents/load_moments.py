@@ -34,7 +34,7 @@ def load_moments(motion: Array, wrench: Array, own_wrench: Array, disturbance: f
     return np.concatenate([packed_gram(rows), [len(rows) * disturbance], cross.ravel()])
 
 
-def count(sums: Array) -> float:
+def number_of_samples(sums: Array) -> float:
     """Number of samples."""
     return float(sums[0])
 

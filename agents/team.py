@@ -49,6 +49,8 @@ _JUMP = 30.0
 changes for longer than a block."""
 _NONSENSE = 15.0
 """The same for the motion of the body, which does not change at a sudden: such a block is not used."""
+_UNLIKELY = 3.0
+"""The same for samples from before the start: there is no hurry to use them."""
 
 
 @dataclass(frozen=True)
@@ -256,9 +258,11 @@ class Team:
             return None
         entered, sums = finished
         motion = self._motion.fusion.motion(sums)
-        self._memory.push_early(entered.block, motion, sums[:, 0], entered.samples[:, WRENCH])
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
         self._contradictions.add_early(moments)
+        if self._fitted is not None and block_misfit(moments, self._poses[self._own], self._config.noise) > _UNLIKELY:
+            return None
+        self._memory.push_early(entered.block, motion, sums[:, 0], entered.samples[:, WRENCH])
         return moments
 
     def _take_in(self, entered: Entered, sums: Array, index: int) -> RegistrationMoments | None:

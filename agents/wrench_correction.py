@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.load_moments import CROSS_SHAPE, CROSS_SIZE, count, cross_moments
+from agents.load_moments import CROSS_SHAPE, CROSS_SIZE, cross_moments, number_of_samples
 from coheft.estimation.inertia import FEATURES, GRAM_SIZE, repacked_gram, unpacked_gram
 from coheft.estimation.pose_sensitivity import MOTION_FEATURES
 from coheft.estimation.spatial import Array, Pose
@@ -35,6 +35,7 @@ class WrenchCorrection:
 
     Attributes:
         last_block: As given.
+        count: Number of samples.
     """
 
     def __init__(
@@ -43,7 +44,7 @@ class WrenchCorrection:
         self.last_block = last_block
         self._cross = cross_moments(total)
         self._motion_gram = unpacked_gram(total[:GRAM_SIZE])[MOTION_FEATURES, MOTION_FEATURES]
-        self._count = count(total)
+        self.count = number_of_samples(total)
         self._changed_at = changed_at
         self._old_poses, self._new_poses = old_poses, new_poses
         self._left = 1.0
@@ -54,7 +55,7 @@ class WrenchCorrection:
 
         Of which load, how many samples, mean square of the own force [N²], and own ``C_i``.
         """
-        return np.concatenate([[self._changed_at, self._count, mean_square_force], self._cross.ravel()])
+        return np.concatenate([[self._changed_at, self.count, mean_square_force], self._cross.ravel()])
 
     def age(self, kept: float, moments: Array) -> None:
         """A block (190 + riders,) has come since; ``kept`` of all before it is left."""
@@ -68,7 +69,7 @@ class WrenchCorrection:
 
     def is_exact(self, rows: Array) -> bool:
         """Whether everybody has told of the same samples."""
-        return bool(np.all(rows[:, 1] == self._count))
+        return bool(np.all(rows[:, 1] == self.count))
 
     def apply(self, sums: Array, mean_crosses: Array) -> Array:
         """Correct the sums (k, 190 + riders) of stretches of samples, the longest one first.
@@ -78,7 +79,7 @@ class WrenchCorrection:
             mean_crosses: Everybody's ``C_j`` per sample, shape (N, 13, 6): not everybody need have missed the same.
         """
         correction = np.zeros((FEATURES, FEATURES))
-        for cross, old, new in zip(self._count * mean_crosses, self._old_poses, self._new_poses, strict=True):
+        for cross, old, new in zip(self.count * mean_crosses, self._old_poses, self._new_poses, strict=True):
             correction[MOTION_FEATURES, _WRENCH_FEATURES] += cross @ (new.adjoint() - old.adjoint()).T
         # For stretches that began later, the part of it that follows the motion: what it would do to their mean motion.
         # A share of the whole would move them also in directions that they do not show, where they are compared best.
