@@ -61,7 +61,7 @@ class Contradictions:
         Args:
             index: Its number.
             pose: The own one.
-            deviations: Standard deviations of its perturbation, shape (6,).
+            deviations: Standard deviations of poses, shape (6,).
         """
         if index % self._every == 0:
             covariance = np.diag(deviations**2)

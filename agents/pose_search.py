@@ -27,7 +27,9 @@ from consensus.schedule import choose_schedule
 
 _ROUGHLY_KNOWN = np.repeat([0.05, 0.05], 3)
 """Standard deviations at first, at the end of a chain of neighbours [rad, m]."""
-WELL_KNOWN = np.repeat([5e-3, 10e-3], 3)
+_FIRST_FITS = 2.0
+"""Fits of few samples, from far away, are not as good as they say."""
+WELL_KNOWN = np.repeat([8e-3, 20e-3], 3)
 """Poses are known well when all standard deviations are below these [rad, m]."""
 
 
@@ -69,7 +71,7 @@ class PoseSearch:
         finished = self._sums.advance(inbox)
         self._fits.common.add(index, (None if finished is None else self._moments(*finished), None))
         pose, version = self._fits.carrying_pose(self._poses), self._fits.carried
-        deviations = _ROUGHLY_KNOWN if self._fitted is None else self._fitted.deviations[self._own]
+        deviations = _ROUGHLY_KNOWN if self._fitted is None else _FIRST_FITS * self._fitted.deviations.max(axis=0)
         self._contradictions.step(index, self._poses[self._own], deviations)
         self._sums.enter(None if samples is None else Entered(index, samples, pose, version))
         return self._sums.channels() | self._floods.channels()

@@ -170,7 +170,7 @@ class Team:
             early = self._catch_up(index, inbox)
             told |= self._early_sums.channels()
         self._fits.common.add(index, (newest, early))
-        self._contradictions.step(index, self._poses[self._own], self._own_deviations())
+        self._contradictions.step(index, self._poses[self._own], self._pose_deviations())
         if not self.doubts():
             self._beyond_doubt = self._poses
         told["load_change"] = np.array([float(self._memory.changed_at)])
@@ -236,12 +236,9 @@ class Team:
             self._early_sums.end()
             self._contradictions.forget_early()
 
-    def _own_deviations(self) -> Array:
-        """Standard deviations of the own pose (6,)."""
-        if self._fitted is None:
-            return WELL_KNOWN
-        own: Array = self._fitted.deviations[self._own]
-        return own
+    def _pose_deviations(self) -> Array:
+        """Standard deviations of the pose that is known worst (6,): the reference robot's defines the frame."""
+        return WELL_KNOWN if self._fitted is None else self._fitted.deviations.max(axis=0)
 
     # --- sums ---
 
