@@ -54,7 +54,8 @@ class BodyFrame:
         self._pairs: dict[str, TwistMoments] = {}
         self._holds: dict[str, tuple[int, int]] = {}
         self._kept: KeptPoses | None = None
-        self._told: tuple[int, Pose] | None = None
+        # The own pose as neighbours know it: number of the frame, since when the load has been held there, and pose.
+        self._told: tuple[int, int, Pose] | None = None
 
     def keep(self, frame: int, poses: Mapping[str, Pose], holds: Mapping[str, int]) -> None:
         """The team is dissolved; these were its poses, and the blocks since which its members had held the load.
@@ -102,7 +103,7 @@ class BodyFrame:
             if frame.shape == (1,) and rows.shape == (len(record.neighbours), _POSE_SIZE):
                 row = rows[record.neighbours.index(name)]
                 if row.any() and frame[0] > 0.0:
-                    self._told = int(frame[0]), Pose.of_numbers(row)
+                    self._told = int(frame[0]), self._gossip.own.since, Pose.of_numbers(row)
 
     def channels(self) -> dict[str, Array]:
         """What neighbours may need of the kept poses."""
@@ -131,8 +132,8 @@ class BodyFrame:
         kept = self._kept_pose(name)
         if kept is not None and self._kept is not None and self._kept.frame == frame:
             return kept, frame
-        if self._told is not None and self._told[0] == frame:
-            return self._told[1], frame
+        if self._told is not None and self._told[:2] == (frame, self._gossip.own.since):
+            return self._told[2], frame
         return None
 
     def found_pose(self) -> tuple[Pose, int] | None:

@@ -67,7 +67,7 @@ class Contradictions:
             covariance = np.diag(deviations**2)
             misfit = max(watch.misfit(pose, covariance) for watch in (self._watch, self._early_watch))
             self.flood.tell(self._own, index, np.array([misfit]))
-        self._blamed = self._blamed + 1 if self.by == self._names[self._own] else 0
+        self._blamed = 0 if self.by is None else self._blamed + (self.by == self._names[self._own])
 
     @property
     def by(self) -> str | None:

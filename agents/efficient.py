@@ -4,8 +4,8 @@ First, poses of the neighbours by maximum likelihood, and from neighbour to neig
 of the reference robot, the **body frame**. When everybody's is roughly known, the network's sums begin: everybody
 carries its own samples to the body frame with its own pose, so all rounds happen in one frame, and every loop is closed
 by construction. The totals say how the body moves, and out of that come better poses (``PoseSearch``). When these are
-known well, the sums begin anew (``Team``), with all samples from before as well: poses become better still, again and
-again, and what wrench moves the body says what the load is (``agents.load_memory.LoadMemory``).
+known well, the sums begin anew (``Team``), with the samples of the ten seconds before as well: poses become better
+still, again and again, and what wrench moves the body says what the load is (``agents.load_memory.LoadMemory``).
 """
 
 from __future__ import annotations
@@ -55,7 +55,8 @@ class EfficientEstimator:
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
         """See ``Estimator.step``."""
         samples = None if own is None else own.samples
-        if self._team is not None and self._team.must_start_over:
+        at_work = self._team or self._search
+        if at_work is not None and at_work.must_start_over:
             self._gossip.announce_holding(True, index)  # as if it had just taken hold: with its pose unknown
         if self._gossip.team != self._team_number:
             self._dissolve()
@@ -126,7 +127,8 @@ class EfficientEstimator:
             return
         self._team_number, self._frame = self._gossip.team, frame
         if not self._gossip.is_refined:
-            self._search = PoseSearch(self._config, graph, known, start)
+            refined = (name for name in sorted(graph) if self._gossip.records[name].refined)
+            self._search = PoseSearch(self._config, graph, known, next(refined, min(graph)), start)
             return
         # A load that was held by others weighed otherwise.
         earliest = max(record.since for record in self._gossip.records.values())
@@ -187,9 +189,8 @@ class EfficientEstimator:
 
     def doubts(self) -> tuple[str, ...]:
         """See ``Estimator.doubts``."""
-        if self._team is not None:
-            return self._team.doubts()
-        return ("the poses are still being found" if self._search else "the team's sums have not begun",)
+        at_work = self._team or self._search
+        return ("the team's sums have not begun",) if at_work is None else at_work.doubts()
 
 
 def _seen(poses: Mapping[str, PoseEstimate]) -> dict[str, UncertainPose]:

@@ -115,6 +115,7 @@ class LoadMemory:
         self._window.push(block, moments)
         self._forces.add(own_wrench[:, :3])
         self._last_block = block
+        self._told_count *= self._kept
         if self._correction is not None:
             self._correction.age(self._kept, moments)
         if self._disturbance > _SPOILT:
@@ -146,7 +147,7 @@ class LoadMemory:
         self._late.count_block()
         self._compare(is_new=self._late.need_solution)
         if self._late.have_long_contradicted:
-            self._window.forget_before(block)
+            self._forget_before(block)
             self._begin(self._changed_at)
 
     def _compare(self, is_new: bool) -> None:
@@ -183,14 +184,27 @@ class LoadMemory:
 
     def forget_late(self, duration: float) -> None:
         """What came in the last so many seconds does not count."""
-        blocks = self._config.blocks(duration)
-        self._window.forget_since(self._last_block - blocks)
+        self._window.forget_since(self._last_block - self._config.blocks(duration))
         self._late.begin()
+        self._have_forgotten()
 
     def forget_early(self, duration: float) -> None:
         """What came in the last so many seconds of what was before all others does not count."""
         if self._first_block >= 0:
-            self._window.forget_before(self._first_block + self._config.blocks(duration))
+            self._forget_before(self._first_block + self._config.blocks(duration))
+
+    def _forget_before(self, block: int) -> None:
+        """Blocks with smaller numbers do not count; what comes of them yet is not known to be of the same load."""
+        self._window.forget_before(block)
+        self._is_early_over = True
+        self._have_forgotten()
+
+    def _have_forgotten(self) -> None:
+        """What has been told of the samples is not of those that are left."""
+        self._told_count = 0.0
+        if self._correction is not None:
+            self._window.forget_before(self._last_block + 1)
+            self._correction = None
 
     @property
     def count(self) -> float:
@@ -220,7 +234,7 @@ class LoadMemory:
         else:
             self._window.forget_borders_before(correction.last_block + 1)
         if self._disturbance > _SPOILT and not (rows is not None and is_possible and correction.is_exact(rows)):
-            self._window.forget_before(correction.last_block + 1)  # means will not do for poses that were so rough
+            self._forget_before(correction.last_block + 1)  # means will not do for poses that were so rough
         if rows is not None:
             self._expect_disturbance(wrench_disturbance(self._poses, team.covariance, told_forces(rows)))
         self._compare(is_new=True)  # what was told may have been nonsense

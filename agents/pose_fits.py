@@ -54,7 +54,6 @@ class PoseFits:
         common: Moments over the samples that all have.
         told_moments: The same as they were when the own score was told last.
         carried: Version of the poses that samples are carried with now, 0 at the start.
-        switched_at: Block from which on they are.
         spoilt: Poses of versions up to this one were fitted to samples that something may have spoilt.
         floods: What is told to neighbours and heard from them, by name.
     """
@@ -67,14 +66,13 @@ class PoseFits:
         self._longest = 3 * hearing + under_way + 3
         self._tells, self._tell_step = 0, under_way + config.blocks(_FIRST)
         chunk = max(config.blocks(_CHUNK), 2 * hearing)
-        unsure = -(-config.blocks(UNNOTICED) // chunk) + 1
-        self.common = CommonMoments(robots, own, start, chunk, parts=2, unsure=unsure)
+        self._unsure = -(-config.blocks(UNNOTICED) // chunk) + 1
+        self.common = CommonMoments(robots, own, start, chunk, parts=2, unsure=self._unsure)
         self._scores = Flood(robots, 1 + _SCORE_SIZE)
         self._fits = Flood(1, 1 + robots * _POSE_SIZE)
         self.floods = {"common": self.common.flood, "scores": self._scores, "fits": self._fits}
         self.told_moments = RegistrationMoments.none()
-        self.carried = self.switched_at = 0
-        self.spoilt = -1
+        self.carried, self.spoilt, self._told_chunk = 0, -1, 0
         self._told_poses: dict[int, tuple[Pose, ...]] = {}
 
     def step(self, index: int, version: int, poses: Sequence[Pose], is_settled: bool, is_spoilt: bool) -> None:
@@ -91,7 +89,7 @@ class PoseFits:
             self.common.spoil(index - 1)
         while self.common.agree(index - 1):
             if self.common.is_spoilt:
-                self.spoilt = self._tells
+                self._look_at_spoilt()
             self._tell_score(version, poses, is_settled and self.carried == version)
         if self._own == 0:
             self._fit(index, version, poses)
@@ -99,7 +97,7 @@ class PoseFits:
         if told_version > self.carried and index >= row[0]:
             numbers = row[1:].reshape(-1, _POSE_SIZE)
             self._told_poses[told_version] = tuple(Pose.of_numbers(each) for each in numbers)
-            self.carried, self.switched_at = told_version, int(row[0])
+            self.carried = told_version
 
     def carrying_pose(self, poses: Sequence[Pose]) -> Pose:
         """Own pose to carry samples with; ``poses`` are those in use."""
@@ -136,13 +134,19 @@ class PoseFits:
         steps = self.common.steps
         if steps < self._tell_step or self.common.total.count < _FIRST * self._config.rate:
             return
-        self._tells += 1
+        self._tells, self._told_chunk = self._tells + 1, self.common.chunks
         grown = round(self._config.efficient.refit_share * steps)
         self._tell_step = steps + max(self._longest, self._shortest, grown)
         if can_tell:
             score, _, _ = score_and_information(self.common.total, poses[self._own], self._config.noise)
             self._scores.tell(self._own, self._tells, np.concatenate([[version], score]))
             self.told_moments = self.common.total
+
+    def _look_at_spoilt(self) -> None:
+        """The samples of late do not count any more: poses that were fitted to them have to be fitted again, soon."""
+        if self.common.chunks - self._told_chunk <= self._unsure:
+            self.spoilt = self._tells
+            self._tell_step = min(self._tell_step, self.common.steps + self._longest)
 
     def _fit(self, index: int, version: int, poses: Sequence[Pose]) -> None:
         """As the reference robot: all poses after the joint step, once everybody's score at those in use is known."""

@@ -1,6 +1,6 @@
 """From poses that are roughly known to poses with which the load can be weighed.
 
-Robots know their poses in the body frame to a degree at first, each through its neighbours. With sums over the whole
+Robots know their poses in the body frame roughly at first, each through its neighbours. With sums over the whole
 team they find all of them jointly. What was summed with rough poses is off by terms of second order for ever: so
 nothing of this is kept but the poses, and when everybody knows its own well, the team begins anew (``agents.team``).
 """
@@ -28,7 +28,7 @@ from consensus.schedule import choose_schedule
 _ROUGHLY_KNOWN = np.repeat([0.05, 0.05], 3)
 """Standard deviations at first, at the end of a chain of neighbours [rad, m]."""
 _FIRST_FITS = 2.0
-"""Fits of few samples, from far away, are not as good as they say."""
+"""Fits of few samples, from far away, are off by so many times what they say."""
 WELL_KNOWN = np.repeat([8e-3, 20e-3], 3)
 """Poses are known well when all standard deviations are below these [rad, m]."""
 
@@ -39,16 +39,20 @@ class PoseSearch:
     Args:
         config: The agent's settings.
         graph: The team's.
-        poses: Of all its members, roughly, by name. That of the first defines the body frame.
+        poses: Of all its members, roughly, by name. That of the first is what others are fitted to.
+        anchor: Name of a member whose pose in the body frame stays as it is.
         start: Block at which the sums begin, the same for everybody.
     """
 
-    def __init__(self, config: AgentConfig, graph: Neighbours, poses: Mapping[str, Pose], start: int) -> None:
+    def __init__(
+        self, config: AgentConfig, graph: Neighbours, poses: Mapping[str, Pose], anchor: str, start: int
+    ) -> None:
         self._noise = config.noise
         self._names = sorted(graph)
         self._own = self._names.index(config.name)
         self._neighbours = graph[config.name]
         self._poses = tuple(poses[name] for name in self._names)
+        self._anchor, self._anchor_pose = self._names.index(anchor), poses[anchor]
         schedule = choose_schedule({name: graph[name] for name in self._names})
         self._sums = TeamSums("sums", config.name, self._neighbours, schedule, config.block, config.noise)
         self._motion = TotalMotion(config, self._poses)
@@ -59,6 +63,7 @@ class PoseSearch:
         self._version = 0
         self._fitted: TeamPoses | None = None
         self._next = start
+        self._last_block = -1
 
     def step(self, index: int, samples: Array | None, inbox: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
         """One block: it enters the sums, and one that entered earlier leaves them."""
@@ -80,14 +85,15 @@ class PoseSearch:
         """What a block says of the own pose."""
         block = self._motion.add(entered, sums)
         total = self._motion.total(block)
-        if total is None:
-            return None
+        if total is None or block <= self._last_block:
+            return None  # new poses have made the slope needless, or needed
         entered, _ = total
         if entered.version != self._version:
             self._map_to(entered.version)
         motion = self._motion.motion(block)
         if motion is None:
             return None
+        self._last_block = block
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
         self._contradictions.add(moments)
         return moments
@@ -115,4 +121,18 @@ class PoseSearch:
         """The own pose in the body frame, once the poses of the whole team are known well."""
         if self._fitted is None or self._version <= self._fits.spoilt:
             return None
-        return self._poses[self._own] if np.all(self._fitted.deviations < WELL_KNOWN) else None
+        if not np.all(self._fitted.deviations < WELL_KNOWN):
+            return None
+        return self._anchor_pose @ self._poses[self._anchor].inverse() @ self._poses[self._own]
+
+    def doubts(self) -> tuple[str, ...]:
+        """Why nothing is known yet."""
+        suspect = self._contradictions.by
+        if suspect is not None:
+            return (f"what {suspect} measures contradicts how the load moves",)
+        return ("the poses are still being found",)
+
+    @property
+    def must_start_over(self) -> bool:
+        """Whether this robot's measurements have contradicted the team's motion for too long."""
+        return self._contradictions.have_lasted

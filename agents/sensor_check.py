@@ -18,7 +18,7 @@ one of a block has one neighbour: it is an outlier if it is so far from where th
 _UNUSUAL = 3.0
 """and so many times as far as any other of the block."""
 _BACK = 0.3
-"""After an outlier at least so much of the step is taken back: what really changes at a sudden may overshoot, but
+"""After an outlier at least so much of the step is taken back: what really changes suddenly may overshoot, but
 stays."""
 
 

@@ -48,7 +48,7 @@ _JUMP = 30.0
 """A block whose squared residuals are so many times what they should be is held until the next one has come: a load
 changes for longer than a block."""
 _NONSENSE = 15.0
-"""The same for the motion of the body, which does not change at a sudden: such a block is not used."""
+"""The same for the motion of the body, which does not change suddenly: such a block is not used."""
 _UNLIKELY = 3.0
 """The same for samples from before the start: there is no hurry to use them."""
 
@@ -169,6 +169,8 @@ class Team:
         if not self._early_sums.are_over(index):
             early = self._catch_up(index, inbox)
             told |= self._early_sums.channels()
+        else:
+            self._contradictions.forget_early()
         self._fits.common.add(index, (newest, early))
         self._contradictions.step(index, self._poses[self._own], self._pose_deviations())
         if not self.doubts():
@@ -185,7 +187,8 @@ class Team:
 
         Whatever contradicts the team's motion has been at work for a while when it is noticed.
         """
-        kept = self._poses if self._contradictions.by is None else self._beyond_doubt
+        is_doubtful = self._contradictions.by is not None or self._version <= self._fits.spoilt
+        kept = self._beyond_doubt if is_doubtful else self._poses
         return None if kept is None else dict(zip(self._names, kept, strict=True))
 
     def found(self) -> Found | None:
@@ -209,9 +212,9 @@ class Team:
         """Why what is known of the load may not be true any more."""
         if self.learned_block < 0:
             return ("the team's sums have just begun",)
-        liar = self._contradictions.by
-        if liar is not None:
-            return (f"what {liar} measures contradicts how the load moves",)
+        suspect = self._contradictions.by
+        if suspect is not None:
+            return (f"what {suspect} measures contradicts how the load moves",)
         age = self._next - 1 - self._rounds - self.learned_block
         if age > self._patience:
             return (f"no complete sum of the team since {self._config.start_of(self.learned_block + 1):.2f} s",)
@@ -232,9 +235,9 @@ class Team:
         if self._is_contradicted and not was:
             self._held = None
             self._memory.forget_late(UNNOTICED)
-            self._memory.forget_early(UNNOTICED)
-            self._early_sums.end()
-            self._contradictions.forget_early()
+            if not self._early_sums.are_over(self._next):
+                self._memory.forget_early(UNNOTICED)
+                self._early_sums.end()
 
     def _pose_deviations(self) -> Array:
         """Standard deviations of the pose that is known worst (6,): the reference robot's defines the frame."""

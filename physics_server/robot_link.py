@@ -27,7 +27,7 @@ class RobotLink:
         answered: The last block of measurements that it has answered or will never answer, -1 if none.
         joined: The block with which it began to take part.
         was_late: Its reference of the latest block did not come in time.
-        was_refused: Its latest reference was one that no arm can follow.
+        refused: Block of its latest reference that no arm can follow, -1 if its latest one is none.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class RobotLink:
         self.answered = -1
         self.joined = 0
         self.was_late = False
-        self.was_refused = False
+        self.refused = -1
         self._attempt = -1
         self._world = world
         self._lag = scenario.lookahead
@@ -118,13 +118,13 @@ class RobotLink:
         excess = self._reach.excess(reference)
         if excess is None:
             self._references[reference.block] = reference
-        was_refused, self.was_refused = self.was_refused, excess is not None
+        was_refused, self.refused = self.refused >= 0, -1 if excess is None else reference.block
         if excess is not None and not was_refused:
             raise MessageError(f"{excess}: its arm holds still until it asks for something that an arm can do")
 
     def is_late(self, block: int) -> bool:
         """Whether its reference of a block should have come."""
-        return self.is_ready and block >= self.joined + self._lag and not self.was_refused
+        return self.is_ready and block >= self.joined + self._lag and block > self.refused
 
     def take_reference(self, block: int) -> Reference | None:
         """Its reference of a block, None if it has not come; those of earlier blocks are forgotten."""

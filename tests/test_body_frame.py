@@ -79,8 +79,7 @@ class Team:
             inbox = {other: self.robots[other].said for other in heard if self.robots[other].said}
             robot.frame.update_pairs(self.block - 1, robot.samples, inbox)
             robot.frame.hear_kept_poses(inbox)
-            own = robot.gossip.own
-            if robot.gossip.graph is not None and not (own.ready_block >= 0 and own.team == robot.gossip.team):
+            if robot.gossip.graph is not None and not robot.gossip.is_ready:
                 known = robot.frame.kept_pose() or (robot.frame.found_pose() if self.block % 10 == 0 else None)
                 if known is not None:
                     robot.gossip.announce_ready(self.block, *known)

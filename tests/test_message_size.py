@@ -42,7 +42,7 @@ def largest_found(scenario: Scenario) -> int:
 
 @pytest.mark.parametrize("name", ["line4", "ring12"])
 def test_sums_of_summands_fit(name: str) -> None:
-    scenario = changed(name, load_changes=(), duration=8.0)
+    scenario = changed(name, load_changes=(), duration=16.0)
     sensors = msgspec.structs.replace(scenario.sensors, block=50)
     found = largest_found(msgspec.structs.replace(scenario, sensors=sensors))
     bound = largest_message(msgspec.structs.replace(scenario, sensors=sensors))

@@ -257,8 +257,8 @@ class EfficientSettings(Section, frozen=True):
     """The method at the Cramér-Rao bound, see ``agents.efficient``.
 
     Attributes:
-        start_rotation_deg: The network's sums start when all poses on a spanning tree are known to this [degrees]. They
-            are refined later, with all that was summed before.
+        start_rotation_deg: The search for better poses starts when all poses on a spanning tree are known to this
+            [degrees]; what it sums is not kept.
         start_translation_mm: And to this [mm].
         refit_share: Poses are fitted anew whenever the data have grown by this share.
         offsets: Whether force and torque sensors may have constant offsets; these are then estimated as well.

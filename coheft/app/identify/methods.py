@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.calibration import Tolerances
@@ -15,7 +15,6 @@ from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
 
 Method = Literal["batch", "instruments", "pose", "likelihood"]
-METHODS: tuple[Method, ...] = get_args(Method)
 
 
 @dataclass(frozen=True)
