@@ -23,7 +23,8 @@ from coheft.wire.config import AgentConfig
 from consensus.gossip import Gossip
 from consensus.graph import distances
 
-_POSE_SIZE = 12
+_KEPT_SIZE = 1 + 12
+"""Since which block a robot has held the load there, and its pose."""
 
 
 @dataclass(frozen=True)
@@ -100,20 +101,20 @@ class BodyFrame:
             )
             if record is None or frame is None or rows is None or name not in record.neighbours:
                 continue
-            if frame.shape == (1,) and rows.shape == (len(record.neighbours), _POSE_SIZE):
+            if frame.shape == (1,) and rows.shape == (len(record.neighbours), _KEPT_SIZE):
                 row = rows[record.neighbours.index(name)]
                 if row.any() and frame[0] > 0.0:
-                    self._told = int(frame[0]), self._gossip.own.since, Pose.of_numbers(row)
+                    self._told = int(frame[0]), int(row[0]), Pose.of_numbers(row[1:])
 
     def channels(self) -> dict[str, Array]:
         """What neighbours may need of the kept poses."""
         if self._kept is None:
             return {}
-        rows = np.zeros((len(self._gossip.own.neighbours), _POSE_SIZE))
+        rows = np.zeros((len(self._gossip.own.neighbours), _KEPT_SIZE))
         for row, other in zip(rows, self._gossip.own.neighbours, strict=True):
             pose = self._kept_pose(other)
             if pose is not None:
-                row[:] = pose.numbers()
+                row[:] = [self._gossip.records[other].since, *pose.numbers()]
         return {"kept_frame": np.array([float(self._kept.frame)]), "kept_poses": rows}
 
     def _kept_pose(self, name: str) -> Pose | None:

@@ -19,7 +19,7 @@ from coheft.estimation.measurement import KINEMATICS
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import TeamPoses, fitted_poses, refit_map
+from coheft.estimation.team_registration import TeamPoses, fitted_poses, refit_map, seen_from
 from coheft.wire.config import AgentConfig
 from consensus.flood import Floods
 from consensus.graph import Neighbours, diameter
@@ -115,7 +115,7 @@ class PoseSearch:
         """What is known of them; empty as long as no poses have been fitted."""
         if self._fitted is None:
             return {}
-        return {name: self._fitted.relative(self._own, self._names.index(name)) for name in sorted(self._neighbours)}
+        return seen_from(self._fitted, self._names[self._own], self._names, self._neighbours)
 
     def well_known_pose(self) -> Pose | None:
         """The own pose in the body frame, once the poses of the whole team are known well."""

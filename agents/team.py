@@ -30,7 +30,7 @@ from coheft.estimation.measurement import KINEMATICS, WRENCH
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import TeamPoses, refit_map
+from coheft.estimation.team_registration import TeamPoses, refit_map, seen_from
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import PayloadEstimate
 from consensus.flood import Flood, Floods
@@ -200,13 +200,11 @@ class Team:
         is_coherent = self._corrected == self._version or self._largest_step < _LITTLE
         if self._fitted is not None and is_coherent:
             payload, unseen = self._memory.payload(self._own, self._fitted)
-            return Found(self._neighbours_poses(self._fitted), payload, unseen, self.learned_block)
+            poses = seen_from(self._fitted, self._config.name, self._names, self._neighbours)
+            return Found(poses, payload, unseen, self.learned_block)
         if self._found_before is not None and self._memory.changed_at > self._found_before.learned_block:
             return replace(self._found_before, payload=None)
         return self._found_before
-
-    def _neighbours_poses(self, fitted: TeamPoses) -> dict[str, PoseEstimate]:
-        return {name: fitted.relative(self._own, self._names.index(name)) for name in sorted(self._neighbours)}
 
     def doubts(self) -> tuple[str, ...]:
         """Why what is known of the load may not be true any more."""

@@ -254,13 +254,13 @@ def test_a_robot_that_let_go_and_took_hold_while_nobody_heard_it_is_not_taken_to
     "nonsense",
     [
         {"kept_frame": np.array([1.0])},
-        {"kept_poses": np.ones((2, 12))},
-        {"kept_frame": np.array([1.0, 2.0]), "kept_poses": np.ones((2, 12))},
-        {"kept_frame": np.array([1.0]), "kept_poses": np.ones((3, 12))},
-        {"kept_frame": np.array([1.0]), "kept_poses": np.ones((2, 11))},
-        {"kept_frame": np.array([1.0]), "kept_poses": np.zeros((2, 12))},
-        {"kept_frame": np.array([0.0]), "kept_poses": np.ones((2, 12))},
-        {"kept_frame": np.array([1.0]), "kept_poses": np.ones((2, 12))},  # not the frame of this team
+        {"kept_poses": np.ones((2, 13))},
+        {"kept_frame": np.array([1.0, 2.0]), "kept_poses": np.ones((2, 13))},
+        {"kept_frame": np.array([1.0]), "kept_poses": np.ones((3, 13))},
+        {"kept_frame": np.array([1.0]), "kept_poses": np.ones((2, 12))},
+        {"kept_frame": np.array([1.0]), "kept_poses": np.zeros((2, 13))},
+        {"kept_frame": np.array([0.0]), "kept_poses": np.ones((2, 13))},
+        {"kept_frame": np.array([1.0]), "kept_poses": np.ones((2, 13))},  # not the frame of this team
         {"kinematics": np.ones((SIZE + 1, 9))},
     ],
 )
@@ -272,3 +272,30 @@ def test_nonsense_teaches_nobody_a_pose(nonsense: dict[str, Array]) -> None:
     robot.frame.update_pairs(team.block - 1, robot.samples, {"r2": nonsense})
     assert robot.frame.kept_pose() is None
     assert robot.frame.found_pose() is None
+
+
+def test_what_neighbours_knew_of_a_former_hold_does_not_count(team: Team) -> None:
+    # Its neighbours tell r4 its pose, after r1 has started again.
+    team.restart("r1")
+    team.run(1)
+    team.dissolve(others_than("r1"))
+    team.assemble(10)
+    # Then it takes hold elsewhere, and nobody can know where.
+    team.take_hold("r4")
+    team.robots["r4"].gossip.announce_holding(True, team.block)
+    team.run(3)
+    assert team.robots["r4"].frame.kept_pose() is None
+    poses = team.assemble()
+    expected = poses["r3"] @ team.true_pose("r3", "r4")
+    assert team.distance(poses["r4"], expected) < CLOSE
+
+
+def test_poses_that_cannot_be_relied_upon_are_found_again(team: Team) -> None:
+    for robot in team.robots.values():
+        robot.frame.forget()
+    team.run(3)
+    assert all(robot.frame.kept_pose() is None for robot in team.robots.values())
+    poses = team.assemble()
+    assert team.robots["r1"].gossip.frame() > 0
+    for name in NAMES:
+        assert team.distance(poses[name], poses["r1"] @ team.true_pose("r1", name)) < CLOSE

@@ -153,3 +153,25 @@ def test_a_map_is_of_all_that_counts_and_of_what_will() -> None:
     assert alone.agree(START + 2)
     expected = sum((moments.mapped(feature_map).gram for moments in blocks), np.zeros((FEATURES, FEATURES)))
     np.testing.assert_allclose(alone.total.gram, expected, rtol=1e-12)
+
+
+def test_what_may_be_spoilt_counts_for_nobody() -> None:
+    graph = build_graph(Graph(kind="line"), names(3))
+    rng, chunk = np.random.default_rng(3), 5
+    team = Team(graph, chunk)
+    spoilt_at = START + 43
+    for step in range(START, START + 100):
+        team.step(step, rng, 0.1, 0.0)
+        if step == spoilt_at:
+            team.robots[sorted(graph)[1]].spoil(step)
+    longest = max(team.totals.values(), key=len)
+    for totals in team.totals.values():
+        assert totals == longest[: len(totals)]
+    steps = {step for step, _ in longest[-1]}
+    # That chunk, and the two before, in which nobody had noticed yet; what was sure before, and what came after, stays.
+    missing = [step for step in range(START, max(steps)) if step not in steps]
+    assert spoilt_at in missing
+    assert 2 * chunk < len(missing)
+    assert min(steps) < START + 20
+    assert max(steps) > spoilt_at + 2 * chunk
+    assert {step for step in steps if missing[0] < step < missing[-1]} == set()

@@ -260,3 +260,29 @@ def test_robots_that_nothing_was_heard_of_are_named() -> None:
     assert team.robots["r00"].unknown() == ["r02"]
     team.meet()
     assert team.robots["r00"].unknown() == []
+
+
+def test_the_team_begins_anew_when_all_know_their_poses_well() -> None:
+    team = Team(build_graph(Graph(kind="line"), names(4)))
+    team.meet()
+    pose = random_pose(np.random.default_rng(1))
+    team.everybody_ready(20)
+    team.blocks(4)
+    roughly = {robot.team for robot in team.robots.values()}
+    assert len(roughly) == 1
+    *first, last = team.robots.values()
+    for robot in first:
+        robot.announce_ready(30, pose, frame=7, refined=True)
+    team.blocks(4)
+    assert {robot.team for robot in team.robots.values()} == roughly
+    assert not any(robot.is_refined for robot in team.robots.values())
+    last.announce_ready(40, pose, frame=7, refined=True)
+    team.blocks(4)
+    well = {robot.team for robot in team.robots.values()}
+    assert len(well) == 1
+    assert well != roughly
+    assert all(robot.is_refined and robot.start_block == 40 for robot in team.robots.values())
+    # Whoever takes hold anew has to find its pose first.
+    last.announce_holding(True, 50)
+    team.blocks(4)
+    assert not any(robot.is_refined or robot.is_ready for robot in team.robots.values())

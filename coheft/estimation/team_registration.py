@@ -12,7 +12,7 @@ maximum-likelihood estimate of all samples so far.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,6 +71,11 @@ class TeamPoses:
         covariance = derivative @ self.covariance[np.ix_(rows, rows)] @ derivative.T
         seen = seen_information(np.linalg.inv(covariance), self.limits)
         return PoseEstimate(self.poses[i].inverse() @ self.poses[j], covariance, seen.unseen())
+
+
+def seen_from(team: TeamPoses, own: str, names: Sequence[str], others: Iterable[str]) -> dict[str, PoseEstimate]:
+    """Poses of other robots in the frame of one, by name; ``names`` are those of the team in its order."""
+    return {other: team.relative(names.index(own), names.index(other)) for other in sorted(others)}
 
 
 def register_team(

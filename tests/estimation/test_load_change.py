@@ -291,3 +291,48 @@ def test_forgetting_revises_all_that_it_remembers() -> None:
     window.forget_before(25)
     window.forget_borders_before(25)
     np.testing.assert_array_equal(sums_of(window)[0], window.total)
+
+
+def test_what_is_taken_back_was_never_there() -> None:
+    run = Run(seed=5, duration=12.0)
+    grams = run.grams(run.theta)
+    taken_back, never = LoadWindow(), LoadWindow()
+    run.feed(taken_back, grams[:200])
+    taken_back.forget_since(190)
+    run.feed(never, grams[:190])
+    np.testing.assert_allclose(taken_back.total, never.total, rtol=1e-9)
+    for window in (taken_back, never):
+        run.feed(window, grams[200:], first=200)
+    np.testing.assert_allclose(taken_back.total, never.total, rtol=1e-9)
+    np.testing.assert_allclose(run.estimate(taken_back), run.estimate(never), rtol=1e-6)
+
+
+def test_blocks_from_before_are_held_against_the_load_as_well() -> None:
+    run = Run(seed=6, duration=12.0)
+    changed_at = 60
+    thetas = np.where(np.arange(len(run.motion))[:, None] < changed_at * BLOCK, run.theta + run.dropped(1.0), run.theta)
+    grams = run.grams(thetas)
+    window = LoadWindow()
+    # From the middle on, one new block and one old one at a time, the newest of the old ones first.
+    found, middle = [], len(grams) // 2
+    for k in range(middle):
+        window.push(middle + k, grams[middle + k])
+        if not found:
+            window.push_early(middle - 1 - k, grams[middle - 1 - k])
+        change = window.review(run.model)
+        if change is not None:
+            found.append(change)
+    assert [change.first_block for change in found] == [pytest.approx(changed_at, abs=2)]
+    np.testing.assert_allclose(run.estimate(window)[0], run.theta[0], rtol=1e-2)
+
+
+def test_early_blocks_count_as_if_they_had_come_in_time() -> None:
+    run = Run(seed=7, duration=8.0)
+    grams = run.grams(run.theta)
+    in_time, early = LoadWindow(), LoadWindow()
+    run.feed(in_time, grams)
+    run.feed(early, grams[80:], first=80)
+    for block in reversed(range(80)):
+        early.push_early(block, grams[block])
+    assert early.first_block == 0
+    np.testing.assert_allclose(early.total, in_time.total, rtol=1e-9)

@@ -1,0 +1,72 @@
+"""Robots whose sensors do not fit the team's motion are found, and named, and start over."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from agents.contradictions import Contradictions
+from coheft.estimation.measurement import KINEMATICS
+from coheft.estimation.registration import RegistrationMoments
+from coheft.estimation.spatial import Array
+from coheft.wire.config import agent_config
+from tests.estimation.team import Team, make_team
+from tests.in_process import changed
+
+NAMES = ("r1", "r2", "r3")
+DEVIATIONS = np.repeat([1e-4, 1e-4], 3)
+BLOCK = 10
+
+
+class Watching:
+    """Three robots of an exact team that watch; sensors of some are wrong."""
+
+    def __init__(self, wrong: dict[str, float]) -> None:
+        self.team: Team = make_team(3, count=3, duration=8.0)
+        rng = np.random.default_rng(1)
+        self.samples: Array = self.team.measured(rng)
+        for name, offset in wrong.items():
+            self.samples[:, NAMES.index(name), :3] *= 1.0 + offset
+        scenario = changed("ring3")
+        self.robots = [
+            Contradictions(agent_config(scenario, name, tuple(o for o in NAMES if o != name)), NAMES) for name in NAMES
+        ]
+
+    def run(self, first: int, blocks: int, *, early: bool = False) -> None:
+        for block in range(first, first + blocks):
+            rows = slice(block * BLOCK, (block + 1) * BLOCK)
+            for k, robot in enumerate(self.robots):
+                moments = RegistrationMoments.of(self.samples[rows, k, KINEMATICS], self.team.motion[rows])
+                (robot.add_early if early else robot.add)(moments)
+                robot.step(block, self.team.poses[k], DEVIATIONS)
+            for robot in self.robots:
+                for other in self.robots:
+                    robot.flood.hear("", other.flood.digest, other.flood.table)
+
+
+def test_nobody_is_blamed_without_reason() -> None:
+    watching = Watching({})
+    watching.run(0, 70)
+    assert [robot.by for robot in watching.robots] == [None] * 3
+    assert not any(robot.have_lasted for robot in watching.robots)
+
+
+@pytest.mark.parametrize("early", [False, True])
+def test_who_is_wrong_is_named_by_all_and_starts_over(early: bool) -> None:
+    watching = Watching({"r2": 0.5})
+    watching.run(0, 70, early=early)
+    assert [robot.by for robot in watching.robots] == ["r2"] * 3
+    assert [robot.have_lasted for robot in watching.robots] == [False, True, False]
+
+
+def test_two_that_take_turns_do_not_go_on_for_ever() -> None:
+    watching = Watching({})
+    for block in range(200):
+        for k, robot in enumerate(watching.robots):
+            misfit = 5.0 if k < 2 and (block // 3 + k) % 2 == 0 else 2.0 if k < 2 else 0.1
+            robot.flood.tell(k, block, np.array([misfit]))
+        for robot in watching.robots:
+            for other in watching.robots:
+                robot.flood.hear("", other.flood.digest, other.flood.table)
+            robot.step(1 + 5 * block, watching.team.poses[0], DEVIATIONS)  # not one at which it tells
+    assert [robot.have_lasted for robot in watching.robots] == [True, True, False]
