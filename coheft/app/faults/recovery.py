@@ -12,7 +12,7 @@ BACK_FROM_SILENCE = 3.0
 """Time until everybody is valid again after restarts and partitions [s],"""
 BACK = 5.0
 """after other faults and changes of the load: what was spoilt is forgotten first;"""
-START_UP = 6.0
+START_UP = 6.5
 """and where they had not all been valid before, or a robot takes hold again and has to find out where."""
 _ROUNDING = 1e-9
 
