@@ -195,9 +195,9 @@ class Team:
         """What is known of poses and load; None as long as no poses have been fitted.
 
         While a fit is under way that matters, what was known before: motions are seen with new poses then, wrenches
-        with old ones.
+        with old ones. The first one matters: before, nobody knows what poses do to the wrenches.
         """
-        is_coherent = self._corrected == self._version or self._largest_step < _LITTLE
+        is_coherent = self._corrected == self._version or (self._corrected > 0 and self._largest_step < _LITTLE)
         if self._fitted is not None and is_coherent:
             payload, unseen = self._memory.payload(self._own, self._fitted)
             poses = seen_from(self._fitted, self._config.name, self._names, self._neighbours)
