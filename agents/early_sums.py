@@ -41,6 +41,7 @@ class EarlySums:
     def end(self) -> None:
         """Let no more go through."""
         self._end = 0
+        self._history.clear()
 
     def are_over(self, index: int) -> bool:
         """Whether all have gone through."""

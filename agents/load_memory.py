@@ -73,7 +73,7 @@ class LoadMemory:
         self._model: InertiaModel | None = None
         self._parameters: Array | None = None
         self._correction: WrenchCorrection | None = None
-        self._told_count, self._told_changed_at = 0.0, -1
+        self._told_count = 0.0
         self._forces = _MeanSquare()
         self._mean_crosses = np.zeros((robots, *CROSS_SHAPE))
         self._disturbance = np.inf
@@ -163,6 +163,7 @@ class LoadMemory:
     def _begin(self, changed_at: int) -> None:
         """What is remembered is of another load than before."""
         self._changed_at = changed_at
+        self._told_count = 0.0
         self._late.begin()
 
     def push_early(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> None:
@@ -227,7 +228,7 @@ class LoadMemory:
         if correction is None:
             return
         is_possible = rows is not None and correction.is_possible(rows, self._changed_at)
-        self._told_count, self._told_changed_at = correction.count if is_possible else 0.0, self._changed_at
+        self._told_count = correction.count if is_possible else 0.0
         if rows is not None and is_possible:
             self._mean_crosses = told_mean_crosses(rows)
             self._window.revise(lambda sums: correction.apply(sums, self._mean_crosses))
@@ -270,7 +271,7 @@ class LoadMemory:
 
     def _by_untold(self, model: InertiaModel, estimate: InertiaEstimate) -> Array:
         """Covariance (10, 10) of ``(m, h, J)`` by what poses do to samples that others have not told of yet."""
-        untold = self.count - self._told_count if self._told_changed_at == self._changed_at else self.count
+        untold = self.count - self._told_count
         if untold < 1.0 or self._disturbance_shape is None:
             return np.zeros((INERTIA_SIZE, INERTIA_SIZE))
         gram = self._window.total[:GRAM_SIZE] * (untold / self.count)

@@ -84,21 +84,19 @@ class PoseSearch:
     def _moments(self, entered: Entered, sums: Array) -> RegistrationMoments | None:
         """What a block says of the own pose."""
         block = self._motion.add(entered, sums)
-        total = self._motion.total(block)
-        if total is None or block <= self._last_block:
-            return None  # new poses have made the slope needless, or needed
-        entered, _ = total
-        if entered.version != self._version:
-            self._map_to(entered.version)
-        motion = self._motion.motion(block)
-        if motion is None:
+        seen = self._motion.look_at(block, self._last_block, self._use_poses)
+        if seen is None:
             return None
+        entered, _, motion = seen
         self._last_block = block
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
         self._contradictions.add(moments)
         return moments
 
-    def _map_to(self, version: int) -> None:
+    def _use_poses(self, version: int) -> None:
+        """All samples so far count from now on as if they had been carried with the poses of a version."""
+        if version == self._version:
+            return
         poses = self._fits.take_poses(version)
         feature_map = refit_map(self._poses, poses, self._noise)
         self._fits.map(feature_map)

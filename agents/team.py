@@ -271,15 +271,10 @@ class Team:
 
     def _look_at(self, block: int, index: int) -> RegistrationMoments | None:
         """Learn from the sums of a block, if they can be true; returns what they say of the own pose."""
-        total = self._motion.total(block)
-        if block <= self.learned_block or total is None:
-            return None  # new poses have made the slope needless, or needed
-        entered, sums = total
-        if entered.version != self._version:
-            self._map_to(entered.version)
-        motion = self._motion.motion(block)
-        if motion is None:
+        seen = self._motion.look_at(block, self.learned_block, self._use_poses)
+        if seen is None:
             return None
+        entered, sums, motion = seen
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
         found = _Block(block, motion, sums[:, 0], entered.samples[:, WRENCH], moments)
         self._contradictions.add(moments)
@@ -322,8 +317,10 @@ class Team:
         self._memory.correct(rows, self._fitted)
         self._corrected = self._version
 
-    def _map_to(self, version: int) -> None:
+    def _use_poses(self, version: int) -> None:
         """All samples so far count from now on as if they had been carried with the poses of a version."""
+        if version == self._version:
+            return
         self._found_before, self._held = self.found(), None
         poses = self._fits.take_poses(version)
         feature_map = refit_map(self._poses, poses, self._config.noise)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -10,10 +10,8 @@ from agents.sums import Entered
 from coheft.estimation.acceleration import (
     DERIVATIVE_SPAN,
     MotionFusion,
-    carried_constants,
     derivative,
     derivative_kernel,
-    robot_constants,
 )
 from coheft.estimation.spatial import Array, Pose
 from coheft.wire.config import AgentConfig
@@ -42,9 +40,7 @@ class TotalMotion:
 
     def set_poses(self, poses: Sequence[Pose]) -> None:
         """From now on sums are seen with these poses."""
-        constants = robot_constants(self._config.noise)
-        carried = np.sum([carried_constants(constants, pose) for pose in poses], axis=0)
-        self.fusion: MotionFusion = MotionFusion.of(carried, self._kernel)
+        self.fusion: MotionFusion = MotionFusion.of_robots(self._config.noise, poses, self._kernel)
 
     @property
     def needs_slope(self) -> bool:
@@ -58,13 +54,27 @@ class TotalMotion:
         self._totals = {number: total for number, total in self._totals.items() if number > block - 3}
         return block - 1 if self.needs_slope else block
 
-    def total(self, block: int) -> tuple[Entered, Array] | None:
-        """Own samples and the team's sums of a block, None if it is not there (any more)."""
-        return self._totals.get(block)
+    def look_at(self, block: int, after: int, use_poses: Callable[[int], None]) -> tuple[Entered, Array, Array] | None:
+        """What a block shows.
 
-    def motion(self, block: int) -> Array | None:
-        """Of the body during a block that is there (B, 12), None if a block that it takes beside it is missing."""
-        _, sums = self._totals[block]
+        Args:
+            block: Its number, from ``add``.
+            after: The block that was looked at last: new poses can make the slope needless, or needed.
+            use_poses: Called with the version of the poses that it was carried with, to bring these into use.
+
+        Returns:
+            Own samples, the team's sums (B, 3, 6), and the motion of the body (B, 12); None if the block, or one that
+            it takes beside it, is missing.
+        """
+        total = self._totals.get(block)
+        if total is None or block <= after:
+            return None
+        entered, sums = total
+        use_poses(entered.version)
+        motion = self._motion(block, sums)
+        return None if motion is None else (entered, sums, motion)
+
+    def _motion(self, block: int, sums: Array) -> Array | None:
         if not self.needs_slope:
             return self.fusion.motion(sums)
         slope = self._slope(block)

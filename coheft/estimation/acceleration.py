@@ -17,6 +17,7 @@ Of each sample the network sums ``CHANNELS`` = 18 numbers (``summands``), once p
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,6 +118,12 @@ class MotionFusion:
     velocity_covariance: Array
     derivative_gain: Array | None
     centripetal: Array
+
+    @staticmethod
+    def of_robots(noise: SensorNoise, poses: Iterable[Pose], kernel: Array) -> MotionFusion:
+        """Of robots with the same noise, at these poses; ``kernel`` as for ``of``."""
+        constants = robot_constants(noise)
+        return MotionFusion.of(np.sum([carried_constants(constants, pose) for pose in poses], axis=0), kernel)
 
     @staticmethod
     def of(constants: Array, kernel: Array) -> MotionFusion:

@@ -15,10 +15,8 @@ import numpy as np
 from coheft.estimation.acceleration import (
     DERIVATIVE_SPAN,
     MotionFusion,
-    carried_constants,
     derivative,
     derivative_kernel,
-    robot_constants,
     summands,
 )
 from coheft.estimation.body_motion import perturbation_between
@@ -97,12 +95,10 @@ def sum_up(samples: Array, poses: Sequence[Pose], noise: SensorNoise, rate: floa
     """
     if samples.shape[1:] != (len(poses), SAMPLE_SIZE):
         raise ValueError(f"{samples.shape=} but expected (n, {len(poses)}, {SAMPLE_SIZE})")
-    own = robot_constants(noise)
-    constants = np.sum([carried_constants(own, pose) for pose in poses], axis=0)
     sums = np.sum([summands(samples[:, i], noise) @ pose.adjoint().T for i, pose in enumerate(poses)], axis=0)
     half_span = max(2, round(DERIVATIVE_SPAN * rate))
     kernel = derivative_kernel(half_span, 1.0 / rate)
-    fusion = MotionFusion.of(constants, kernel)
+    fusion = MotionFusion.of_robots(noise, poses, kernel)
     slope = None
     if fusion.derivative_gain is not None:
         w = np.pad(fusion.angular_velocity(sums), ((half_span, half_span), (0, 0)), mode="edge")
