@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from coheft.app.record import Record
 from coheft.errors import MessageError, one_line
 from coheft.estimation.spatial import Array
 from coheft.wire.codec import check_array, check_field
@@ -16,8 +15,12 @@ _LARGEST = 1e15
 _ROTATION_TOLERANCE = 1e-6
 
 
-def hear(record: Record, source: str, message: Message) -> list[Problem]:
-    """Put what a source has said into the record; returns the problem, if it told one.
+News = Truth | Estimate | Problem
+"""What an observer hears of a run."""
+
+
+def check_news(source: str, message: Message, scene: Scene) -> News | None:
+    """What a source has said, checked; None if it is nothing for an observer.
 
     Raises:
         MessageError: It makes no sense.
@@ -25,13 +28,13 @@ def hear(record: Record, source: str, message: Message) -> list[Problem]:
     match message:
         case Truth():
             check_truth(message)
-            record.add_truth(message)
+            return message
         case Estimate():
-            check_estimate(message, source, record.scene)
-            record.add_estimate(message)
+            check_estimate(message, source, scene)
+            return message
         case Problem():
-            return [Problem(source=source, text=one_line(message.text))]
-    return []
+            return Problem(source=source, text=one_line(message.text))
+    return None
 
 
 def check_truth(truth: Truth) -> None:

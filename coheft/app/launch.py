@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 
+from coheft.app.follower import Follower
 from coheft.app.observer import Observer, observe
 from coheft.app.plan import Plan
 from coheft.app.processes import Processes
@@ -16,7 +19,7 @@ from coheft.app.restarts import Restarts
 from coheft.app.run_folder import RunFile, announce, announced
 from coheft.app.terminal import Display
 from coheft.errors import LinkError
-from coheft.wire.messages import Scene, Status, StatusRequest
+from coheft.wire.messages import Problem, Status, StatusRequest
 
 _POLL = 0.02
 _START_LIMIT = 60.0
@@ -26,7 +29,15 @@ _LAST_WORDS = 1.0
 _AGENTS_END = 5.0
 
 
-def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = False, restarts: int = 0) -> Report:
+def launch(
+    plan: Plan,
+    folder: Path,
+    display: Display,
+    *,
+    followers: Sequence[Follower] = (),
+    with_history: bool = False,
+    restarts: int = 0,
+) -> Report:
     """Run a plan to its end, and compare what the robots found with the truth.
 
     An agent that fails while the run goes on is started again, up to ``restarts`` times. The server is not: with it the
@@ -43,12 +54,17 @@ def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = F
         for name, agent in plan.agents.items():
             processes.start(name, "agents.process", agent)
         with announced(folder, _run_file(plan, processes)):
-            scene = _wait_for_start(observer, processes, display)
-            record = Record(scene, scenario.duration, with_history=with_history)
+            first = _wait_for_start(observer, processes, display)
+            record = Record(first.scene, scenario.duration, with_history=with_history)
+            audience = Audience(record, display, followers)
+            for follower in followers:
+                follower.begin(first)
             again = Restarts(
                 restarts, processes, observer, display, lambda: announce(folder, _run_file(plan, processes))
             )
-            status = _follow(record, observer, processes, again, display)
+            status = _follow(audience, observer, processes, again)
+            for follower in followers:
+                follower.end(status)
     if record.truth is None or record.silent:
         raise LinkError(f"the run ended before every robot had said something; see the logs in {folder}")
     info = RunInfo(
@@ -62,11 +78,38 @@ def launch(plan: Plan, folder: Path, display: Display, *, with_history: bool = F
     return build_report(info, record)
 
 
+@dataclass(frozen=True)
+class Audience:
+    """Everybody in this process who hears what an observer hears.
+
+    Attributes:
+        record: What the report is made of.
+        display: What the terminal shows.
+        followers: Everybody else.
+    """
+
+    record: Record
+    display: Display
+    followers: Sequence[Follower] = ()
+
+    def collect(self, observer: Observer, seconds: float = _POLL) -> bool:
+        """Take in what has come, show it, and say whether time went on."""
+        before = self.record.time
+        for news in observer.collect(self.record.scene, seconds):
+            self.record.hear(news)
+            if isinstance(news, Problem):
+                self.display.problem(news)
+            for follower in self.followers:
+                follower.hear(news)
+        self.display.update(self.record)
+        return self.record.time > before
+
+
 def _run_file(plan: Plan, processes: Processes) -> RunFile:
     return msgspec.structs.replace(plan.run_file(), pids=processes.pids)
 
 
-def _wait_for_start(observer: Observer, processes: Processes, display: Display) -> Scene:
+def _wait_for_start(observer: Observer, processes: Processes, display: Display) -> Status:
     """Wait until all links stand and the clock runs."""
     began = time.monotonic()
     waiting_for = ["server"]
@@ -75,7 +118,7 @@ def _wait_for_start(observer: Observer, processes: Processes, display: Display) 
         status = observer.status()
         if status is not None:
             if status.state != "waiting":
-                return status.scene
+                return status
             waiting_for = status.waiting_for
         if time.monotonic() > began + _NO_COMMENT:
             display.note(f"waiting for {', '.join(waiting_for)}")
@@ -83,7 +126,7 @@ def _wait_for_start(observer: Observer, processes: Processes, display: Display) 
     raise LinkError(f"after {_START_LIMIT:g} s there is still no link with {', '.join(waiting_for)}")
 
 
-def _follow(record: Record, observer: Observer, processes: Processes, again: Restarts, display: Display) -> Status:
+def _follow(audience: Audience, observer: Observer, processes: Processes, again: Restarts) -> Status:
     """Collect what the processes say until the agents have gone; return the server's last word.
 
     Raises:
@@ -93,18 +136,18 @@ def _follow(record: Record, observer: Observer, processes: Processes, again: Res
     news = time.monotonic()
     while not processes.all_done_but("server") or processes.failed:
         again.check()
-        if _collect(record, observer, display):
+        if audience.collect(observer):
             news = time.monotonic()
         elif time.monotonic() > news + _SILENCE:
             status = observer.status()
             if processes.ended("server") or (status is not None and status.state == "finished"):
                 processes.wait_for_all_but("server", _AGENTS_END)
             elif status is not None:
-                _explain_silence(status, display)
+                _explain_silence(status, audience.display)
     processes.check()
     deadline = time.monotonic() + _LAST_WORDS
-    while time.monotonic() < deadline and not record.complete:
-        _collect(record, observer, display)
+    while time.monotonic() < deadline and not audience.record.complete:
+        audience.collect(observer)
     status = observer.status()
     if status is None:
         processes.check()
@@ -120,20 +163,11 @@ def watch(run_file: RunFile, display: Display) -> None:
     """
     with observe(run_file) as observer, display:
         first = observer.ask(StatusRequest())
-        record = Record(first.scene, first.duration)
+        audience = Audience(Record(first.scene, first.duration), display)
         status: Status | None = first
         while status is not None and status.state != "finished":
-            if not _collect(record, observer, display, _SILENCE):
+            if not audience.collect(observer, _SILENCE):
                 status = observer.status()
-
-
-def _collect(record: Record, observer: Observer, display: Display, seconds: float = _POLL) -> bool:
-    """Take in what has come, show it, and say whether time went on."""
-    before = record.time
-    for problem in observer.collect(record, seconds):
-        display.problem(problem)
-    display.update(record)
-    return record.time > before
 
 
 def _explain_silence(status: Status, display: Display) -> None:

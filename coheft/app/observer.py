@@ -9,12 +9,11 @@ from pathlib import Path
 
 import zenoh
 
-from coheft.app.heard import hear
-from coheft.app.record import Record
+from coheft.app.heard import News, check_news
 from coheft.app.run_folder import RunFile, find_run
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.inbox import Inbox, Received, Refused
-from coheft.wire.messages import Estimate, Problem, Refusal, Request, Status, StatusRequest, Truth
+from coheft.wire.messages import Estimate, Problem, Refusal, Request, Scene, Status, StatusRequest, Truth
 from coheft.wire.planes import guard_observer
 from coheft.wire.security import Guard, credentials_in
 from coheft.wire.transport import Keys, Role, ask, open_session
@@ -38,28 +37,29 @@ class Observer:
             estimate, problem = (self._keys.observe_agent(name, topic) for topic in ("estimate", "problem"))
             self._inbox.listen(session, name, {estimate: Estimate, problem: Problem})
 
-    def collect(self, record: Record, seconds: float) -> list[Problem]:
-        """Wait at most that long for something new, then put what has come into the record.
+    def collect(self, scene: Scene, seconds: float) -> list[News]:
+        """Wait at most that long for something new, then return what has come, checked, in the order in which it came.
 
-        Returns:
-            What processes have refused, news only.
+        What makes no sense becomes a ``Problem``.
         """
-        problems = []
+        news: list[News] = []
         event = self._inbox.receive(seconds)
         deadline = time.monotonic() + _COLLECT_LIMIT
         while event is not None:
             match event:
                 case Received(source, message):
                     try:
-                        problems += hear(record, source, message)
+                        checked = check_news(source, message, scene)
                     except MessageError as error:
-                        problems.append(_refusal(source, error))
+                        checked = _refusal(source, error)
+                    if checked is not None:
+                        news.append(checked)
                 case Refused(source, reason):
-                    problems.append(_refusal(source, reason))
+                    news.append(_refusal(source, reason))
                 case _:
                     pass
             event = self._inbox.receive(0.0) if time.monotonic() < deadline else None
-        return problems
+        return news
 
     def status(self) -> Status | None:
         """How the run is; None if the server does not answer (yet, or any more)."""

@@ -6,6 +6,7 @@ from collections import deque
 
 import msgspec
 
+from coheft.app.heard import News
 from coheft.app.judge import Judge
 from coheft.app.robot_record import LoadPeriod, RobotRecord
 from coheft.wire.messages import Estimate, Scene, Truth
@@ -75,6 +76,16 @@ class Record:
         """Whether every robot's estimate of the newest truth's block has come."""
         newest = self.truth
         return newest is not None and not self.silent and all(e.block >= newest.block for e in self.latest.values())
+
+    def hear(self, news: News) -> None:
+        """Take in what an observer has heard."""
+        match news:
+            case Truth():
+                self.add_truth(news)
+            case Estimate():
+                self.add_estimate(news)
+            case _:
+                pass
 
     def add_truth(self, truth: Truth) -> None:
         """Take in the truth about one more block."""

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from coheft.app.final_table import print_report
-from coheft.app.heard import hear
+from coheft.app.heard import check_news
 from coheft.app.record import Record
 from coheft.app.report import RunInfo, build_report
 from coheft.app.terminal import LineDisplay, LiveDisplay
@@ -46,16 +46,18 @@ def record_of_a_run() -> Record:
 def hear_show_and_report(message: Message) -> None:
     record = record_of_a_run()
     try:
-        problems = hear(record, "r1", message)
+        news = check_news("r1", message, SCENE)
     except MessageError:
         return
+    assert news is not None
+    record.hear(news)
     console = Console(file=io.StringIO(), width=80, force_terminal=True)
     for display in (LiveDisplay(console), LineDisplay(console)):
         with display:
             display.update(record)
-            for problem in problems:
-                assert problem.source == "r1"
-                display.problem(problem)
+            if isinstance(news, Problem):
+                assert news.source == "r1"
+                display.problem(news)
     for name in ROBOTS:
         record.add_estimate(estimate(name, 12, HEAVY))
     record.add_truth(truth(20, LIGHT))
@@ -89,4 +91,4 @@ def test_any_message(message: Message) -> None:
 
 def test_nobody_speaks_for_another_robot() -> None:
     with pytest.raises(MessageError, match="robot is 'r2' but expected 'r1'"):
-        hear(record_of_a_run(), "r1", estimate("r2", 11, HEAVY))
+        check_news("r1", estimate("r2", 11, HEAVY), SCENE)
