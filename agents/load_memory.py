@@ -26,10 +26,8 @@ from coheft.wire.messages import PayloadEstimate
 
 _COHERENCE = 1.0
 """Time for which what the robots push against each other keeps its direction, more or less [s]."""
-_SPOILT = 2.0
-"""Where poses disturb wrenches more than this, samples are not compared: the first fits of few samples are rough."""
-_ROUGHEST = 10.0
-"""Poses that have not been fitted yet disturb wrenches by not more than this."""
+_SPOILT = 10.0
+"""Where poses disturb wrenches more than this, samples are not compared. First fits of few samples disturb less."""
 _OTHER_LOAD = 3.0
 """An early block with such a mean square of its residuals over what it should be, and all before it, are of another."""
 _NEW = 0.5
@@ -168,7 +166,7 @@ class LoadMemory:
 
     def push_early(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> None:
         """Take in a block from before all others, as ``push``, unless it is of another load."""
-        expected = _OTHER_LOAD * (1.0 + min(self._disturbance, _ROUGHEST))
+        expected = _OTHER_LOAD * (1.0 + min(self._disturbance, _SPOILT))
         self._is_early_over |= self.changed_at >= 0 or self._surprise(motion, wrench) > expected
         if not self._is_early_over:
             self._first_block = block

@@ -45,7 +45,7 @@ from consensus.graph import build_graph
 
 MOST_FAULTS = 4
 LATEST_START = 5.0
-"""Until then faults begin [s]; a team without faults is valid after 3 to 6.5 s."""
+"""Until then faults begin [s]; a team without faults is valid after 3 to 7 s."""
 RECOVERY = 5.5
 """A run goes on for so long after its last fault [s],"""
 RECOVERY_OF_HOLD = 6.5

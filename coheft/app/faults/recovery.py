@@ -7,13 +7,16 @@ from coheft.app.faults.invariants import Violation
 from coheft.app.faults.run import FaultyBlock
 from coheft.app.faults.schedule import Crash, FaultSchedule, Lie, Partition, Release
 from coheft.wire.messages import Estimate
+from consensus.graph import build_graph, diameter
 
 BACK_FROM_SILENCE = 3.0
 """Time until everybody is valid again after restarts and partitions [s],"""
 BACK = 5.0
 """after other faults and changes of the load: what was spoilt is forgotten first;"""
-START_UP = 6.5
-"""and where they had not all been valid before, or a robot takes hold again and has to find out where."""
+START_UP = 3.0
+"""and where they had not all been valid before, or a robot takes hold again and has to find out where;"""
+_TELLINGS = 15
+"""then it takes so many times, too, as long as what one robot tells needs to reach all others."""
 _ROUNDING = 1e-9
 
 
@@ -29,6 +32,8 @@ class Recovery:
         scenario = schedule.scenario
         self._schedule = schedule
         liars = {fault.robot for fault in schedule.faults if isinstance(fault, Lie)}
+        reach = (diameter(build_graph(scenario.graph, scenario.robot_names)) + 1) * scenario.block_duration
+        self._start_up = START_UP + _TELLINGS * reach
         last = scenario.blocks - 1
         self._asked = [n for n in scenario.robot_names if n not in liars and Hands(schedule, n).holds(last)]
         self._latest: dict[str, Estimate] = {}
@@ -65,7 +70,7 @@ class Recovery:
             return None
         if taken is not None and taken <= limit + _ROUNDING:
             return None
-        if taken is None and limit == START_UP and all(self._sees_too_little(name) for name in self._asked):
+        if taken is None and limit == self._start_up and all(self._sees_too_little(name) for name in self._asked):
             return None
         robot = next((name for name in self._asked if not self._is_valid(name)), "")
         reasons = "; ".join(self._latest[robot].reasons) if robot in self._latest else "silent"
@@ -84,9 +89,9 @@ class Recovery:
         faults = self._schedule.faults
         first_fault = min((fault.start for fault in faults), default=0.0)
         calm = self._calm_from
-        last = [fault for fault in faults if fault.end > calm - START_UP]
+        last = [fault for fault in faults if fault.end > calm - self._start_up]
         if self.first_valid is None or self.first_valid > first_fault or any(isinstance(f, Release) for f in last):
-            return START_UP
+            return self._start_up
         return BACK_FROM_SILENCE if last and all(isinstance(f, Crash | Partition) for f in last) else BACK
 
     def _is_valid(self, robot: str) -> bool:
