@@ -61,7 +61,7 @@ class Agent:
         self._status = StatusKeeper(config)
 
     def set_holding(self, holding: bool, from_block: int) -> None:
-        """The robot takes hold of the load, or lets go of it, at a block that lies ahead."""
+        """The robot takes hold of the load, or lets go of it, at a block that no step was for yet."""
         self._gossip.announce_holding(holding, from_block)
 
     def step(self, index: int, block: MeasurementBlock | None, inbox: Sequence[NeighbourMessage]) -> Outbox:

@@ -64,6 +64,7 @@ class AgentProcess:
         self._incarnation = time.time_ns()
         self._agent = Agent(self._config.agent, self._incarnation)
         self._block = -1
+        self._is_holding = True
         self._last_estimate: Estimate | None = None
 
     def run(self) -> None:
@@ -142,6 +143,9 @@ class AgentProcess:
         """Step with all that is there, and say what came of it."""
         self._tell_of_links()
         is_first, self._block = self._block < 0, measurements.block
+        if measurements.holding != self._is_holding:
+            self._is_holding = measurements.holding
+            self._agent.set_holding(self._is_holding, self._block)
         messages = [message for link in self._links.values() for message in link.take_messages(self._block)]
         outbox = self._agent.step(self._block, MeasurementBlock(self._block, measurements.samples), messages)
         self._outside.message.send(outbox.message)

@@ -22,6 +22,7 @@ from coheft.wire.config import ServerConfig
 from coheft.wire.data_file import write_recording
 from coheft.wire.inbox import Event, Inbox, LinkChange, Question, Received, Refused
 from coheft.wire.messages import (
+    HoldRequest,
     InjectRequest,
     Message,
     PauseRequest,
@@ -286,6 +287,12 @@ class Server:
                 self._simulation.inject(request.mass, request.position, request.size)
             case RemoveRequest():
                 self._simulation.remove(request.load)
+            case HoldRequest(robot=robot, holding=True):
+                self._simulation.grasp(robot)
+            case HoldRequest(robot=robot):
+                if self._simulation.holders == [robot]:
+                    raise CoheftError(f"{robot} is the only one that holds the payload, which would fall")
+                self._simulation.release(robot)
             case PauseRequest():
                 if self._state == "waiting":
                     raise CoheftError(f"the run has not begun: waiting for {', '.join(self._not_ready())}")

@@ -139,6 +139,11 @@ class Simulation:
         """How many more loads the payload can take."""
         return self._loads.slots_free
 
+    @property
+    def holders(self) -> list[str]:
+        """Robots that hold the payload."""
+        return [name for name, is_holding in zip(self._names, self._is_holding, strict=True) if is_holding]
+
     def inject(self, mass: float, position: Vector, size: Vector = (0.1, 0.1, 0.1), leak: float = 0.0) -> LoadState:
         """Put a load onto the payload, before the next block; see ``Loads.put``.
 
@@ -201,8 +206,8 @@ class Simulation:
         kinematics = np.where(self._is_holding[:, None], readings.kinematics, self._at_rest)
         samples = self._sensors.measure(kinematics, wrenches)
         measurements = {
-            name: Measurements(robot=name, block=self.block, samples=rows)
-            for name, rows in zip(self._names, samples, strict=True)
+            name: Measurements(robot=name, block=self.block, samples=rows, holding=bool(is_holding))
+            for name, rows, is_holding in zip(self._names, samples, self._is_holding, strict=True)
         }
         truth = self._truth(readings.positions[-1], samples[:, -1, WRENCH])
         self._loads.leak(self._scenario.block_duration)

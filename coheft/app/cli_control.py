@@ -46,6 +46,42 @@ def remove(load: int, *, run: RunFolder = None) -> None:
 
 
 @app.command
+def release(robot: str, *, run: RunFolder = None) -> None:
+    """Let a robot of a run take its hand off the payload.
+
+    Parameters
+    ----------
+    robot:
+        Its name.
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    from coheft.app.observer import ask_run
+    from coheft.wire.messages import HoldRequest
+
+    status = ask_run(HoldRequest(robot=robot, holding=False), run)
+    print(f"{robot} let go at {status.time:.2f} s; 'coheft grasp {robot}' lets it take hold again")
+
+
+@app.command
+def grasp(robot: str, *, run: RunFolder = None) -> None:
+    """Let a robot of a run take hold of the payload again, where it held it before.
+
+    Parameters
+    ----------
+    robot:
+        Its name.
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    from coheft.app.observer import ask_run
+    from coheft.wire.messages import HoldRequest
+
+    status = ask_run(HoldRequest(robot=robot, holding=True), run)
+    print(f"{robot} took hold at {status.time:.2f} s")
+
+
+@app.command
 def pause(*, run: RunFolder = None) -> None:
     """Stop the clock of a run.
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-PROTOCOL_VERSION = 2
+PROTOCOL_VERSION = 3
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -45,6 +45,7 @@ class Measurements(Message, frozen=True):
         world: Number of the simulated world. Another one means that the server has started again: nothing that was
             learned of the old world holds.
         attempt: Of the robot's ``Ready``, by which it knows measurements that were meant for it before it asked anew.
+        holding: Whether its hand held the payload during the block.
     """
 
     robot: str
@@ -52,6 +53,7 @@ class Measurements(Message, frozen=True):
     samples: np.ndarray[Any, Any]
     world: int = 0
     attempt: int = 0
+    holding: bool = True
 
 
 class Reference(Message, frozen=True):
@@ -315,6 +317,13 @@ class RemoveRequest(Message, frozen=True, tag="remove"):
     load: int
 
 
+class HoldRequest(Message, frozen=True, tag="hold"):
+    """Let a robot take its hand off the payload, or take hold of it again, at the next block."""
+
+    robot: str
+    holding: bool
+
+
 class PauseRequest(Message, frozen=True, tag="pause"):
     """Stop the clock, or let it go on."""
 
@@ -325,7 +334,7 @@ class StopRequest(Message, frozen=True, tag="stop"):
     """End the run."""
 
 
-Request = StatusRequest | InjectRequest | RemoveRequest | PauseRequest | StopRequest
+Request = StatusRequest | InjectRequest | RemoveRequest | HoldRequest | PauseRequest | StopRequest
 
 
 class Status(Message, frozen=True):

@@ -17,7 +17,7 @@ import zenoh
 
 from coheft.app.plan import Plan, make_plan
 from coheft.errors import LinkError
-from coheft.wire.messages import Request, Status, StatusRequest
+from coheft.wire.messages import Refusal, Request, Status, StatusRequest
 from coheft.wire.planes import guard_observer
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import parse_scenario
@@ -105,6 +105,12 @@ class Team:
         answer = ask(self.observer, self.keys.request("operator"), request)
         assert isinstance(answer, Status), answer
         return answer
+
+    def refusal(self, request: Request) -> str:
+        """Why the server does not carry a request out."""
+        answer = ask(self.observer, self.keys.request("operator"), request)
+        assert isinstance(answer, Refusal), answer
+        return answer.reason
 
     def status(self) -> Status | None:
         """How the run is; None while the server does not answer."""

@@ -12,7 +12,7 @@ from msgspec import structs
 
 from coheft.app.keys import make_keys
 from coheft.app.plan import Plan
-from coheft.wire.messages import StatusRequest
+from coheft.wire.messages import HoldRequest, StatusRequest
 
 from .relayed import Edge, with_relays
 from .team import LIMIT, Team, running_team, small_scenario, wait_until
@@ -78,6 +78,35 @@ def test_an_agent_that_is_frozen_goes_on_where_the_others_are(tmp_path):
         watcher.wait_until_valid(block)
         assert watcher.worst < 5.0
         assert "started again" not in team.log("r2")
+
+
+def test_a_robot_that_lets_go_leaves_the_team_and_comes_back(tmp_path):
+    with running_team(small_scenario(4, block=BLOCK), tmp_path, "realtime") as team, watching(team) as watcher:
+        watcher.wait_until_valid()
+        assert "no robot r9: the robots are r1, r2, r3, r4" in team.refusal(HoldRequest(robot="r9", holding=False))
+        let_go = time.monotonic()
+        block = team.ask(HoldRequest(robot="r2", holding=False)).block
+        wait_until_told(watcher, "r2", "the robot does not hold the load", let_go)
+        others = ("r1", "r3", "r4")
+        watcher.wait_until(
+            lambda: all(
+                watcher.latest[name].status == "valid"
+                and watcher.latest[name].members == 3
+                and watcher.latest[name].valid_block > block
+                for name in others
+            ),
+            "the others to go on without it",
+        )
+        watcher.wait_until_valid(team.ask(HoldRequest(robot="r2", holding=True)).block)
+        assert all(estimate.members == 4 for estimate in watcher.latest.values())
+        assert watcher.worst < 5.0
+
+
+def test_the_last_one_may_not_let_go(tmp_path):
+    with running_team(small_scenario(2, "line", block=BLOCK), tmp_path, "realtime") as team:
+        team.wait_for_block(1)
+        team.ask(HoldRequest(robot="r1", holding=False))
+        assert "r2 is the only one that holds" in team.refusal(HoldRequest(robot="r2", holding=False))
 
 
 def relayed(edges: list[Edge], stack: ExitStack) -> tuple[Callable[[Plan], Plan], dict]:

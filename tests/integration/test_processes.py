@@ -27,15 +27,13 @@ from coheft.wire.messages import (
     Problem,
     Ready,
     Reference,
-    Refusal,
     RemoveRequest,
-    Request,
     StatusRequest,
     StopRequest,
     Truth,
 )
 from coheft.wire.scenario import Scenario
-from coheft.wire.transport import Sender, ask, open_session
+from coheft.wire.transport import Sender, open_session
 from physics_server.simulation import Simulation
 
 from .team import LIMIT, ROOT, Team, running_team, small_scenario, wait_until
@@ -95,18 +93,12 @@ def test_processes_give_the_same_numbers_as_the_pure_parts_bit_for_bit(tmp_path)
 @pytest.mark.parametrize("clock", ["lockstep", "realtime"])
 def test_requests_are_carried_out_or_refused_with_a_reason(clock, tmp_path):
     with running_team(small_scenario(2, "line"), tmp_path, clock) as team:
-
-        def refusal(request: Request) -> str:
-            answer = ask(team.observer, team.keys.request("operator"), request)
-            assert isinstance(answer, Refusal)
-            return answer.reason
-
         team.wait_for_block(10)
-        assert "mass of a load is -1.0 kg" in refusal(InjectRequest(mass=-1.0, position=(0.0, 0.0, 0.0)))
-        assert "there is no load 7" in refusal(RemoveRequest(load=7))
+        assert "mass of a load is -1.0 kg" in team.refusal(InjectRequest(mass=-1.0, position=(0.0, 0.0, 0.0)))
+        assert "there is no load 7" in team.refusal(RemoveRequest(load=7))
         assert team.ask(InjectRequest(**GENTLE)).slots_free == 1
         assert [load.id for load in team.ask(InjectRequest(**GENTLE)).loads] == [1, 2]
-        assert "slot" in refusal(InjectRequest(**GENTLE))
+        assert "slot" in team.refusal(InjectRequest(**GENTLE))
         assert [load.id for load in team.ask(RemoveRequest(load=1)).loads] == [2]
 
         status = team.ask(PauseRequest(paused=True))
@@ -117,7 +109,7 @@ def test_requests_are_carried_out_or_refused_with_a_reason(clock, tmp_path):
 
         team.ask(StopRequest())
         wait_until(lambda: team.ask(StatusRequest()).state == "finished", "the end of the run")
-        assert refusal(InjectRequest(**GENTLE)) == "the run is over"
+        assert team.refusal(InjectRequest(**GENTLE)) == "the run is over"
         for name in team.plan.agents:
             assert team.exit_status(name) == 0
         assert all(team.log(name) == "" for name in team.plan.agents)
