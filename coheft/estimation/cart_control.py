@@ -12,7 +12,6 @@ from math import atan, cos, sin
 
 import msgspec
 import numpy as np
-from scipy.linalg import solve_continuous_are
 
 from coheft.estimation.cart_model import CartBody, axes, axes_derivative, inverse_dynamics
 from coheft.estimation.cart_trajectory import Target
@@ -42,6 +41,8 @@ def regulator(alpha: float, weights: tuple[float, float]) -> Array:
 
     For the dynamics ``ed = r - alpha e``, ``rd = v``.
     """
+    from scipy.linalg import solve_continuous_are  # heavy, and every agent that reads a configuration is here
+
     dynamics, by_input = np.array([[-alpha, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
     cost = solve_continuous_are(dynamics, by_input, np.diag(weights), np.eye(1))
     gains: Array = cost[1]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from scipy.stats import chi2
-
 from coheft.estimation.cart_filter import MOTION_SIZE
+from coheft.estimation.chi_square import chi_square_threshold
 
 WINDOWS = (1, 4, 16)
 """Lengths over which innovations are summed, in samples: a jolt shows at once, a change of mass while accelerating."""
@@ -15,7 +14,7 @@ FALSE_ALARMS = 1e-9
 
 _FREEDOM = MOTION_SIZE + 1
 """Of one surprise, for a cart with one axle."""
-_THRESHOLDS = tuple(float(chi2.isf(FALSE_ALARMS, _FREEDOM * window)) for window in WINDOWS)
+_THRESHOLDS = tuple(chi_square_threshold(_FREEDOM * window, FALSE_ALARMS) for window in WINDOWS)
 
 
 def changed_since(surprises: Sequence[float]) -> int:

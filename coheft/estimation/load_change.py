@@ -18,8 +18,8 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import chdtri
 
+from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.inertia import GRAM_SIZE, InertiaInformation, InertiaModel
 from coheft.estimation.spatial import Array
 
@@ -312,12 +312,7 @@ class LoadWindow:
         spread += basis @ self._disturbance(model, self._sums[borders], is_coherent) @ basis.T
         spread += 1e-9 * np.eye(len(basis))
         statistics = np.einsum("ki,ki->k", score, np.linalg.solve(spread, score[..., None])[..., 0])
-        return statistics, _threshold(len(basis), self._false_alarm)
-
-
-def _threshold(degrees_of_freedom: int, false_alarm: float) -> float:
-    """What a chi-square variable exceeds with the given probability."""
-    return float(chdtri(degrees_of_freedom, false_alarm))
+        return statistics, chi_square_threshold(len(basis), self._false_alarm)
 
 
 def signal_directions(matrix: Array, covariance: Array, least: float) -> tuple[Array, Array, Array]:
