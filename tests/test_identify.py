@@ -11,7 +11,8 @@ import pytest
 
 from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
 from coheft.app.cli_base import EXIT_NOT_CONVERGED
-from coheft.app.identify.methods import Bounds, Method, identify
+from coheft.app.identify.choices import Bounds, Method
+from coheft.app.identify.methods import identify
 from coheft.app.inprocess import run_in_process
 from coheft.app.mocobots.campaign import errors_of, scenario_of
 from coheft.app.mocobots.record import record, record_sphere

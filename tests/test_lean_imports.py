@@ -13,7 +13,7 @@ import pytest
     [
         ("agents.process", {"scipy", "mujoco", "physics_server", "cyclopts", "rich", "unittest"}),
         ("physics_server.server", {"agents", "cyclopts", "rich", "matplotlib"}),
-        ("coheft.app.cli", {"zenoh", "mujoco", "scipy", "matplotlib", "joblib"}),
+        ("coheft.app.cli", {"zenoh", "mujoco", "numpy", "scipy", "matplotlib", "joblib"}),
     ],
 )
 def test_what_is_not_loaded(module, heavy):

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from coheft.app.cli_base import EXIT_CONVERGED, EXIT_NOT_CONVERGED, Flag, Positive, ReportTarget, app
-from coheft.app.identify.methods import Bounds, Method
+from coheft.app.identify.choices import Bounds, Method
 
 
 @app.command

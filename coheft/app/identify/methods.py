@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
-
+from coheft.app.identify.choices import Bounds, Method
 from coheft.errors import RecordingError
 from coheft.estimation.batch.calibration import Tolerances
 from coheft.estimation.batch.identification import Identification
@@ -13,33 +11,6 @@ from coheft.estimation.batch.identify_poses import identify_poses
 from coheft.estimation.batch.identify_sensors import identify_sensors
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
-
-Method = Literal["batch", "instruments", "pose", "likelihood"]
-
-
-@dataclass(frozen=True)
-class Bounds:
-    """How wrong robots may be that are not calibrated: errors are anywhere within plus or minus these.
-
-    Attributes:
-        misalignment_deg: Zero of the gimbal, about any axis [degrees].
-        angle_scale: Of each gimbal angle, relative.
-        position_scale: Of the position, relative.
-        force_scale: Of the force, relative.
-        force_offset: Of each axis of the force [N].
-    """
-
-    misalignment_deg: float = 1.0
-    angle_scale: float = 0.01
-    position_scale: float = 0.03
-    force_scale: float = 0.01
-    force_offset: float = 0.5
-
-    def tolerances(self) -> Tolerances:
-        """As standard deviations."""
-        return Tolerances.of_bounds(
-            self.misalignment_deg, self.angle_scale, self.position_scale, self.force_scale, self.force_offset
-        )
 
 
 def suitable(recording: Recording) -> Method:
@@ -73,5 +44,12 @@ def identify(
     if method == "instruments":
         return identify_with_instruments(recording, cutoff or CUTOFF)
     if method == "pose":
-        return identify_poses(recording, None if bounds is None else bounds.tolerances(), cutoff or CUTOFF)
+        return identify_poses(recording, None if bounds is None else _tolerances(bounds), cutoff or CUTOFF)
     return identify_sensors(recording)
+
+
+def _tolerances(bounds: Bounds) -> Tolerances:
+    """As standard deviations."""
+    return Tolerances.of_bounds(
+        bounds.misalignment_deg, bounds.angle_scale, bounds.position_scale, bounds.force_scale, bounds.force_offset
+    )

@@ -8,7 +8,8 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from coheft.app.identify.methods import Bounds, Method, identify
+from coheft.app.identify.choices import Bounds, Method
+from coheft.app.identify.methods import identify
 from coheft.app.identify.report import load_errors, pose_errors
 from coheft.app.mocobots.paper import PAIRS, PAPER
 from coheft.app.mocobots.record import record, record_sphere

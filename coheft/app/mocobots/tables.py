@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coheft.app.identify.methods import Method
+from coheft.app.identify.choices import Method
 from coheft.app.mocobots.campaign import Mocobots, Noise
 from coheft.app.mocobots.paper import PAPER, ROWS
 from coheft.estimation.spatial import Array

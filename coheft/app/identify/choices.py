@@ -1,0 +1,27 @@
+"""What a user may choose about an identification; nothing heavy is loaded for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Method = Literal["batch", "instruments", "pose", "likelihood"]
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """How wrong robots may be that are not calibrated: errors are anywhere within plus or minus these.
+
+    Attributes:
+        misalignment_deg: Zero of the gimbal, about any axis [degrees].
+        angle_scale: Of each gimbal angle, relative.
+        position_scale: Of the position, relative.
+        force_scale: Of the force, relative.
+        force_offset: Of each axis of the force [N].
+    """
+
+    misalignment_deg: float = 1.0
+    angle_scale: float = 0.01
+    position_scale: float = 0.03
+    force_scale: float = 0.01
+    force_offset: float = 0.5
