@@ -78,16 +78,32 @@ class MassProperties(Section, frozen=True):
 
 
 class Payload(Section, frozen=True):
-    """The thing that is held: boxes fixed to each other, or mere mass properties.
+    """The thing that is held: boxes fixed to each other, mere mass properties, or a file of your own.
+
+    Files are read when the scenario is, see ``payload_file``: what is left of them are mass properties. Their paths are
+    relative to the scenario's file.
 
     Attributes:
         boxes: What it is made of, fixed to each other.
         properties: Instead: what it weighs.
+        mjcf: Instead: MuJoCo model, of which one body is held. The payload's frame is the frame of that body.
+        body: Name of that body, if the model has several.
+        mesh: Instead: its closed surface, an STL (binary), OBJ or MSH file, homogeneous inside. The payload's frame is
+            the frame of the mesh.
+        density: Of the mesh [kg/m³].
+        mass: Of the mesh, instead of its density [kg].
+        scale: Length of the mesh's unit [m]: 0.001 if it was drawn in millimetres.
         load_slots: Number of loads that can lie on it at a time.
     """
 
     boxes: tuple[Box, ...] = ()
     properties: MassProperties | None = None
+    mjcf: str | None = None
+    body: str | None = None
+    mesh: str | None = None
+    density: Positive | None = None
+    mass: Positive | None = None
+    scale: Positive = 1.0
     load_slots: Annotated[int, Meta(ge=0, le=64)] = 4
 
     def inertia(self) -> Inertia:
@@ -128,11 +144,13 @@ class Perimeter(Section, frozen=True):
 
 
 class Robots(Section, frozen=True):
-    """The robots: their grasps (listed, or spread over a rim) and the impedance of their arms.
+    """The robots: their grasps (listed, spread over a rim, or sites of a model) and the impedance of their arms.
 
     Attributes:
         grasps: One per robot.
         perimeter: Instead: a rule that places them.
+        sites: Instead: names of sites of the model ``payload.mjcf``, one per robot; grasp frames are oriented as the
+            sites are.
         stiffness: Of every arm: translation [N/m], rotation [N·m/rad]. Without stiffness and damping in rotation the
             wrist is a gimbal: its torque is exactly zero.
         damping: Of every arm: translation [N·s/m], rotation [N·m·s/rad].
@@ -140,6 +158,7 @@ class Robots(Section, frozen=True):
 
     grasps: Annotated[tuple[Grasp, ...], Meta(max_length=MAX_ROBOTS)] = ()
     perimeter: Perimeter | None = None
+    sites: Annotated[tuple[str, ...], Meta(max_length=MAX_ROBOTS)] = ()
     stiffness: tuple[Positive, NotNegative] = (800.0, 30.0)
     damping: tuple[NotNegative, NotNegative] = (70.0, 3.0)
 

@@ -19,15 +19,8 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
     Raises:
         ScenarioError: Keys contradict each other.
     """
-    for place, value in _numbers(msgspec.to_builtins(scenario)):
-        if not math.isfinite(value):
-            raise ScenarioError(f"{origin}: key '{place}': expected a finite number; found {value!r}")
+    check_choices(scenario, origin)
     payload = scenario.payload
-    if bool(payload.boxes) == (payload.properties is not None):
-        raise ScenarioError(
-            f"{origin}: key 'payload': found {_both_or_neither(bool(payload.boxes), 'boxes', 'properties')}, "
-            f"expected exactly one of them"
-        )
     if payload.properties is not None and not np.all(np.linalg.eigvalsh(payload.inertia().pseudo_inertia()) > 0.0):
         raise ScenarioError(
             f"{origin}: key 'payload.properties.principal': found {payload.properties.principal}, but no body has a "
@@ -39,11 +32,6 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
             f"{origin}: key 'robots.damping': found {list(robots.damping)}, expected no damping of rotations where "
             f"there is no stiffness: that is a gimbal"
         )
-    if bool(robots.grasps) == (robots.perimeter is not None):
-        raise ScenarioError(
-            f"{origin}: key 'robots': found {_both_or_neither(bool(robots.grasps), 'grasps', 'perimeter')}, "
-            f"expected exactly one of them"
-        )
     if scenario.robot_count < 2:
         raise ScenarioError(f"{origin}: key 'robots.grasps': found 1 grasp, expected at least 2")
     low, high = scenario.motion.frequency
@@ -52,11 +40,7 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
             f"{origin}: key 'motion.frequency': found {[low, high]}, expected the lower frequency first"
         )
     for number, change in enumerate(scenario.load_changes):
-        if (change.mass is None) == (change.remove is None):
-            raise ScenarioError(
-                f"{origin}: key 'load_changes[{number}]': found "
-                f"{_both_or_neither(change.mass is not None, 'mass', 'remove')}, expected exactly one of them"
-            )
+        _check_one_of(change, ("mass", "remove"), f"load_changes[{number}]", origin)
         if change.leak > 0.0 and change.mass is None:
             raise ScenarioError(
                 f"{origin}: key 'load_changes[{number}].leak': found {change.leak} without 'mass', "
@@ -64,6 +48,44 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
             )
     check_loads(scenario, origin)
     check_message_size(scenario, origin)
+
+
+def check_choices(scenario: Scenario, origin: str) -> None:
+    """Check that numbers are finite, and that of keys that exclude each other one is there, before files are read.
+
+    Raises:
+        ScenarioError: They are not, or it is not.
+    """
+    for place, value in _numbers(msgspec.to_builtins(scenario)):
+        if not math.isfinite(value):
+            raise ScenarioError(f"{origin}: key '{place}': expected a finite number; found {value!r}")
+    payload, robots = scenario.payload, scenario.robots
+    _check_one_of(payload, ("boxes", "properties", "mjcf", "mesh"), "payload", origin)
+    _check_one_of(robots, ("grasps", "perimeter", "sites"), "robots", origin)
+    if payload.mesh is not None:
+        _check_one_of(payload, ("mass", "density"), "payload", origin)
+    needs = {"body": "mjcf", "density": "mesh", "mass": "mesh"}
+    for key, needed in needs.items():
+        if getattr(payload, key) is not None and getattr(payload, needed) is None:
+            raise ScenarioError(
+                f"{origin}: key 'payload.{key}': found it without 'payload.{needed}', of which it tells"
+            )
+    if payload.scale != 1.0 and payload.mesh is None:
+        raise ScenarioError(f"{origin}: key 'payload.scale': found it without 'payload.mesh', of which it tells")
+    if robots.sites and payload.mjcf is None:
+        raise ScenarioError(
+            f"{origin}: key 'robots.sites': found {', '.join(robots.sites)}, but only a model has sites: expected "
+            f"'payload.mjcf', or 'robots.grasps' instead"
+        )
+
+
+def _check_one_of(section: msgspec.Struct, keys: tuple[str, ...], place: str, origin: str) -> None:
+    """Check that exactly one of some keys is given."""
+    given = [f"'{key}'" for key in keys if getattr(section, key) not in (None, ())]
+    if len(given) == 1:
+        return
+    found = f"both {' and '.join(given)}" if given else f"neither {' nor '.join(repr(key) for key in keys)}"
+    raise ScenarioError(f"{origin}: key '{place}': found {found}, expected exactly one of them")
 
 
 def check_message_size(scenario: Scenario, origin: str) -> None:
@@ -125,10 +147,6 @@ def check_changes_come(scenario: Scenario, origin: str) -> None:
                 f"{origin}: key 'load_changes[{number}].at': found {change.at} s, expected a time before the end of "
                 f"the run, 'duration' = {scenario.duration} s"
             )
-
-
-def _both_or_neither(both: bool, one: str, other: str) -> str:
-    return f"both '{one}' and '{other}'" if both else f"neither '{one}' nor '{other}'"
 
 
 def _numbers(value: object, place: str = "") -> Iterator[tuple[str, float]]:
