@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
@@ -34,6 +34,8 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         estimator: Its method.
         seed_method: Settings of the estimator ``seed``.
         efficient: Settings of the estimator ``efficient``.
+        estimator_settings: Of an estimator of the user's own.
+        motion_settings: Of a motion of the user's own.
         converged: When its estimate is good enough.
     """
 
@@ -45,9 +47,11 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     lag: int
     seed: int
     motion: Motion
-    estimator: Literal["efficient", "seed"]
+    estimator: str
     seed_method: SeedSettings
     efficient: EfficientSettings
+    estimator_settings: dict[str, Any]
+    motion_settings: dict[str, Any]
     converged: Converged
 
     def blocks(self, duration: float) -> int:
@@ -130,5 +134,7 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         estimator=scenario.estimator,
         seed_method=scenario.seed_method,
         efficient=scenario.efficient,
+        estimator_settings=scenario.settings.get(scenario.estimator, {}),
+        motion_settings=scenario.settings.get(scenario.motion.own or "", {}),
         converged=scenario.converged,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -216,7 +216,7 @@ class Sensors(Section, frozen=True):
 
 
 class Motion(Section, frozen=True):
-    """Reference motion of every robot, drawn by each robot alone: two sinusoids per axis, or via points.
+    """Reference motion of every robot, drawn by each robot alone: two sinusoids per axis, via points, or your own.
 
     Attributes:
         translation: Amplitude per axis [m].
@@ -225,6 +225,7 @@ class Motion(Section, frozen=True):
         ramp: Time from rest to full amplitude [s].
         axes: Share of the amplitude per axis of the robot's home frame: rotation about x, y, z, translation along them.
         via_points: Instead of sinusoids: random points, and straight lines between them.
+        own: Instead: a motion of your own, by its name, see docs/own.md.
     """
 
     translation: NotNegative = 0.06
@@ -233,6 +234,7 @@ class Motion(Section, frozen=True):
     ramp: NotNegative = 2.0
     axes: tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative] = (1.0,) * 6
     via_points: ViaPoints | None = None
+    own: Name | None = None
 
 
 class LoadChange(Section, frozen=True):
@@ -320,9 +322,10 @@ class Scenario(Section, frozen=True):
         load_changes: What happens to the payload.
         duration: Length of the run [s].
         seed: Of the sensors' noise and offsets and of the robots' choice of motion.
-        estimator: Which method the agents use.
+        estimator: Which method the agents use: ``efficient``, ``seed``, or one of your own, see docs/own.md.
         seed_method: Settings of the estimator ``seed``.
         efficient: Settings of the estimator ``efficient``.
+        settings: Of estimators and motions of your own, a table each, ``settings.NAME``.
         converged: When an estimate is good enough.
         lookahead: Blocks that the server may run ahead of the slowest agent; also the lag of references.
     """
@@ -337,9 +340,10 @@ class Scenario(Section, frozen=True):
     load_changes: tuple[LoadChange, ...] = ()
     duration: Annotated[float, Meta(gt=0, le=MAX_DURATION)] = 30.0
     seed: Seed = 1
-    estimator: Literal["efficient", "seed"] = "efficient"
+    estimator: Name = "efficient"
     seed_method: SeedSettings = SeedSettings()
     efficient: EfficientSettings = EfficientSettings()
+    settings: dict[str, dict[str, Any]] = {}
     converged: Converged = Converged()
     lookahead: Annotated[int, Meta(ge=1, le=64)] = 4
 

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import msgspec
 import numpy as np
 
-from coheft.errors import ScenarioError
+from coheft.errors import ScenarioError, one_line
 from coheft.wire.message_size import LARGEST, largest_message
+from coheft.wire.plugins import Kind, available, is_available
 from coheft.wire.scenario import Scenario
 
 
@@ -34,6 +35,9 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
         )
     if scenario.robot_count < 2:
         raise ScenarioError(f"{origin}: key 'robots.grasps': found 1 grasp, expected at least 2")
+    if scenario.motion.own is not None and scenario.motion.via_points is not None:
+        raise ScenarioError(f"{origin}: key 'motion': found both 'via_points' and 'own', expected one of them at most")
+    check_plugins(scenario, origin)
     low, high = scenario.motion.frequency
     if low > high:
         raise ScenarioError(
@@ -56,8 +60,8 @@ def check_choices(scenario: Scenario, origin: str) -> None:
     Raises:
         ScenarioError: They are not, or it is not.
     """
-    for place, value in _numbers(msgspec.to_builtins(scenario)):
-        if not math.isfinite(value):
+    for place, value in _leaves(msgspec.to_builtins(scenario)):
+        if isinstance(value, float) and not math.isfinite(value):
             raise ScenarioError(f"{origin}: key '{place}': expected a finite number; found {value!r}")
     payload, robots = scenario.payload, scenario.robots
     _check_one_of(payload, ("boxes", "properties", "mjcf", "mesh"), "payload", origin)
@@ -77,6 +81,35 @@ def check_choices(scenario: Scenario, origin: str) -> None:
             f"{origin}: key 'robots.sites': found {', '.join(robots.sites)}, but only a model has sites: expected "
             f"'payload.mjcf', or 'robots.grasps' instead"
         )
+
+
+def check_plugins(scenario: Scenario, origin: str) -> None:
+    """Check that estimator and motion are there, and that settings are of something that is.
+
+    Raises:
+        ScenarioError: One is not.
+    """
+    chosen: list[tuple[str, Kind, str | None]] = [
+        ("estimator", "estimator", scenario.estimator),
+        ("motion.own", "motion", scenario.motion.own),
+    ]
+    for key, kind, name in chosen:
+        if name is not None and not is_available(kind, name):
+            raise ScenarioError(
+                f"{origin}: key '{key}': found {name!r}, expected one of: {', '.join(available(kind)) or 'none'}. "
+                f"Your own must be installed first, see docs/own.md"
+            )
+    for name, table in scenario.settings.items():
+        if not (is_available("estimator", name) or is_available("motion", name)):
+            there = ", ".join([*available("estimator"), *available("motion")])
+            raise ScenarioError(
+                f"{origin}: key 'settings.{one_line(name)}': there is no such estimator or motion; there are: {there}"
+            )
+        for place, value in _leaves(table, f"settings.{name}"):
+            if not isinstance(value, bool | float | str) and not (isinstance(value, int) and abs(value) < 2**63):
+                raise ScenarioError(
+                    f"{origin}: key '{place}': expected a number of 64 bits, text, true or false; found {value!r}"
+                )
 
 
 def _check_one_of(section: msgspec.Struct, keys: tuple[str, ...], place: str, origin: str) -> None:
@@ -149,13 +182,13 @@ def check_changes_come(scenario: Scenario, origin: str) -> None:
             )
 
 
-def _numbers(value: object, place: str = "") -> Iterator[tuple[str, float]]:
-    """All floating-point numbers in nested builtins, with their keys."""
-    if isinstance(value, float):
-        yield place, value
-    elif isinstance(value, dict):
+def _leaves(value: object, place: str = "") -> Iterator[tuple[str, object]]:
+    """All values in nested builtins, with their keys."""
+    if isinstance(value, dict):
         for key, inner in value.items():
-            yield from _numbers(inner, f"{place}.{key}".lstrip("."))
+            yield from _leaves(inner, f"{place}.{key}".lstrip("."))
     elif isinstance(value, list | tuple):
         for index, inner in enumerate(value):
-            yield from _numbers(inner, f"{place}[{index}]")
+            yield from _leaves(inner, f"{place}[{index}]")
+    else:
+        yield place, value

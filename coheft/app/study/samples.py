@@ -33,10 +33,9 @@ class TeamSamples:
 
 def simulate(scenario: Scenario) -> TeamSamples:
     """The samples that the agents of the same scenario get, bit for bit."""
-    sensors, names = scenario.sensors, scenario.robot_names
+    names = scenario.robot_names
     graph = build_graph(scenario.graph, names)
-    seeds = {name: agent_config(scenario, name, graph[name]).seed for name in names}
-    motions = {name: make_motion(scenario.motion, seeds[name], sensors.rate, sensors.block) for name in names}
+    motions = {name: make_motion(agent_config(scenario, name, graph[name])) for name in names}
     simulation = Simulation(scenario, graph)
     truths, samples = [], []
     for block in range(scenario.blocks):
