@@ -63,12 +63,13 @@ class Scale:
             for name, share in channels.items():
                 if name != self._config.name and (name not in self._shares or share[0] > self._shares[name][0]):
                     self._shares[name] = share
-        if own is not None and self._rests(own):
+        rests = own is not None and self._rests(own)
+        if own is not None and rests:
             force, acceleration = own.samples[:, FORCE], own.samples[:, ACCELERATION]
-            share = np.sum(force * acceleration) / np.sum(acceleration**2)
-            self._shares[self._config.name] = np.array([index, share])
+            felt = np.sum(force * acceleration) / np.sum(acceleration**2)
+            self._shares[self._config.name] = np.array([index, felt])
         team = self._gossip.graph
-        if team is None or self._missing(team):
+        if not rests or team is None or self._missing(team):
             self._sums.clear()
         else:
             self._add(float(sum(self._shares[name][1] for name in team)))
