@@ -64,7 +64,7 @@ def main(data: str, *files: str) -> None:
         latest: dict[str, Estimate] = {}
         while isinstance(event := estimates.receive(1.0), Received) and isinstance(event.message, Estimate):
             latest[event.source] = event.message
-        for name, told in latest.items():
+        for name, told in sorted(latest.items()):
             mass = "not known" if told.payload is None else f"{told.payload.mass:.3f} kg"
             print(f"{name} at {told.time:.1f} s: {told.status}, mass {mass}")
 
@@ -74,3 +74,5 @@ if __name__ == "__main__":
         main(*sys.argv[1:])
     except CoheftError as error:
         sys.exit(f"own_driver: {error}")
+    except KeyboardInterrupt:
+        sys.exit("stopped")

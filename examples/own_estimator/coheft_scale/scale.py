@@ -83,18 +83,18 @@ class Scale:
         """The mass. It never calls itself converged, because it never knows all."""
         unknown = (f"centre of mass: {_FELT}", f"inertia: {_FELT}")
         if not self._is_known:
-            who = ", ".join(self._missing(self._gossip.graph or ())) or "the payload"
-            return Belief(
-                "inertia", False, None, {}, not_observable=(f"mass: {who} has not rested long enough", *unknown)
-            )
+            return Belief("inertia", False, None, {}, not_observable=(*self.doubts(), *unknown))
         # Neighbouring blocks sway alike, so the mean is not taken to be better known than one of them.
         covariance = np.array([[np.var(self._sums)]])
         payload = PayloadEstimate(mass=float(np.mean(self._sums)), com=None, tensor=None, covariance=covariance)
         return Belief("inertia", False, payload, {}, not_observable=unknown, learned_block=self._index)
 
     def doubts(self) -> tuple[str, ...]:
-        """None: what is in doubt is not believed in the first place."""
-        return ()
+        """Why there is no mass now."""
+        if self._is_known:
+            return ()
+        who = ", ".join(self._missing(self._gossip.graph or ())) or "the payload"
+        return (f"mass: {who} has not rested long enough",)
 
     def _add(self, mass: float) -> None:
         """Take in what is on the scale now; what is far from all before is another load."""
