@@ -6,10 +6,12 @@ by whoever uses it.
 
 from __future__ import annotations
 
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from coheft.errors import PluginError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint, EntryPoints
 
 Kind = Literal["estimator", "motion"]
 GROUPS: dict[Kind, str] = {"estimator": "coheft.estimators", "motion": "coheft.motions"}
@@ -24,7 +26,7 @@ def is_available(kind: Kind, name: str) -> bool:
 
 def available(kind: Kind) -> list[str]:
     """All names, the built-in ones first."""
-    own = sorted({point.name for point in entry_points(group=GROUPS[kind])} - set(BUILT_IN[kind]))
+    own = sorted({point.name for point in _installed(kind)} - set(BUILT_IN[kind]))
     return [*BUILT_IN[kind], *own]
 
 
@@ -59,7 +61,13 @@ def told(error: Exception) -> str:
 
 def _points(kind: Kind, name: str) -> list[EntryPoint]:
     """Entry points of a name; one that is found twice, for its package is on the path twice, counts once."""
-    return list({point.value: point for point in entry_points(group=GROUPS[kind], name=name)}.values())
+    return list({point.value: point for point in _installed(kind) if point.name == name}.values())
+
+
+def _installed(kind: Kind) -> EntryPoints:
+    from importlib.metadata import entry_points  # takes its time to load, and most agents do not need it
+
+    return entry_points(group=GROUPS[kind])
 
 
 def _package(point: EntryPoint) -> str:
