@@ -65,6 +65,7 @@ def run(
     restarts: NotNegative = 3,
     json: ReportTarget = None,
     history: Flag = False,
+    report: Path | None = None,
     quiet: Flag = False,
     save_data: DataTarget = None,
     logs: Path | None = None,
@@ -101,6 +102,8 @@ def run(
         Write the report to this file; - for standard output.
     history:
         Add the errors of every second to the report.
+    report:
+        Folder for a page with pictures, the pictures, and the data behind them; takes coheft[report].
     quiet:
         Show nothing but errors.
     save_data:
@@ -125,9 +128,13 @@ def run(
     from coheft.app.plan import make_plan, new_run_name
     from coheft.app.report import write_report
     from coheft.app.run_folder import make_run_folder
+    from coheft.app.run_report.folder import prepare_folder, write_folder
+    from coheft.app.run_report.series import SeriesFollower
     from coheft.app.terminal import make_display
     from coheft.wire.scenario_file import load_scenario
 
+    if report is not None:
+        prepare_folder(report)
     chosen = override(
         load_scenario(scenario),
         changes=change or (),
@@ -157,12 +164,18 @@ def run(
         return EXIT_CONVERGED
     console = Console(stderr=json == "-")
     display = make_display(console, quiet=quiet)
-    report = launch(plan, folder, display, with_history=history, restarts=restarts)
+    over_time = SeriesFollower()
+    followers = [over_time] if report is not None else []
+    found = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
     if json is not None:
-        write_report(report, json)
+        write_report(found, json)
     if not quiet:
-        print_report(console, report, folder)
-    return EXIT_CONVERGED if report.converged else EXIT_NOT_CONVERGED
+        print_report(console, found, folder)
+    if report is not None:
+        page = write_folder(report, chosen, plan.server.clock, over_time.series, found)
+        if not quiet:
+            console.print(f"Report: {page}", markup=False, highlight=False, soft_wrap=True)
+    return EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED
 
 
 @app.command

@@ -79,7 +79,7 @@ def figure_to(target: Path | IO[bytes], width: float, height: float, theme: Them
 
 
 def _settings(theme: Theme) -> dict[str, Any]:
-    from matplotlib import cycler
+    from matplotlib.rcsetup import cycler
 
     return {
         "figure.facecolor": theme.paper,

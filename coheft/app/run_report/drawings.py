@@ -1,88 +1,20 @@
-"""The report's pictures: each draws one question's answer into a figure."""
+"""The report's pictures, but for the errors over time."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from coheft.app.figures import Theme
 from coheft.app.report import Report
+from coheft.app.run_report.convergence import COM_SHOWN
+from coheft.app.run_report.panels import mark_changes, robots_shown, use_logarithm
 from coheft.app.run_report.points import Point, sizes
 from coheft.app.run_report.series import AFTER, BEFORE, Series
 from coheft.app.run_report.states import LEVELS, Level
-from coheft.app.study.quantities import QUANTITIES, Quantity
 from coheft.estimation.spatial import Array
-
-MOST_ROBOTS = 24
-"""So many robots are drawn at most."""
-_COLUMNS = 3
-
-
-@dataclass(frozen=True)
-class Shown:
-    """How a quantity is shown: in which unit, and how many of them make one of its own."""
-
-    quantity: Quantity
-    title: str
-    unit: str
-    per_unit: float
-
-
-SHOWN = {
-    name: Shown(quantity, title, unit, per_unit)
-    for quantity, (name, title, unit, per_unit) in zip(
-        QUANTITIES,
-        (
-            ("pose-rotation", "Where the neighbours hold it: rotation", "°", 180.0 / np.pi),
-            ("pose-translation", "Where the neighbours hold it: translation", "mm", 1e3),
-            ("mass", "Mass", "g", 1e3),
-            ("centre-of-mass", "Centre of mass", "mm", 1e3),
-            ("inertia", "Inertia", "kg·m²", 1.0),
-        ),
-        strict=True,
-    )
-}
-
-
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """An error over time and how large it may be, in the unit shown, shape (n,) each; NaN while stale.
-
-    Attributes:
-        neighbour: Whom it is about; None if about the payload.
-        time: Of the estimates [s].
-        error: Its size.
-        std: Its own standard deviation.
-    """
-
-    neighbour: str | None
-    time: Array
-    error: Array
-    std: Array
-
-
-def robots_shown(series: Series) -> list[str]:
-    """Robots that are drawn: all, or evenly spread ones of many."""
-    names = list(series.robots)
-    if len(names) <= MOST_ROBOTS:
-        return names
-    return [names[k] for k in np.linspace(0, len(names) - 1, MOST_ROBOTS).round().astype(int)]
-
-
-def curves(series: Series, name: str, shown: Shown) -> list[Curve]:
-    """What is to be drawn of a quantity for one robot."""
-    neighbours: Sequence[str | None] = [None] if shown.quantity.of_payload else series.scene.neighbours[name]
-    points = list(series.robots[name].points)
-    times = np.array([point.time for point in points])
-    claimed = np.where([point.is_stale for point in points], np.nan, 1.0)
-    found = []
-    for neighbour in neighbours:
-        error, std = sizes(points, shown.quantity, neighbour)
-        found.append(Curve(neighbour, times, shown.per_unit * claimed * error, shown.per_unit * claimed * std))
-    return found
 
 
 def draw_overview(figure: Any, theme: Theme, series: Series, report: Report) -> None:
@@ -107,96 +39,11 @@ def draw_overview(figure: Any, theme: Theme, series: Series, report: Report) -> 
         axes.plot(times, mass, color=theme.of_curve(k), linewidth=1.1, label=None if len(names) > 12 else name)
     truths = np.array([p.truth[0] for p in points])
     _fit_masses(axes, truths, [list(series.robots[name].points) for name in names])
-    _mark_changes(axes, theme, report)
+    mark_changes(axes, theme, report)
     axes.set_xlim(0.0, report.duration_s)
     axes.set_xlabel("time [s]")
     axes.set_ylabel("mass [kg]")
-    axes.legend(loc="lower right", ncols=7, handlelength=1.2)
-
-
-def inside_band(series: Series, shown: Shown) -> float | None:
-    """Share of the moments in which the error was below three own standard deviations; None if there was none."""
-    below = np.concatenate(
-        [(c.error <= 3.0 * c.std)[np.isfinite(c.error)] for name in series.robots for c in curves(series, name, shown)]
-    )
-    return float(np.mean(below)) if len(below) else None
-
-
-def convergence_size(series: Series) -> tuple[float, float]:
-    """Width and height of ``draw_convergence`` [inches]."""
-    rows = -(-len(robots_shown(series)) // _COLUMNS)
-    return 10.0, 0.9 + 2.0 * rows
-
-
-def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, shown: Shown) -> None:
-    """Errors of a quantity and three times the own standard deviation over time, one panel per robot."""
-    names = robots_shown(series)
-    rows = -(-len(names) // _COLUMNS)
-    grid = np.atleast_1d(figure.subplots(rows, _COLUMNS, sharex=True, sharey=True, squeeze=False)).ravel()
-    drawn = {name: curves(series, name, shown) for name in names}
-    for axes, name in zip(grid, names, strict=False):
-        _use_logarithm(axes)
-        axes.set_title(name, loc="left", fontweight="bold")
-        _shade_stale(axes, theme, series, name)
-        _mark_changes(axes, theme, report)
-        for k, curve in enumerate(drawn[name]):
-            label = "error" if curve.neighbour is None else f"of {curve.neighbour}"
-            colour = theme.of_curve(k)
-            if k == 0:
-                axes.fill_between(curve.time, 1e-12, 3.0 * curve.std, color=colour, alpha=0.10, linewidth=0)
-            axes.plot(curve.time, 3.0 * curve.std, color=colour, linewidth=0.9, linestyle=(0, (4, 2)))
-            axes.plot(curve.time, curve.error, color=colour, label=label)
-        if drawn[name] and drawn[name][0].neighbour is not None:
-            axes.legend(loc="upper right", ncols=2, handlelength=1.0, borderaxespad=0.0)
-        else:
-            _tell_end(axes, theme, drawn[name][0], shown.unit)
-    for axes in grid[len(names) :]:
-        axes.set_visible(False)
-    grid[0].set_xlim(0.0, report.duration_s)
-    grid[0].set_ylim(*_limits(curve for found in drawn.values() for curve in found))
-    _label_bottom(grid[: len(names)], _COLUMNS)
-    figure.supylabel(f"error [{shown.unit}]", fontsize=9, color=theme.ink)
-
-
-def _use_logarithm(axes: Any) -> None:
-    axes.set_yscale("log")
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.minorticks_off()
-
-
-def _limits(drawn: Iterable[Curve]) -> tuple[float, float]:
-    """What is worth seeing: errors pass through zero, which has no logarithm."""
-    errors, bands = [], []
-    for curve in drawn:
-        errors.append(curve.error[np.isfinite(curve.error) & (curve.error > 0.0)])
-        bands.append(3.0 * curve.std[np.isfinite(curve.std) & (curve.std > 0.0)])
-    error, band = np.concatenate([[], *errors]), np.concatenate([[], *bands])
-    if not len(error) or not len(band):
-        return 0.1, 1.0
-    return float(0.02 * band.min()), float(2.0 * max(error.max(), band.max()))
-
-
-def _tell_end(axes: Any, theme: Theme, curve: Curve, unit: str) -> None:
-    if len(curve.error) and np.isfinite(curve.error[-1]):
-        text = f"at the end {curve.error[-1]:.2g} {unit}, own std {curve.std[-1]:.2g}"
-        axes.set_title(text, loc="right", fontsize=8, color=theme.muted)
-
-
-def _shade_stale(axes: Any, theme: Theme, series: Series, name: str) -> None:
-    for span in series.robots[name].states.spans:
-        if span.level == "stale":
-            axes.axvspan(span.start, span.end, color=theme.warning, alpha=0.18, linewidth=0)
-
-
-def _mark_changes(axes: Any, theme: Theme, report: Report) -> None:
-    for change in report.load_changes[:50]:
-        axes.axvline(change.at_s, color=theme.muted, linewidth=0.9, linestyle=":")
-
-
-def _label_bottom(grid: Sequence[Any], columns: int) -> None:
-    for axes in grid[-columns:]:
-        axes.set_xlabel("time [s]")
-        axes.tick_params(labelbottom=True)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=13, handlelength=1.2)
 
 
 def close_up_size(series: Series) -> tuple[float, float]:
@@ -222,12 +69,14 @@ def draw_close_ups(figure: Any, theme: Theme, series: Series, report: Report) ->
             right.plot(when, band, color=colour, linewidth=0.8, linestyle=(0, (4, 2)))
             right.plot(when, off, color=colour, marker="o", markersize=2.2, linewidth=1.0, label=name)
         _fit_masses(left, masses, close_up.points.values())
-        _use_logarithm(right)
+        use_logarithm(right)
+        moments = {} if change is None else {"noticed": change.detected_at_s, "recovered": change.recovered_at_s}
+        for what, moment in moments.items():
+            if moment is not None and moment - close_up.at <= AFTER:
+                _mark_moment(left, theme, moment - close_up.at, what)
+                _mark_moment(right, theme, moment - close_up.at, "")
         for axes in (left, right):
             axes.axvline(0.0, color=theme.muted, linewidth=0.9, linestyle=":")
-            if change is not None:
-                _mark(axes, theme, change.detected_at_s, close_up.at, "noticed")
-                _mark(axes, theme, change.recovered_at_s, close_up.at, "recovered")
         left.set_ylabel("mass [kg]")
         right.set_ylabel("centre of mass, error [mm]")
         left.set_title(f"load change at {close_up.at:g} s", loc="left", fontweight="bold")
@@ -239,30 +88,18 @@ def draw_close_ups(figure: Any, theme: Theme, series: Series, report: Report) ->
         axes.set_xlabel("time since the change [s]")
 
 
-def _mark(axes: Any, theme: Theme, moment: float | None, since: float, what: str) -> None:
-    if moment is not None and moment - since <= AFTER:
-        place = moment - since
-        axes.axvline(place, color=theme.warning, linewidth=0.9, linestyle=(0, (1, 1)))
-        axes.annotate(
-            what,
-            (place, 0.5),
-            (2, 0),
-            xycoords=axes.get_xaxis_transform(),
-            textcoords="offset points",
-            rotation=90,
-            va="center",
-            fontsize=8,
-            color=theme.warning,
-        )
+def _mark_moment(axes: Any, theme: Theme, moment: float, text: str) -> None:
+    axes.axvline(moment, color=theme.warning, linewidth=0.9, linestyle=(0, (1, 1)))
+    style = {"rotation": 90, "va": "center", "fontsize": 8, "color": theme.warning}
+    axes.annotate(text, (moment, 0.5), (2, 0), axes.get_xaxis_transform(), "offset points", **style)
 
 
 def _mass_and_com(points: Sequence[Point]) -> tuple[Array, Array, Array, Array]:
     """Mass and its deviation [kg], error of the centre of mass and three times its deviation [mm]."""
-    com = SHOWN["centre-of-mass"]
     mass = np.array([point.truth[0] - point.error[0] for point in points])
     std = np.array([point.std[0] for point in points])
-    off, expected = sizes(points, com.quantity)
-    return mass, std, com.per_unit * off, 3.0 * com.per_unit * expected
+    off, expected = sizes(points, COM_SHOWN.quantity)
+    return mass, std, COM_SHOWN.per_unit * off, 3.0 * COM_SHOWN.per_unit * expected
 
 
 def _fit_masses(axes: Any, masses: Array, robots: Iterable[Sequence[Point]]) -> None:
@@ -292,12 +129,12 @@ def draw_consensus(figure: Any, theme: Theme, series: Series, report: Report) ->
             )
             label = None if len(names) > 8 else name
             axes.plot(times, residuals, color=theme.of_curve(k), linewidth=0.9, alpha=0.85, label=label)
-        _use_logarithm(axes)
+        use_logarithm(axes)
         axes.set_title(title, loc="left", fontweight="bold")
         axes.set_ylabel(f"[{unit}]")
         axes.set_xlabel("time [s]")
         axes.set_xlim(0.0, report.duration_s)
-        _mark_changes(axes, theme, report)
+        mark_changes(axes, theme, report)
     figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=9, handlelength=1.2)
 
 
@@ -323,7 +160,7 @@ def draw_observability(figure: Any, theme: Theme, series: Series, report: Report
     axes.tick_params(axis="y", length=0, labelcolor=theme.ink)
     axes.spines["left"].set_visible(False)
     axes.set_xlabel("time [s]")
-    _mark_changes(axes, theme, report)
+    mark_changes(axes, theme, report)
     levels = [level for level in LEVELS if level in used]
     figure.legend(
         [used[level] for level in levels],
