@@ -16,8 +16,6 @@ from coheft.app.run_report.series import Series
 from coheft.app.study.quantities import QUANTITIES, Quantity
 from coheft.estimation.spatial import Array
 
-_COLUMNS = 3
-
 
 @dataclass(frozen=True)
 class Shown:
@@ -89,15 +87,21 @@ def inside_band(series: Series, shown: Shown) -> float | None:
 
 def convergence_size(series: Series) -> tuple[float, float]:
     """Width and height of ``draw_convergence`` [inches]."""
-    rows = -(-len(robots_shown(series)) // _COLUMNS)
+    rows, _ = _grid(len(robots_shown(series)))
     return 10.0, 0.9 + 2.0 * rows
+
+
+def _grid(panels: int) -> tuple[int, int]:
+    """Rows and columns."""
+    columns = 2 if panels in (2, 4) else 3
+    return -(-panels // columns), columns
 
 
 def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, shown: Shown) -> None:
     """Errors of a quantity and three times the own standard deviation over time, one panel per robot."""
     names = robots_shown(series)
-    rows = -(-len(names) // _COLUMNS)
-    grid = np.atleast_1d(figure.subplots(rows, _COLUMNS, sharex=True, sharey=True, squeeze=False)).ravel()
+    rows, columns = _grid(len(names))
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     drawn = {name: curves(series, name, shown) for name in names}
     for axes, name in zip(grid, names, strict=False):
         use_logarithm(axes)
@@ -119,7 +123,9 @@ def draw_convergence(figure: Any, theme: Theme, series: Series, report: Report, 
         axes.set_visible(False)
     grid[0].set_xlim(0.0, report.duration_s)
     grid[0].set_ylim(*_limits(curve for found in drawn.values() for curve in found))
-    _label_bottom(list(grid[: len(names)]))
+    for axes in grid[max(0, len(names) - columns) : len(names)]:
+        axes.set_xlabel("time [s]")
+        axes.tick_params(labelbottom=True)
     figure.supylabel(f"error [{shown.unit}]", fontsize=9, color=theme.ink)
 
 
@@ -145,9 +151,3 @@ def _shade_stale(axes: Any, theme: Theme, series: Series, name: str) -> None:
     for span in series.robots[name].states.spans:
         if span.level == "stale":
             axes.axvspan(span.start, span.end, color=theme.warning, alpha=0.18, linewidth=0)
-
-
-def _label_bottom(grid: Sequence[Any]) -> None:
-    for axes in grid[-_COLUMNS:]:
-        axes.set_xlabel("time [s]")
-        axes.tick_params(labelbottom=True)

@@ -60,17 +60,12 @@ def pictures_of(series: Series, report: Report) -> list[Picture]:
             draw_overview,
         )
     ]
-    pictures += [
-        Picture(
-            shown.name,
-            "errors",
-            shown.title,
-            _error_text(series, shown) + some,
-            convergence_size(series),
-            partial(_draw_errors, shown=shown),
-        )
-        for shown in ALL_SHOWN
-    ]
+    for shown in ALL_SHOWN:
+        share = inside_band(series, shown)
+        if share is not None:  # else nothing was claimed, and there is nothing to draw
+            text = f"{_ERRORS[shown.name]} The error was inside the band in {100.0 * share:.1f} % of all valid reports."
+            draw = partial(_draw_errors, shown=shown)
+            pictures.append(Picture(shown.name, "errors", shown.title, text + some, convergence_size(series), draw))
     if series.close_ups:
         pictures.append(
             Picture(
@@ -78,7 +73,7 @@ def pictures_of(series: Series, report: Report) -> list[Picture]:
                 "changes",
                 "The load changes, close up",
                 "Left: the mass that each robot believes in, and the truth in grey. Right: by how far the centre of "
-                "mass is off, and dashed three own standard deviations. Every dot is a report of a robot. Orange: when the "
+                "mass is off, and dashed three own standard deviations. Every dot is a report. Orange: when the "
                 "last robot had noticed that the load is another one, and when all were near the truth again. Between "
                 "the two they call their estimate stale: the old one no longer holds, and there is no new one yet."
                 + some,
@@ -86,19 +81,22 @@ def pictures_of(series: Series, report: Report) -> list[Picture]:
                 draw_close_ups,
             )
         )
+    if report.consensus.force_rel_error is not None:
+        pictures.append(
+            Picture(
+                "consensus",
+                "consensus",
+                "What each robot takes the total for, minus the measured total",
+                "All robots together push on the load with one total force and torque. Each robot measures its own share "
+                "only; it learns the total from what its neighbours pass on. Grey: the size of the total itself, from "
+                "everybody's sensors and true positions. Coloured: how far each robot is from it. The torque counts "
+                f"about the robot's own grasp, so it is another one for each. The scale is logarithmic.{some}",
+                (10.0, 3.8),
+                draw_consensus,
+            )
+        )
     return [
         *pictures,
-        Picture(
-            "consensus",
-            "consensus",
-            "What each robot takes the total for, minus the measured total",
-            "All robots together push on the load with one total force and torque. Each robot measures its own share "
-            "only; it learns the total from what its neighbours pass on. Grey: the size of the total itself, from "
-            "everybody's sensors and true positions. Coloured: how far each robot is from it. The torque counts about "
-            f"the robot's own grasp, so it is another one for each. The scale is logarithmic.{some}",
-            (10.0, 3.8),
-            draw_consensus,
-        ),
         Picture(
             "observability",
             "observability",
@@ -132,9 +130,3 @@ _ERRORS = {
     "pose-rotation": "How each neighbour's hand is turned against one's own; one colour for each neighbour.",
     "pose-translation": "How far away each neighbour's hand is, and where; one colour for each neighbour.",
 }
-
-
-def _error_text(series: Series, shown: Shown) -> str:
-    share = inside_band(series, shown)
-    told = "" if share is None else f" The error was inside the band in {100.0 * share:.1f} % of all valid reports."
-    return _ERRORS[shown.name] + told
