@@ -87,10 +87,10 @@ def pictures_of(series: Series, report: Report) -> list[Picture]:
                 "consensus",
                 "consensus",
                 "What each robot takes the total for, minus the measured total",
-                "All robots together push on the load with one total force and torque. Each robot measures its own share "
-                "only; it learns the total from what its neighbours pass on. Grey: the size of the total itself, from "
-                "everybody's sensors and true positions. Coloured: how far each robot is from it. The torque counts "
-                f"about the robot's own grasp, so it is another one for each. The scale is logarithmic.{some}",
+                "All robots together push on the load with one total force and torque. Each robot measures its own "
+                "share only; it learns the total from what its neighbours pass on. Grey: the size of the total itself, "
+                "from everybody's sensors and true positions. Coloured: how far each robot is from it. The torque "
+                "counts about the robot's own grasp, so it is another one for each. The scale is logarithmic." + some,
                 (10.0, 3.8),
                 draw_consensus,
             )
