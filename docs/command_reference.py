@@ -5,7 +5,6 @@ To be run again after a change of a command; a test tells when that was forgotte
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 from coheft.app.cli import app
@@ -32,8 +31,8 @@ The same for all commands:
 - **No terminal** (a pipe, a file, a log): plain lines, without colours and without drawing anything twice.
 - `NO_COLOR=1`: no colours.
 - `--quiet`: nothing but errors. The exit status says how it went.
-- `--json FILE`: the results for programs; with `--json -` standard output has the JSON and nothing else, and all that is for
-  people goes to standard error:
+- `--json FILE`: the results for programs; with `--json -` standard output has the JSON and nothing else, and all that
+  is for people goes to standard error:
 
   ```
   coheft run ring3 --json - 2> progress.txt | python -m json.tool
@@ -47,17 +46,21 @@ For bash, zsh and fish. Once for good:
 coheft completion --install
 ```
 
-This puts a script where your shell looks for such scripts, and adds a line to its startup file. To try it in one terminal
-only: `source <(coheft completion bash)`, or with fish `coheft completion fish | source`.
+This puts a script where your shell looks for such scripts, and adds a line to its startup file. To try it in one
+terminal only: `source <(coheft completion bash)`, or with fish `coheft completion fish | source`.
 """
 
 
 def page() -> str:
     """The whole page, in Markdown."""
     statuses = "\n".join(f"| {status} | {meaning} |" for status, meaning in EXIT_MEANINGS.items())
-    _, first, commands = app.generate_docs(heading_level=1).partition("\n## coheft ")
-    sections = re.sub(r"^## coheft (.*)$", r"## `coheft \1`", first.lstrip("\n") + commands, flags=re.MULTILINE)
-    return _INTRODUCTION.format(statuses=statuses) + "\n" + sections.rstrip() + "\n"
+    sections = sorted(app.generate_docs().split("\n## coheft ")[1:])
+    return _INTRODUCTION.format(statuses=statuses) + "".join(map(_section, sections))
+
+
+def _section(text: str) -> str:
+    name, _, rest = text.partition("\n")
+    return f"\n## `coheft {name}`\n\n{rest.strip()}\n"
 
 
 if __name__ == "__main__":

@@ -26,11 +26,11 @@ def _what(error: cyclopts.CycloptsError, command: str) -> str:
             return f"'{command}' does not know what to do with {' '.join(error.unused_tokens or [])!r}"
         case cyclopts.MissingArgumentError(argument=cyclopts.Argument() as argument):
             count, _ = argument.token_count()
-            values = (
-                f" and {count} values after it" if count > 1 else "" if argument.index is not None else " and a value"
-            )
+            values = "a value" if count == 1 else f"{count} values"
             found = f"; found {len(error.tokens_so_far)}" if error.tokens_so_far else ""
-            return f"'{command}' needs {_name(argument)}{values}{found}"
+            if argument.name in (error.unused_tokens or ()):
+                return f"{_name(argument)} needs {values}{found}"
+            return f"'{command}' needs {_name(argument)}" + (f", with {values}" if count > 1 else "")
         case cyclopts.CoercionError(argument=cyclopts.Argument() as argument, token=token) if token is not None:
             expected = _KINDS.get(error.target_type) if isinstance(error.target_type, type) else None
             if expected is not None:
