@@ -54,7 +54,7 @@ terminal only: `source <(coheft completion bash)`, or with fish `coheft completi
 def page() -> str:
     """The whole page, in Markdown."""
     statuses = "\n".join(f"| {status} | {meaning} |" for status, meaning in EXIT_MEANINGS.items())
-    sections = sorted(app.generate_docs().split("\n## coheft ")[1:])
+    sections = sorted(app.generate_docs(usage_name="coheft").split("\n## coheft ")[1:])
     return _INTRODUCTION.format(statuses=statuses) + "".join(map(_section, sections))
 
 
