@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from coheft.app.cli_base import EXIT_CONVERGED, Count, Flag, Positive, ReportTarget, app
+from coheft.app.cli_base import EVALUATE, EXIT_CONVERGED, Count, Flag, Positive, ReportTarget, app
 
 
 def _words(text: str) -> list[str]:
@@ -33,7 +33,7 @@ def _are_factors(_: object, text: str) -> None:
         raise ValueError(f"expected different positive numbers, with commas between; found {text!r}")
 
 
-@app.command
+@app.command(group=EVALUATE)
 def study(
     scenario: str = "ring6",
     *,
