@@ -22,6 +22,7 @@ from coheft.app.cli_base import (
     DataTarget,
     Flag,
     NotNegative,
+    RecordingTarget,
     ReportTarget,
     app,
 )
@@ -67,6 +68,7 @@ def run(
     history: Flag = False,
     quiet: Flag = False,
     save_data: DataTarget = None,
+    record: RecordingTarget = None,
     logs: Path | None = None,
     secure: Flag = False,
     keys: Path | None = None,
@@ -105,6 +107,8 @@ def run(
         Show nothing but errors.
     save_data:
         Save what all robots measured, for 'coheft identify': an .npz file, or, without suffix, a folder of CSV files.
+    record:
+        Record the run to this new .mcap file, for 'coheft view', Foxglove and PlotJuggler, see docs/recording.md.
     logs:
         Folder for the processes' logs, instead of a new one among your runs.
     secure:
@@ -116,6 +120,8 @@ def run(
     write_configs:
         Do not run: write the processes' configurations into this folder, to start them by hand.
     """
+    from contextlib import ExitStack
+
     from rich.console import Console
 
     from coheft.app.final_table import print_report
@@ -136,6 +142,8 @@ def run(
         estimator=estimator,
         sensor_rate=sensor_rate,
     )
+    if record is not None and write_configs is not None:
+        raise ScenarioError("--record needs a run, but --write-configs makes none")
     if hosts is not None and write_configs is None:
         raise ScenarioError("--hosts needs --write-configs: each part is to be started on its own host")
     places = load_hosts(hosts, chosen) if hosts is not None else None
@@ -157,11 +165,17 @@ def run(
         return EXIT_CONVERGED
     console = Console(stderr=json == "-")
     display = make_display(console, quiet=quiet)
-    report = launch(plan, folder, display, with_history=history, restarts=restarts)
-    if json is not None:
-        write_report(report, json)
-    if not quiet:
-        print_report(console, report, folder)
+    with ExitStack() as stack:
+        followers = []
+        if record is not None:
+            from coheft.app.recording.recorder import Recorder
+
+            followers.append(stack.enter_context(Recorder(record, chosen)))
+        report = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
+        if json is not None:
+            write_report(report, json)
+        if not quiet:
+            print_report(console, report, folder)
     return EXIT_CONVERGED if report.converged else EXIT_NOT_CONVERGED
 
 

@@ -10,7 +10,7 @@ from coheft.errors import MessageError, one_line
 from coheft.estimation.measurement import SAMPLE_SIZE
 from coheft.estimation.spatial import Array
 from coheft.wire.codec import check_array, check_field
-from coheft.wire.messages import Estimate, Message, PayloadEstimate, PoseEstimate, Problem, Scene, Truth
+from coheft.wire.messages import Estimate, Message, PayloadEstimate, PoseEstimate, Problem, Scene, Status, Truth
 from coheft.wire.scenario import MAX_DURATION
 
 _LONGEST = 2 * MAX_DURATION
@@ -39,6 +39,21 @@ def check_news(source: str, message: Message, scene: Scene) -> News | None:
         case Problem():
             return Problem(source=source, text=one_line(message.text))
     return None
+
+
+def check_status(status: Status) -> None:
+    """Check who holds the payload, and where.
+
+    Raises:
+        MessageError: It cannot be a team.
+    """
+    scene = status.scene
+    check_field("robots are there, once each", 0 < len(set(scene.robots)) == len(scene.robots), True)
+    check_array(scene.rotations, (len(scene.robots), 3, 3), "rotations")
+    for name, rotation in zip(scene.robots, scene.rotations, strict=True):
+        _check_rotation(rotation, name)
+    _check_numbers(scene.translations, (len(scene.robots), 3), "translations")
+    check_field("neighbours are of the team", set(scene.neighbours) <= set(scene.robots), True)
 
 
 def check_truth(truth: Truth, scene: Scene) -> None:
@@ -104,9 +119,13 @@ def _check_payload(payload: PayloadEstimate) -> None:
 def _check_pose(pose: PoseEstimate, name: str) -> None:
     _check_numbers(pose.translation, (3,), f"translation of {name!r}")
     _check_covariance(pose.covariance, 6, f"pose of {name!r}")
-    _check_numbers(pose.rotation, (3, 3), f"rotation of {name!r}")
-    difference = np.abs(pose.rotation.T @ pose.rotation - np.eye(3)).max()
-    if difference > _ROTATION_TOLERANCE or np.linalg.det(pose.rotation) < 0.0:
+    _check_rotation(pose.rotation, name)
+
+
+def _check_rotation(rotation: Array, name: str) -> None:
+    _check_numbers(rotation, (3, 3), f"rotation of {name!r}")
+    difference = np.abs(rotation.T @ rotation - np.eye(3)).max()
+    if difference > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
         raise MessageError(f"rotation of {name!r} is none")
 
 
@@ -119,7 +138,9 @@ def _check_covariance(covariance: Array, size: int, name: str) -> None:
 def _check_moment(block: int, time: float) -> None:
     _check_number(time, "time")
     if block < 0 or not 0.0 < time <= _LONGEST:
-        raise MessageError(f"block is {block}, which ends at {time} s, but expected a time between 0 and {_LONGEST:g} s")
+        raise MessageError(
+            f"block is {block}, which ends at {time} s, but expected a time between 0 and {_LONGEST:g} s"
+        )
 
 
 def _check_numbers(array: Array, shape: tuple[int, ...], name: str) -> None:
