@@ -12,7 +12,7 @@ from typing import Annotated
 import cyclopts
 from cyclopts import Parameter
 
-from coheft.app import cli_cart, cli_control, cli_faults, cli_identify, cli_keys, cli_mocobots, cli_study
+from coheft.app import cli_cart, cli_control, cli_faults, cli_identify, cli_keys, cli_mocobots, cli_recover, cli_study
 from coheft.app.cli_base import (
     EXIT_CONVERGED,
     EXIT_ERROR,
@@ -237,6 +237,7 @@ __all__ = [
     "cli_identify",
     "cli_keys",
     "cli_mocobots",
+    "cli_recover",
     "cli_study",
     "run_command_line",
 ]

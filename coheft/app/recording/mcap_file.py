@@ -10,23 +10,21 @@ from mcap.writer import CompressionType, Writer
 import coheft
 from coheft.app.recording.ros import RosMessage, definition, to_cdr
 
-PROFILE = "ros2"
 _CHUNK = 2**18
 """Messages are compressed together in pieces of about this size [bytes]."""
 
 
-def start_writer(file: BinaryIO) -> Writer:
-    """A writer that has begun a file."""
-    writer = Writer(file, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
-    writer.start(profile=PROFILE, library=f"coheft {coheft.__version__}")
-    return writer
+def make_writer(file: BinaryIO) -> Writer:
+    """The library's writer, with our settings; nothing is written yet."""
+    return Writer(file, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
 
 
 class McapFile:
     """Writes messages; topics are made as they come."""
 
     def __init__(self, file: BinaryIO) -> None:
-        self._writer = start_writer(file)
+        self._writer = make_writer(file)
+        self._writer.start(profile="ros2", library=f"coheft {coheft.__version__}")
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
 

@@ -44,7 +44,16 @@ def read_records(file: BinaryIO) -> Iterator[McapRecord]:
     """
     # What claims to be longer than the file is damaged; without this limit it would be given memory.
     limit = os.fstat(file.fileno()).st_size
+    schemas, channels = {0}, set()
     try:
-        yield from StreamReader(file, validate_crcs=True, record_size_limit=limit).records
+        for record in StreamReader(file, validate_crcs=True, record_size_limit=limit).records:
+            match record:
+                case Schema():
+                    schemas.add(record.id)
+                case Channel() if record.schema_id in schemas:
+                    channels.add(record.id)
+                case Channel() | Message() if getattr(record, "channel_id", None) not in channels:
+                    raise ValueError
+            yield record
     except _DAMAGE as error:
         raise RecordingError(f"it is cut or damaged before byte {file.tell()}: {error or 'it just ends'}") from error

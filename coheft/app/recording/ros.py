@@ -6,7 +6,8 @@ Every time is simulated time in nanoseconds. The order of components is this pro
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,12 +27,22 @@ RosMessage = Any
 """A message of the type that its ``__msgtype__`` names."""
 
 
+@dataclass(frozen=True, eq=False)
+class MarkedBox:
+    """Something to look at: edge lengths [m], red, green, blue and opacity from 0 to 1."""
+
+    pose: Pose
+    size: tuple[float, float, float]
+    colour: tuple[float, float, float, float]
+
+
 def _type(name: str) -> Any:
     package, _, kind = name.partition("/")
     return _STORE.types[f"{package}/msg/{kind}"]
 
 
 _Time = _type("builtin_interfaces/Time")
+_Duration = _type("builtin_interfaces/Duration")
 _Header = _type("std_msgs/Header")
 _Float64 = _type("std_msgs/Float64")
 _Layout = _type("std_msgs/MultiArrayLayout")
@@ -52,6 +63,11 @@ _KeyValue = _type("diagnostic_msgs/KeyValue")
 _DiagnosticStatus = _type("diagnostic_msgs/DiagnosticStatus")
 _DiagnosticArray = _type("diagnostic_msgs/DiagnosticArray")
 _Log = _type("rcl_interfaces/Log")
+_ColorRGBA = _type("std_msgs/ColorRGBA")
+_CompressedImage = _type("sensor_msgs/CompressedImage")
+_MeshFile = _type("visualization_msgs/MeshFile")
+_Marker = _type("visualization_msgs/Marker")
+_MarkerArray = _type("visualization_msgs/MarkerArray")
 
 BYTES_TYPE = str(_UInt8MultiArray.__msgtype__)
 
@@ -134,6 +150,13 @@ def transforms(time: int, frame: str, poses: Mapping[str, tuple[Array, Array]]) 
     )
 
 
+def boxes(time: int, frame: str, boxes: Sequence[MarkedBox]) -> RosMessage:
+    """Boxes to look at, which replace all that were there before."""
+    before = _marker(time, frame, 0, MarkedBox(Pose.identity(), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)))
+    before.action = _Marker.DELETEALL
+    return _MarkerArray([before, *(_marker(time, frame, number, box) for number, box in enumerate(boxes))])
+
+
 def diagnostics(time: int, name: str, level: int, text: str, values: Iterable[tuple[str, object]]) -> RosMessage:
     """How somebody is."""
     pairs = [_KeyValue(key, str(value)) for key, value in values]
@@ -160,3 +183,29 @@ def _pose(position: Array, quaternion: Array) -> RosMessage:
 def _quaternion(quaternion: Array) -> RosMessage:
     w, x, y, z = np.asarray(quaternion).tolist()
     return _Quaternion(x, y, z, w)
+
+
+def _marker(time: int, frame: str, number: int, box: MarkedBox) -> RosMessage:
+    """A box; most of what a marker can be is left empty."""
+    nothing = np.zeros(0, np.uint8)
+    return _Marker(
+        header=_header(time, frame),
+        ns="",
+        id=number,
+        type=_Marker.CUBE,
+        action=_Marker.ADD,
+        pose=_pose(box.pose.translation, quaternion_from_rotation(box.pose.rotation)),
+        scale=_Vector3(*box.size),
+        color=_ColorRGBA(*box.colour),
+        lifetime=_Duration(0, 0),
+        frame_locked=True,
+        points=[],
+        colors=[],
+        texture_resource="",
+        texture=_CompressedImage(_header(0, ""), "", nothing),
+        uv_coordinates=[],
+        text="",
+        mesh_resource="",
+        mesh_file=_MeshFile("", nothing),
+        mesh_use_embedded_materials=False,
+    )

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from coheft.app.recording import ros
 from coheft.app.recording.ros import RosMessage
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
 from coheft.estimation.spatial import quaternion_from_rotation
-from coheft.wire.messages import Scene, Truth
+from coheft.wire.messages import LoadState, Scene, Truth
+from coheft.wire.scenario import Payload, pose_of
 
 WORLD = "world"
 PAYLOAD = "payload"
+_GREY, _ORANGE = (0.6, 0.6, 0.65, 0.6), (1.0, 0.5, 0.1, 0.9)
 
 
 def scene_messages(time: int, scene: Scene) -> Iterator[tuple[str, RosMessage]]:
@@ -19,6 +21,13 @@ def scene_messages(time: int, scene: Scene) -> Iterator[tuple[str, RosMessage]]:
     grasps = zip(scene.robots, scene.translations, scene.rotations, strict=True)
     poses = {name: (position, quaternion_from_rotation(rotation)) for name, position, rotation in grasps}
     yield "/tf_static", ros.transforms(time, PAYLOAD, poses)
+
+
+def box_messages(time: int, payload: Payload, loads: Sequence[LoadState]) -> Iterator[tuple[str, RosMessage]]:
+    """What the payload looks like, and what lies on it."""
+    boxes = [ros.MarkedBox(box.pose(), box.size, _GREY) for box in payload.boxes]
+    boxes += [ros.MarkedBox(pose_of(load.position, (0.0, 0.0, 0.0)), load.size, _ORANGE) for load in loads]
+    yield "/payload/markers", ros.boxes(time, PAYLOAD, boxes)
 
 
 def truth_messages(time: int, truth: Truth, scene: Scene) -> Iterator[tuple[str, RosMessage]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
 from importlib.metadata import version
 from platform import python_version
@@ -10,13 +11,18 @@ import msgspec
 
 import coheft
 from coheft.app.heard import News
+from coheft.app.judge import Judge
+from coheft.app.record import REMEMBERED
 from coheft.app.recording import ros
+from coheft.app.recording.error_topics import error_messages
+from coheft.app.recording.estimate_topics import estimate_messages
+from coheft.app.recording.log_book import LogBook
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.raw import to_raw
 from coheft.app.recording.reader import SCENARIO, VERSIONS
 from coheft.app.recording.ros import RosMessage
-from coheft.app.recording.truth_topics import scene_messages, truth_messages
-from coheft.wire.messages import Estimate, Message, Scene, Status, Truth
+from coheft.app.recording.truth_topics import box_messages, scene_messages, truth_messages
+from coheft.wire.messages import Estimate, Message, Problem, Status, Truth
 from coheft.wire.scenario import Scenario
 
 _PACKAGES = {"mujoco": "mujoco", "numpy": "numpy", "zenoh": "eclipse-zenoh"}
@@ -25,16 +31,23 @@ _PACKAGES = {"mujoco": "mujoco", "numpy": "numpy", "zenoh": "eclipse-zenoh"}
 class RunWriter:
     """Writes a run into an MCAP file, which is somebody else's to flush and to finish.
 
+    Messages are filed under the simulated time of which they tell; their headers have that of the sample.
+
     Args:
         out: The file.
         scenario: What is run.
-        scene: Who holds the payload where.
+        begin: How it begins.
     """
 
     def __init__(self, out: McapFile, scenario: Scenario, begin: Status) -> None:
         self._out = out
-        self._scene: Scene = begin.scene
-        self._block, self._rate = scenario.sensors.block, scenario.sensors.rate
+        self._scenario = scenario
+        self._scene = begin.scene
+        self._judge = Judge(begin.scene)
+        self._log = LogBook()
+        self._loads: list[int] | None = None
+        self._truth_block = -1
+        self._uncompared: deque[Estimate] = deque(maxlen=REMEMBERED)
         self._newest = _nanoseconds(begin.time)
         out.describe(VERSIONS, _versions())
         out.attach(SCENARIO, "application/json", msgspec.json.format(msgspec.json.encode(scenario)))
@@ -43,19 +56,45 @@ class RunWriter:
 
     def hear(self, news: News) -> None:
         """Write what an observer has heard."""
-        time = self._newest
-        if not isinstance(news, Estimate | Truth):
-            self._write_raw(time, news)
-            return
-        time = _nanoseconds(news.time)
+        time = self._newest if isinstance(news, Problem) else _nanoseconds(news.time)
         self._newest = max(self._newest, time)
         self._write_raw(time, news)
-        if isinstance(news, Truth):
-            self._write(time, truth_messages(self._last_sample(news.block), news, self._scene))
+        match news:
+            case Truth():
+                self._write_truth(time, news)
+            case Estimate():
+                self._write(time, estimate_messages(time, news, self._last_sample(news.total_block)))
+                self._uncompared.append(news)
+            case _:
+                pass
+        for line in self._log.lines(news):
+            self._out.write("/rosout", time, ros.log(time, line.name, line.level, line.text))
+        self._compare()
+
+    def _write_truth(self, time: int, truth: Truth) -> None:
+        sampled = self._last_sample(truth.block)
+        self._write(time, truth_messages(sampled, truth, self._scene))
+        loads = [load.id for load in truth.loads]
+        if loads != self._loads:
+            self._loads = loads
+            self._write(time, box_messages(sampled, self._scenario.payload, truth.loads))
+        self._judge.add(truth, remember=REMEMBERED)
+        self._truth_block = truth.block
+
+    def _compare(self) -> None:
+        """Write the errors of the estimates of which the truth has come."""
+        for _ in range(len(self._uncompared)):
+            estimate = self._uncompared.popleft()
+            if estimate.block > self._truth_block:
+                self._uncompared.append(estimate)
+                continue
+            time, total_time = _nanoseconds(estimate.time), self._last_sample(estimate.total_block)
+            self._write(time, error_messages(time, estimate, self._judge, total_time))
 
     def _last_sample(self, block: int) -> int:
         """When the last sample of a block was taken [ns]."""
-        return ((block + 1) * self._block - 1) * 10**9 // self._rate
+        sensors = self._scenario.sensors
+        return ((block + 1) * sensors.block - 1) * 10**9 // sensors.rate
 
     def _write_raw(self, time: int, message: Message) -> None:
         topic, data = to_raw(message)
