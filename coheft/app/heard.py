@@ -92,6 +92,7 @@ def check_estimate(estimate: Estimate, source: str, scene: Scene) -> None:
     check_field("robot is in the team", estimate.robot in scene.robots, True)
     _check_moment(estimate.block, estimate.time)
     _check_numbers(estimate.total_wrench, (6,), "total_wrench")
+    check_field("total_block is not after block", estimate.total_block <= estimate.block, True)
     if estimate.payload is not None:
         _check_payload(estimate.payload)
     for name, pose in estimate.poses.items():

@@ -9,7 +9,7 @@ from typing import BinaryIO
 
 import zstandard
 from mcap.exceptions import McapError
-from mcap.records import McapRecord
+from mcap.records import Channel, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader
 
 from coheft.errors import RecordingError
@@ -36,24 +36,37 @@ def is_finished(file: BinaryIO) -> bool:
     return end == MAGIC
 
 
+class _Bounded:
+    """A file of which no more is asked than it holds: damaged lengths would be given memory."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._left = os.fstat(file.fileno()).st_size
+
+    def read(self, length: int) -> bytes:
+        data = self._file.read(min(length, self._left))
+        self._left -= len(data)
+        return data
+
+
 def read_records(file: BinaryIO) -> Iterator[McapRecord]:
     """The file's records from its start; those in chunks one by one.
 
     Raises:
         RecordingError: It is cut, or damaged; after all records before that place.
     """
-    # What claims to be longer than the file is damaged; without this limit it would be given memory.
-    limit = os.fstat(file.fileno()).st_size
-    schemas, channels = {0}, set()
+    schemas, channels = {0}, set[int]()
     try:
-        for record in StreamReader(file, validate_crcs=True, record_size_limit=limit).records:
+        for record in StreamReader(_Bounded(file), validate_crcs=True, record_size_limit=None).records:
             match record:
                 case Schema():
                     schemas.add(record.id)
-                case Channel() if record.schema_id in schemas:
+                case Channel() if record.schema_id not in schemas:
+                    raise ValueError(f"topic {record.topic!r} is of no known type")
+                case Channel():
                     channels.add(record.id)
-                case Channel() | Message() if getattr(record, "channel_id", None) not in channels:
-                    raise ValueError
+                case Message() if record.channel_id not in channels:
+                    raise ValueError("a message is of no known topic")
             yield record
     except _DAMAGE as error:
         raise RecordingError(f"it is cut or damaged before byte {file.tell()}: {error or 'it just ends'}") from error

@@ -82,7 +82,11 @@ def _collect(records: Iterable[McapRecord]) -> Recording:
                     news.extend(_checked(record.log_time, message, begin.scene))
     if begin is None or SCENARIO not in attached or VERSIONS not in described:
         raise RecordingError("it is no recording of a run, or of one that never began; 'coheft run --record' makes one")
-    return Recording(begin, attached[SCENARIO].decode(), described[VERSIONS], news)
+    try:
+        scenario = attached[SCENARIO].decode()
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"its scenario is damaged: {error}") from error
+    return Recording(begin, scenario, described[VERSIONS], news)
 
 
 def _checked(time: int, message: Message, scene: Scene) -> list[tuple[float, News]]:

@@ -42,6 +42,7 @@ class RunWriter:
     def __init__(self, out: McapFile, scenario: Scenario, begin: Status) -> None:
         self._out = out
         self._scenario = scenario
+        self._sample = 10**9 // scenario.sensors.rate
         self._scene = begin.scene
         self._judge = Judge(begin.scene)
         self._log = LogBook()
@@ -63,7 +64,7 @@ class RunWriter:
             case Truth():
                 self._write_truth(time, news)
             case Estimate():
-                self._write(time, estimate_messages(time, news, self._last_sample(news.total_block)))
+                self._write(time, estimate_messages(time, news, self._total_time(news)))
                 self._uncompared.append(news)
             case _:
                 pass
@@ -72,7 +73,7 @@ class RunWriter:
         self._compare()
 
     def _write_truth(self, time: int, truth: Truth) -> None:
-        sampled = self._last_sample(truth.block)
+        sampled = max(0, time - self._sample)
         self._write(time, truth_messages(sampled, truth, self._scene))
         loads = [load.id for load in truth.loads]
         if loads != self._loads:
@@ -88,13 +89,13 @@ class RunWriter:
             if estimate.block > self._truth_block:
                 self._uncompared.append(estimate)
                 continue
-            time, total_time = _nanoseconds(estimate.time), self._last_sample(estimate.total_block)
-            self._write(time, error_messages(time, estimate, self._judge, total_time))
+            time = _nanoseconds(estimate.time)
+            self._write(time, error_messages(time, estimate, self._judge, self._total_time(estimate)))
 
-    def _last_sample(self, block: int) -> int:
-        """When the last sample of a block was taken [ns]."""
-        sensors = self._scenario.sensors
-        return ((block + 1) * sensors.block - 1) * 10**9 // sensors.rate
+    def _total_time(self, estimate: Estimate) -> int:
+        """When the sample was taken to which the total wrench of an estimate belongs [ns]."""
+        age = (estimate.block - estimate.total_block) * self._scenario.block_duration
+        return max(0, _nanoseconds(estimate.time - age) - self._sample)
 
     def _write_raw(self, time: int, message: Message) -> None:
         topic, data = to_raw(message)
