@@ -142,8 +142,10 @@ def run(
         estimator=estimator,
         sensor_rate=sensor_rate,
     )
-    if record is not None and write_configs is not None:
-        raise ScenarioError("--record needs a run, but --write-configs makes none")
+    if record is not None:
+        if write_configs is not None:
+            raise ScenarioError("--record needs a run, but --write-configs makes none")
+        from coheft.app.recording.recorder import Recorder
     if hosts is not None and write_configs is None:
         raise ScenarioError("--hosts needs --write-configs: each part is to be started on its own host")
     places = load_hosts(hosts, chosen) if hosts is not None else None
@@ -168,8 +170,6 @@ def run(
     with ExitStack() as stack:
         followers = []
         if record is not None:
-            from coheft.app.recording.recorder import Recorder
-
             followers.append(stack.enter_context(Recorder(record, chosen)))
         report = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
         if json is not None:

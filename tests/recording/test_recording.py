@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import json
+import subprocess
+import sys
 from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +18,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 import coheft
+from coheft.app.cli import EXIT_ERROR, EXIT_USAGE, run_command_line
 from coheft.app.judge import Judge
 from coheft.app.recording.reader import read_recording
 from coheft.app.recording.recorder import Recorder
@@ -26,6 +30,7 @@ from tests.recording.runs import BEGIN, SCENARIO, news_of_a_run, record, same
 from tests.synthetic_run import BLOCK, GRASPS, HEAVY, ROBOTS, STD
 
 NEWS = news_of_a_run()
+LAYOUT = Path(__file__).parents[2] / "docs" / "foxglove-layout.json"
 
 
 @pytest.fixture(scope="module")
@@ -141,6 +146,25 @@ def test_beliefs_errors_and_what_robots_make_of_them(topics: Mapping[str, list[t
             assert numbers(message.wrench) == pytest.approx(expected.tolist())
 
 
+def test_everything_that_the_foxglove_layout_shows_is_in_a_recording(
+    topics: Mapping[str, list[tuple[int, Any]]],
+) -> None:
+    layout = json.loads(LAYOUT.read_text())
+    shown, panels = json.dumps(layout["layout"]), set()
+    for name, config in layout["configById"].items():
+        assert f'"{name}"' in shown
+        panels.add(name.partition("!")[0])
+        for path in [path["value"] for path in config.get("paths", [])]:
+            topic, *fields = path.removesuffix(".@negative").split(".")
+            value = topics[topic][-1][1]
+            for field in fields:
+                value = getattr(value, field)
+            assert isinstance(value, float)
+        assert set(config.get("topics", {})) <= set(topics)
+        assert config.get("topicToRender", "/rosout") in topics
+    assert panels == {"3D", "Plot", "RosOut", "DiagnosticSummary"}
+
+
 def test_covariance_of_a_pose_is_in_the_order_of_ros(tmp_path: Path) -> None:
     asked = news_of_a_run(1)
     assert isinstance(asked[0], Estimate)
@@ -201,7 +225,20 @@ def test_no_file_is_overwritten(tmp_path: Path) -> None:
     (tmp_path / "run.mcap").write_text("precious")
     with pytest.raises(RecordingError, match="there already"):
         Recorder(tmp_path / "run.mcap", SCENARIO)
+    assert run_command_line(["run", "ring3", "--record", str(tmp_path / "run.mcap")]) == EXIT_USAGE
     assert (tmp_path / "run.mcap").read_text() == "precious"
+
+
+def test_without_its_packages_a_recording_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.modules['rosbags'] = None\n"
+        "from coheft.app.cli import run_command_line\n"
+        f"sys.exit(run_command_line(['run', 'ring3', '--record', {str(tmp_path / 'run.mcap')!r}]))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert run.returncode == EXIT_ERROR
+    assert "this needs the package 'rosbags': install 'coheft[record]'" in run.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a disk that is full")

@@ -74,7 +74,10 @@ class Recorder:
 
     def _check(self) -> None:
         if isinstance(self._failure, OSError):
-            raise RecordingError(f"{self._path}: cannot be written any more: {self._failure.strerror}")
+            raise RecordingError(
+                f"{self._path}: cannot be written any more: {self._failure.strerror}. To save what there is: "
+                f"coheft recover {self._path}"
+            )
         if self._failure is not None:
             raise self._failure
 
@@ -107,7 +110,8 @@ class Recorder:
             try:
                 return self._news.get(timeout=wait)
             except Empty:
-                pass
+                if not threading.main_thread().is_alive():  # it was interrupted before it could say so
+                    return None
 
 
 def _create(path: Path) -> BinaryIO:

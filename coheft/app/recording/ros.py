@@ -18,9 +18,9 @@ from coheft.estimation.spatial import Array, Pose, quaternion_from_rotation
 _STORE = get_typestore(Stores.ROS2_HUMBLE)
 _UNKNOWN = np.full((3, 3), np.nan)
 
-DEBUG, INFO, WARN, ERROR = 10, 20, 30, 40
+INFO, WARN = 20, 30
 """Levels of ``log``."""
-OK, DOUBTFUL, FAULTY, STALE = 0, 1, 2, 3
+OK, DOUBTFUL, STALE = 0, 1, 3
 """Levels of ``diagnostics``."""
 
 RosMessage = Any
