@@ -46,8 +46,8 @@ def _has_folder(_: object, value: Path | None) -> None:
         raise ValueError(f"there is no folder {str(value.parent)!r} to write {str(value)!r} into")
 
 
-def _is_new_recording(_: object, value: Path | None) -> None:
-    _has_folder(_, value)
+def _is_new_recording(kind: object, value: Path | None) -> None:
+    _has_folder(kind, value)
     if value is None:
         return
     if value.suffix != ".mcap":

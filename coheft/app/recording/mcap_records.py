@@ -69,4 +69,5 @@ def read_records(file: BinaryIO) -> Iterator[McapRecord]:
                     raise ValueError("a message is of no known topic")
             yield record
     except _DAMAGE as error:
-        raise RecordingError(f"it is cut or damaged before byte {file.tell()}: {error or 'it just ends'}") from error
+        reason = str(error) or "it just ends"
+        raise RecordingError(f"it is cut or damaged before byte {file.tell()}: {reason}") from error
