@@ -112,6 +112,9 @@ def test_a_run_may_end_before_its_load_changes_come(ring6: Scenario) -> None:
         (["run", "--no-such-flag"], "--no-such-flag"),
         (["run", "ring6", "--json", "/no/such/folder/report.json"], "/no/such/folder"),
         (["run", "ring6", "--json", "--quiet"], "--quiet"),
+        (["run", "ring6", "--record", "/no/such/folder/run.mcap"], "/no/such/folder"),
+        (["run", "ring6", "--record", "run.bag"], ".mcap"),
+        (["run", "ring6", "--record", "new.mcap", "--write-configs", "folder"], "--write-configs"),
         (["inject", "--mass", "3"], "--at"),
     ],
 )

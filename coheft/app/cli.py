@@ -13,7 +13,17 @@ from typing import Annotated
 import cyclopts
 from cyclopts import Parameter
 
-from coheft.app import cli_cart, cli_control, cli_faults, cli_identify, cli_keys, cli_mocobots, cli_shell, cli_study
+from coheft.app import (
+    cli_cart,
+    cli_control,
+    cli_faults,
+    cli_identify,
+    cli_keys,
+    cli_mocobots,
+    cli_recover,
+    cli_shell,
+    cli_study,
+)
 from coheft.app.cli_base import (
     EXIT_CONVERGED,
     EXIT_ERROR,
@@ -25,6 +35,7 @@ from coheft.app.cli_base import (
     DataTarget,
     Flag,
     NotNegative,
+    RecordingTarget,
     ReportTarget,
     app,
 )
@@ -76,6 +87,7 @@ def run(
     report: Path | None = None,
     quiet: Flag = False,
     save_data: DataTarget = None,
+    record: RecordingTarget = None,
     logs: Path | None = None,
     secure: Flag = False,
     keys: Path | None = None,
@@ -116,6 +128,8 @@ def run(
         Show nothing but errors.
     save_data:
         Save what all robots measured, for 'coheft identify': an .npz file, or, without suffix, a folder of CSV files.
+    record:
+        Record the run to this new .mcap file, for 'coheft view', Foxglove and PlotJuggler, see docs/recording.md.
     logs:
         Folder for the processes' logs, instead of a new one among your runs.
     secure:
@@ -127,9 +141,12 @@ def run(
     write_configs:
         Do not run: write the processes' configurations into this folder, to start them by hand.
     """
+    from contextlib import ExitStack
+
     from rich.console import Console
 
     from coheft.app.final_table import print_report
+    from coheft.app.follower import Follower
     from coheft.app.hosts import load_hosts
     from coheft.app.launch import launch
     from coheft.app.overrides import override
@@ -151,6 +168,10 @@ def run(
         estimator=estimator,
         sensor_rate=sensor_rate,
     )
+    if record is not None:
+        if write_configs is not None:
+            raise ScenarioError("--record needs a run, but --write-configs makes none")
+        from coheft.app.recording.recorder import Recorder
     if hosts is not None and write_configs is None:
         raise ScenarioError("--hosts needs --write-configs: each part is to be started on its own host")
     places = load_hosts(hosts, chosen) if hosts is not None else None
@@ -172,14 +193,17 @@ def run(
         return EXIT_CONVERGED
     console = Console(stderr=json == "-")
     display = make_display(console, quiet=quiet)
-    over_time = SeriesFollower()
-    followers = [over_time] if report is not None else []
-    found = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
-    if json is not None:
-        write_report(found, json)
-    if not quiet:
-        print_report(console, found, folder)
-    if report is not None:
+    over_time = SeriesFollower() if report is not None else None
+    with ExitStack() as stack:
+        followers: list[Follower] = [] if over_time is None else [over_time]
+        if record is not None:
+            followers.append(stack.enter_context(Recorder(record, chosen)))
+        found = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
+        if json is not None:
+            write_report(found, json)
+        if not quiet:
+            print_report(console, found, folder)
+    if report is not None and over_time is not None:
         page = write_folder(report, chosen, plan.server.clock, over_time.series, found)
         if not quiet:
             console.print(f"Report: {page}", markup=False, highlight=False, soft_wrap=True)
@@ -244,6 +268,7 @@ __all__ = [
     "cli_identify",
     "cli_keys",
     "cli_mocobots",
+    "cli_recover",
     "cli_shell",
     "cli_study",
     "run_command_line",

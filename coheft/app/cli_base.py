@@ -61,8 +61,19 @@ def _has_folder(_: object, value: Path | None) -> None:
         raise ValueError(f"there is no folder {str(value.parent)!r} to write {str(value)!r} into")
 
 
+def _is_new_recording(kind: object, value: Path | None) -> None:
+    _has_folder(kind, value)
+    if value is None:
+        return
+    if value.suffix != ".mcap":
+        raise ValueError(f"expected a file that ends with .mcap; found {str(value)!r}")
+    if value.exists():
+        raise ValueError(f"{str(value)!r} is there already: give another name, or remove it")
+
+
 Count = Annotated[int, Parameter(validator=Number(gte=1))]
 NotNegative = Annotated[int, Parameter(validator=Number(gte=0))]
 Positive = Annotated[float, Parameter(validator=Number(gt=0))]
 ReportTarget = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_is_target)]
 DataTarget = Annotated[Path | None, Parameter(validator=_has_folder)]
+RecordingTarget = Annotated[Path | None, Parameter(validator=_is_new_recording)]
