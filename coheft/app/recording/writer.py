@@ -12,7 +12,7 @@ import msgspec
 import coheft
 from coheft.app.heard import News
 from coheft.app.judge import Judge
-from coheft.app.record import REMEMBERED
+from coheft.app.pairing import REMEMBERED
 from coheft.app.recording import ros
 from coheft.app.recording.error_topics import error_messages
 from coheft.app.recording.estimate_topics import estimate_messages
