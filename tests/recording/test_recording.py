@@ -68,7 +68,16 @@ def test_a_replay_is_exact(path: Path) -> None:
             assert time == heard.time
     assert msgspec.json.decode(recording.scenario, type=Scenario) == SCENARIO
     assert recording.versions["coheft"] == coheft.__version__
-    assert set(recording.versions) == {"coheft", "python", "mujoco", "numpy", "zenoh"}
+    assert set(recording.versions) == {
+        "coheft",
+        "python",
+        "system",
+        "mujoco",
+        "numpy",
+        "scipy",
+        "msgspec",
+        "eclipse-zenoh",
+    }
 
 
 def test_the_mcap_library_agrees(path: Path) -> None:

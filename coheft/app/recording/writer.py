@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable
-from importlib.metadata import version
-from platform import python_version
 
 import msgspec
 
-import coheft
 from coheft.app.heard import News
-from coheft.app.judge import Judge
-from coheft.app.pairing import REMEMBERED
+from coheft.app.pairing import Pairing
 from coheft.app.recording import ros
 from coheft.app.recording.error_topics import error_messages
 from coheft.app.recording.estimate_topics import estimate_messages
@@ -22,10 +17,9 @@ from coheft.app.recording.raw import to_raw
 from coheft.app.recording.reader import SCENARIO, VERSIONS
 from coheft.app.recording.ros import RosMessage
 from coheft.app.recording.truth_topics import box_messages, scene_messages, truth_messages
+from coheft.app.versions import versions
 from coheft.wire.messages import Estimate, Message, Problem, Status, Truth
 from coheft.wire.scenario import Scenario
-
-_PACKAGES = {"mujoco": "mujoco", "numpy": "numpy", "zenoh": "eclipse-zenoh"}
 
 
 class RunWriter:
@@ -44,13 +38,11 @@ class RunWriter:
         self._scenario = scenario
         self._sample = 10**9 // scenario.sensors.rate
         self._scene = begin.scene
-        self._judge = Judge(begin.scene)
+        self._pairing = Pairing(begin.scene)
         self._log = LogBook()
         self._loads: list[int] | None = None
-        self._truth_block = -1
-        self._uncompared: deque[Estimate] = deque(maxlen=REMEMBERED)
         self._newest = _nanoseconds(begin.time)
-        out.describe(VERSIONS, _versions())
+        out.describe(VERSIONS, versions())
         out.attach(SCENARIO, "application/json", msgspec.json.format(msgspec.json.encode(scenario)))
         self._write_raw(self._newest, begin)
         self._write(self._newest, scene_messages(self._newest, begin.scene))
@@ -65,12 +57,11 @@ class RunWriter:
                 self._write_truth(time, news)
             case Estimate():
                 self._write(time, estimate_messages(time, news, self._total_time(news)))
-                self._uncompared.append(news)
+                self._write_errors(self._pairing.add_estimate(news))
             case _:
                 pass
         for line in self._log.lines(news):
             self._out.write("/rosout", time, ros.log(time, line.name, line.level, line.text))
-        self._compare()
 
     def _write_truth(self, time: int, truth: Truth) -> None:
         sampled = max(0, time - self._sample)
@@ -79,18 +70,13 @@ class RunWriter:
         if loads != self._loads:
             self._loads = loads
             self._write(time, box_messages(sampled, self._scenario.payload, truth.loads))
-        self._judge.add(truth, remember=REMEMBERED)
-        self._truth_block = truth.block
+        self._write_errors(self._pairing.add_truth(truth))
 
-    def _compare(self) -> None:
-        """Write the errors of the estimates of which the truth has come."""
-        for _ in range(len(self._uncompared)):
-            estimate = self._uncompared.popleft()
-            if estimate.block > self._truth_block:
-                self._uncompared.append(estimate)
-                continue
+    def _write_errors(self, estimates: Iterable[Estimate]) -> None:
+        """Of estimates of which the truth has come."""
+        for estimate in estimates:
             time = _nanoseconds(estimate.time)
-            self._write(time, error_messages(time, estimate, self._judge, self._total_time(estimate)))
+            self._write(time, error_messages(time, estimate, self._pairing.judge, self._total_time(estimate)))
 
     def _total_time(self, estimate: Estimate) -> int:
         """When the sample was taken to which the total wrench of an estimate belongs [ns]."""
@@ -108,9 +94,3 @@ class RunWriter:
 
 def _nanoseconds(seconds: float) -> int:
     return round(seconds * 1e9)
-
-
-def _versions() -> dict[str, str]:
-    """Of what decides on a run's numbers."""
-    packages = {name: version(package) for name, package in _PACKAGES.items()}
-    return {"coheft": coheft.__version__, "python": python_version(), **packages}

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import base64
-import platform
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
-import coheft
 from coheft.app.final_table import HEADINGS, LEGEND, RECOVERED, robot_rows, sentences
 from coheft.app.report import Report
 from coheft.app.run_report.data import TABLES
 from coheft.app.run_report.pictures import Picture
 from coheft.app.run_report.series import Series
+from coheft.app.versions import versions
 from coheft.wire.scenario import Scenario
 
-_PACKAGES = ("mujoco", "eclipse-zenoh", "numpy", "scipy", "msgspec")
 _MOST_ROWS = 60
 SECTIONS = {
     "glance": "At a glance",
@@ -173,9 +169,3 @@ def run_rows(scenario: Scenario, clock: str, report: Report) -> list[tuple[str, 
         ("sensors", f"{sensors.rate} samples per second, in blocks of {sensors.block}"),
         ("clock", clocks[clock]),
     ]
-
-
-def versions() -> dict[str, str]:
-    """Of the programs that made it, by name."""
-    found: dict[str, Any] = {"coheft": coheft.__version__, "Python": platform.python_version()}
-    return found | {name: version(name) for name in _PACKAGES} | {"system": f"{platform.system()} {platform.machine()}"}
