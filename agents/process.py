@@ -29,6 +29,8 @@ from coheft.wire.supervised import supervised_main
 
 _BACKLOG = 64
 """Blocks of measurements that may wait; an agent that is slower for longer than that skips the oldest."""
+_ASK_AGAIN = 1.0
+"""After so long without measurements it asks once more [s]: the server may have noticed a lost link that we have not."""
 _AT_ONCE = 256
 """So much is read between two steps at most: somebody may speak faster than can be read."""
 
@@ -90,15 +92,13 @@ class AgentProcess:
         for _ in range(_AT_ONCE):
             if not self._take_in(0.0):
                 break
-        next_request = time.monotonic()
+        next_request = time.monotonic() + (_ASK_AGAIN if self._is_fed else 0.0)
         while not self._measurements:
-            if self._is_fed:
-                self._take_in(PERIOD)
-            elif (wait := next_request - time.monotonic()) > 0.0:
-                self._take_in(wait)
+            if (wait := next_request - time.monotonic()) > 0.0:
+                self._take_in(min(wait, PERIOD))
             else:
                 self._ask_for_measurements()
-                next_request = time.monotonic() + HELLO_PERIOD
+                next_request = time.monotonic() + (_ASK_AGAIN if self._is_fed else HELLO_PERIOD)
 
     def _ask_for_measurements(self) -> None:
         """Say hello, so that neighbours know that we hear them, and ask the server.

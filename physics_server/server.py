@@ -151,7 +151,7 @@ class Server:
             elif is_due:
                 self._advance()
                 read = 0
-            elif self._state == "running":
+            if self._state == "running" and not is_due:
                 self._report_silence()
                 self._check_absences()
 

@@ -89,6 +89,11 @@ class Surroundings:
                 found.append(message.answers)
         return found
 
+    def wait_until_asked(self) -> None:
+        """Wait until it asks for measurements."""
+        while not isinstance(self._next(), Ready):
+            pass
+
     def _next(self) -> Ready | Reference:
         event = self._from_agent.receive(LIMIT)
         assert isinstance(event, Received), self._team.log(self.name)
@@ -123,6 +128,16 @@ def test_channels_that_come_before_their_shape_is_known_do_no_harm(tmp_path):
         around.measure(0)
         around.measure(1)
         assert around.answers(2) == [0, 1]
+        around.finish()
+
+
+def test_an_agent_that_is_not_fed_any_more_asks_again(tmp_path):
+    with lone_agent(tmp_path) as around:
+        around.measure(0)
+        assert around.answers(1) == [0]
+        around.wait_until_asked()  # the server may think that it is gone
+        around.measure(1)
+        assert around.answers(1) == [1]
         around.finish()
 
 
