@@ -72,6 +72,7 @@ def run(
     keys: Path | None = None,
     hosts: Path | None = None,
     write_configs: Path | None = None,
+    feedforward: bool | None = None,
 ) -> int:
     """Start the physics server and one process per robot, and watch them find out what they hold.
 
@@ -115,7 +116,10 @@ def run(
         File that tells where each part runs, see docs/deployment.md; with --write-configs.
     write_configs:
         Do not run: write the processes' configurations into this folder, to start them by hand.
+    feedforward:
+        Where robots carry the load along a common path: whether they push with what they know of it.
     """
+    from msgspec import structs
     from rich.console import Console
 
     from coheft.app.final_table import print_report
@@ -135,6 +139,7 @@ def run(
         seed=seed,
         estimator=estimator,
         sensor_rate=sensor_rate,
+        feedforward=feedforward,
     )
     if hosts is not None and write_configs is None:
         raise ScenarioError("--hosts needs --write-configs: each part is to be started on its own host")
@@ -157,7 +162,15 @@ def run(
         return EXIT_CONVERGED
     console = Console(stderr=json == "-")
     display = make_display(console, quiet=quiet)
-    report = launch(plan, folder, display, with_history=history, restarts=restarts)
+    carried = None
+    if chosen.carry is not None:
+        from coheft.app.carry_record import CarryRecord
+
+        carried = CarryRecord(chosen)
+    followers = [] if carried is None else [carried]
+    report = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
+    if carried is not None:
+        report = structs.replace(report, carry=carried.report())
     if json is not None:
         write_report(report, json)
     if not quiet:

@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from coheft.app.carry_table import print_carry
 from coheft.app.judge import RobotReport, why_stale
 from coheft.app.report import LoadChangeReport, Report
 
@@ -24,6 +25,8 @@ def print_report(console: Console, report: Report, folder: Path) -> None:
     console.print(_final_table(report))
     for line in (*_LEGEND, *([_RECOVERED] if report.load_changes else [])):
         console.print(line, style="dim", highlight=False)
+    if report.carry is not None:
+        print_carry(console, report.carry)
     for sentence in _sentences(report):
         console.print(sentence, markup=False, highlight=False)
     console.print(f"Logs of all processes: {folder}", markup=False, highlight=False, soft_wrap=True)

@@ -27,7 +27,7 @@ def check_news(source: str, message: Message, scene: Scene) -> News | None:
     """
     match message:
         case Truth():
-            check_truth(message)
+            check_truth(message, scene)
             return message
         case Estimate():
             check_estimate(message, source, scene)
@@ -37,7 +37,7 @@ def check_news(source: str, message: Message, scene: Scene) -> News | None:
     return None
 
 
-def check_truth(truth: Truth) -> None:
+def check_truth(truth: Truth, scene: Scene) -> None:
     """Check what came under the server's key.
 
     Raises:
@@ -52,7 +52,10 @@ def check_truth(truth: Truth) -> None:
     _check_numbers(payload.tensor, (3, 3), "tensor")
     if not payload.tensor.any():
         raise MessageError("tensor is zero but expected a body's")
+    _check_numbers(truth.position, (3,), "position")
+    _check_numbers(truth.quaternion, (4,), "quaternion")
     _check_numbers(truth.total_wrench, (6,), "total_wrench")
+    _check_numbers(truth.wrenches, (len(scene.robots), 6), "wrenches")
 
 
 def check_estimate(estimate: Estimate, source: str, scene: Scene) -> None:

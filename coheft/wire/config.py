@@ -7,6 +7,7 @@ from typing import Literal
 import msgspec
 
 from coheft.estimation.measurement import SensorNoise
+from coheft.wire.carry import Carry
 from coheft.wire.message_size import LEAST_LIMIT
 from coheft.wire.scenario import Converged, EfficientSettings, Motion, Scenario, SeedSettings
 from coheft.wire.security import Credentials
@@ -35,6 +36,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         seed_method: Settings of the estimator ``seed``.
         efficient: Settings of the estimator ``efficient``.
         converged: When its estimate is good enough.
+        carry: Where to carry the load with the others, None: nowhere.
     """
 
     name: str
@@ -49,6 +51,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     seed_method: SeedSettings
     efficient: EfficientSettings
     converged: Converged
+    carry: Carry | None = None
 
     def blocks(self, duration: float) -> int:
         """Number of blocks nearest to a duration [s], at least one."""
@@ -131,4 +134,5 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         seed_method=scenario.seed_method,
         efficient=scenario.efficient,
         converged=scenario.converged,
+        carry=scenario.carry,
     )

@@ -11,6 +11,7 @@ from msgspec import Meta
 from coheft.estimation.measurement import Positive, SensorNoise
 from coheft.estimation.rigid_body import Inertia, combined
 from coheft.estimation.spatial import Pose, rotation_exp
+from coheft.wire.carry import Carry
 from coheft.wire.encoders import EncoderErrors
 from coheft.wire.via_points import ViaPoints
 
@@ -298,6 +299,7 @@ class Scenario(Section, frozen=True):
         graph: Who talks with whom.
         sensors: How well each robot measures.
         motion: How each robot moves.
+        carry: A common path along which they carry the payload.
         load_changes: What happens to the payload.
         duration: Length of the run [s].
         seed: Of the sensors' noise and offsets and of the robots' choice of motion.
@@ -315,6 +317,7 @@ class Scenario(Section, frozen=True):
     graph: Graph = Graph()
     sensors: Sensors = Sensors()
     motion: Motion = Motion()
+    carry: Carry | None = None
     load_changes: tuple[LoadChange, ...] = ()
     duration: Annotated[float, Meta(gt=0, le=MAX_DURATION)] = 30.0
     seed: Seed = 1
