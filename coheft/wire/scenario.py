@@ -137,12 +137,15 @@ class Robots(Section, frozen=True):
         stiffness: Of every arm: translation [N/m], rotation [N·m/rad]. Without stiffness and damping in rotation the
             wrist is a gimbal: its torque is exactly zero.
         damping: Of every arm: translation [N·s/m], rotation [N·m·s/rad].
+        arms: ``springs`` are nothing but that; ``seven-joint`` arms are driven by their joints' torques so that their
+            hands, which are welded to the payload, behave like it. The z axes of their grasps point out of the hands.
     """
 
     grasps: Annotated[tuple[Grasp, ...], Meta(max_length=MAX_ROBOTS)] = ()
     perimeter: Perimeter | None = None
     stiffness: tuple[Positive, NotNegative] = (800.0, 30.0)
     damping: tuple[NotNegative, NotNegative] = (70.0, 3.0)
+    arms: Literal["springs", "seven-joint"] = "springs"
 
 
 class Graph(Section, frozen=True):

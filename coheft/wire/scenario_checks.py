@@ -39,6 +39,11 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
             f"{origin}: key 'robots.damping': found {list(robots.damping)}, expected no damping of rotations where "
             f"there is no stiffness: that is a gimbal"
         )
+    if robots.arms == "seven-joint" and robots.stiffness[1] == 0.0:
+        raise ScenarioError(
+            f"{origin}: key 'robots.arms': found 'seven-joint' with 'robots.stiffness' = {list(robots.stiffness)}, "
+            f"expected stiffness in rotation: their hands are no gimbals"
+        )
     if bool(robots.grasps) == (robots.perimeter is not None):
         raise ScenarioError(
             f"{origin}: key 'robots': found {_both_or_neither(bool(robots.grasps), 'grasps', 'perimeter')}, "
