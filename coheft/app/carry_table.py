@@ -9,7 +9,7 @@ from coheft.app.report import CarryPhaseReport, CarryReport, LoadDropReport
 
 _WHAT = {
     "alone": "each for itself",
-    "springs": "together, by springs",
+    "springs": "together, springs",
     "feedforward": "with feed-forward",
 }
 
@@ -24,12 +24,12 @@ def print_carry(console: Console, report: CarryReport) -> None:
         header_style="bold",
         title_style="bold",
     )
-    table.add_column("what")
-    for heading in ("time, s", "off the path", "robots against each other"):
+    table.add_column("what", no_wrap=True)
+    for heading in ("time, s", "off the path", "against each other"):
         table.add_column(heading, justify="right", no_wrap=True)
     for phase in report.phases:
         table.add_row(*_row(phase))
-    table.add_row("", "", "noise of the sensors", _pushed(report.noise_force_n, report.noise_torque_nm))
+    table.add_row("sensors' noise", "", "", _pushed(report.noise_force_n, report.noise_torque_nm))
     console.print()
     console.print(table)
     for drop in report.drops:
