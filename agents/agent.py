@@ -13,9 +13,10 @@ import numpy as np
 
 from agents.carrier import Carrier
 from agents.efficient import EfficientEstimator
-from agents.estimator import EstimatorFactory
+from agents.estimator import Estimator, EstimatorFactory
 from agents.inbox import NeighbourInbox
 from agents.motion import make_motion
+from agents.own import make_own
 from agents.seed import SeedEstimator
 from agents.sensor_check import SensorCheck
 from agents.status import StatusKeeper
@@ -26,6 +27,7 @@ from coheft.wire.messages import Estimate, NeighbourMessage, Reference
 from consensus.gossip import Gossip
 
 ESTIMATORS: dict[str, EstimatorFactory] = {"efficient": EfficientEstimator, "seed": SeedEstimator}
+"""Those that come with coheft; others are found by their entry points, see ``coheft.wire.plugins``."""
 
 _SILENT = 2
 """A neighbour of which so many messages in a row are missing is silent."""
@@ -44,20 +46,36 @@ class Outbox:
     problems: tuple[str, ...] = ()
 
 
+def make_estimator(config: AgentConfig, gossip: Gossip) -> Estimator:
+    """The estimator that an agent is told to use.
+
+    Raises:
+        PluginError: It is one of the user's own, and cannot be used.
+    """
+    factory = ESTIMATORS.get(config.estimator)
+    if factory is not None:
+        return factory(config, gossip)
+    own: Estimator = make_own("estimator", config.estimator, Estimator, config, gossip)
+    return own
+
+
 class Agent:
     """One robot.
 
     Args:
         config: All that it is told.
         incarnation: Larger than that of any agent of the same name before.
+
+    Raises:
+        PluginError: An estimator or a motion of the user's own cannot be used.
     """
 
     def __init__(self, config: AgentConfig, incarnation: int = 0) -> None:
         self.config = config
         self._incarnation = incarnation
         self._gossip = Gossip(config.name, config.neighbours, incarnation)
-        self._estimator = ESTIMATORS[config.estimator](config, self._gossip)
-        self._motion = make_motion(config.motion, config.seed, config.rate, config.block)
+        self._estimator = make_estimator(config, self._gossip)
+        self._motion = make_motion(config)
         self._carrier = None if config.carry is None else Carrier(config, config.carry, self._motion)
         self._inbox = NeighbourInbox(config.neighbours)
         self._sensors = SensorCheck(config.noise)

@@ -28,6 +28,8 @@ _COHERENCE = 1.0
 """Time for which what the robots push against each other keeps its direction, more or less [s]."""
 _SPOILT = 10.0
 """Where poses disturb wrenches more than this, samples are not compared. First fits of few samples disturb less."""
+_ROUGH = 2.0
+"""Where they disturb wrenches more than this, what they do to the load is not of first order only."""
 _OTHER_LOAD = 3.0
 """An early block with such a mean square of its residuals over what it should be, and all before it, are of another."""
 _NEW = 0.5
@@ -82,6 +84,11 @@ class LoadMemory:
     def changed_at(self) -> int:
         """First block with the present load, -1 if it has not changed yet."""
         return self._changed_at
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether the poses, as far as they are known, are not good enough to weigh the load with."""
+        return self._disturbance > _ROUGH
 
     def set_poses(self, poses: Sequence[Pose], fusion: MotionFusion) -> None:
         """All that is remembered, and what comes, is seen with these poses."""
@@ -232,7 +239,7 @@ class LoadMemory:
             self._window.revise(lambda sums: correction.apply(sums, self._mean_crosses))
         else:
             self._window.forget_borders_before(correction.last_block + 1)
-        if self._disturbance > _SPOILT and not (rows is not None and is_possible and correction.is_exact(rows)):
+        if self._disturbance > _ROUGH and not (rows is not None and is_possible and correction.is_exact(rows)):
             self._forget_before(correction.last_block + 1)  # means will not do for poses that were so rough
         if rows is not None:
             self._expect_disturbance(wrench_disturbance(self._poses, team.covariance, told_forces(rows)))

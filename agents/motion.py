@@ -2,18 +2,64 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
+from agents.own import make_own
 from agents.via_points import ViaPointMotion
+from coheft.errors import PluginError
 from coheft.estimation.spatial import Array
+from coheft.wire.config import AgentConfig
+from coheft.wire.plugins import told
 from coheft.wire.scenario import Motion
 
 
-def make_motion(motion: Motion, seed: int, rate: int, block: int) -> ReferenceMotion:
-    """The reference motion that a scenario asks for; see there for the arguments."""
+class ReferenceMotion(Protocol):
+    """One robot's reference motion. Deterministic: equal inputs give equal outputs, bit for bit."""
+
+    def reference(self, block: int) -> Array:
+        """Displacement from the home pose during a block, and its rate.
+
+        Args:
+            block: Its number; blocks may be asked for in any order.
+
+        Returns:
+            Shape (B, 12): rotation vector [rad], position [m], in the axes of the home frame, then the rates of both.
+        """
+        ...
+
+
+class MotionFactory(Protocol):
+    """Makes a motion from the agent's settings."""
+
+    def __call__(self, config: AgentConfig) -> ReferenceMotion:  # noqa: D102
+        ...
+
+
+def make_motion(config: AgentConfig) -> ReferenceMotion:
+    """The reference motion that an agent is told to carry out.
+
+    Raises:
+        PluginError: It is one of the user's own, and cannot be used.
+    """
+    motion, seed, rate, block = config.motion, config.seed, config.rate, config.block
+    if motion.own is not None:
+        return _own_motion(motion.own, config)
     if motion.via_points is not None:
         return ViaPointMotion(motion, motion.via_points, seed, rate, block)
     return Excitation(motion, seed, rate, block)
+
+
+def _own_motion(name: str, config: AgentConfig) -> ReferenceMotion:
+    own: ReferenceMotion = make_own("motion", name, ReferenceMotion, config)
+    try:
+        shape = np.shape(own.reference(0))
+    except Exception as error:  # whatever somebody else's code raises
+        raise PluginError(f"the motion {name!r} knows no reference for block 0: {told(error)}") from error
+    if shape != (config.block, 12):
+        raise PluginError(f"the motion {name!r}: its reference has the shape {shape}, expected {(config.block, 12)}")
+    return own
 
 
 class Excitation:
@@ -39,11 +85,7 @@ class Excitation:
         self._block = block
 
     def reference(self, block: int) -> Array:
-        """Displacement from the home pose during a block, and its rate.
-
-        Returns:
-            Shape (B, 12): rotation vector [rad], position [m], in the axes of the home frame, then the rates of both.
-        """
+        """See ``ReferenceMotion.reference``."""
         time = (block * self._block + np.arange(self._block)) / self._rate
         phases = self._omegas * time[:, None, None] + self._phases
         wave = self._amplitudes * np.sin(phases).sum(axis=1)
@@ -57,6 +99,3 @@ class Excitation:
             return np.ones((len(time), 1)), np.zeros((len(time), 1))
         s = np.clip(time / self._ramp, 0.0, 1.0)[:, None]
         return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s) / self._ramp
-
-
-ReferenceMotion = Excitation | ViaPointMotion

@@ -53,5 +53,9 @@ class MissingPackageError(CoheftError):
         super().__init__(f"this needs the package '{package}': install 'coheft[{extra}]'")
 
 
+class PluginError(CoheftError):
+    """An estimator or a motion of the user's own cannot be used."""
+
+
 class RecordingError(CoheftError):
     """A recording does not hold what is asked of it."""

@@ -114,8 +114,12 @@ def _value(kind: types.Type) -> str:
             return ", ".join(f"`{json.dumps(value)}`" for value in kind.values)
         case types.TupleType():
             return f"{len(kind.item_types)} numbers{_range(kind.item_types[0])}"
-        case types.VarTupleType():
+        case types.VarTupleType(item_type=types.StructType()):
             return "sections"
+        case types.VarTupleType():
+            return f"list of {_value(kind.item_type)}s"
+        case types.DictType():
+            return "tables"
         case types.StructType():
             return "section"
         case types.UnionType():
@@ -132,7 +136,7 @@ def _range(kind: Any) -> str:
 def _default(field: msgspec.structs.FieldInfo) -> str:
     if field.required:
         return "**required**"
-    default = msgspec.to_builtins(field.default)
+    default = msgspec.to_builtins(field.default) if field.default is not msgspec.NODEFAULT else {}
     if default is None or default in ("", []) or isinstance(default, dict):
         return ""
     return f"`{json.dumps(default)}`"

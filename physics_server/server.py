@@ -35,12 +35,13 @@ from coheft.wire.messages import (
 )
 from coheft.wire.planes import SERVER, guard_server_for_observers, guard_server_for_robot
 from coheft.wire.problem_log import ProblemLog
+from coheft.wire.robot_link import RobotLink
 from coheft.wire.supervised import supervised_main
 from coheft.wire.transport import ROLES, Keys, Role, Sender, open_session
 from physics_server.absence import Absences
 from physics_server.clock import Stopwatch, make_clock
 from physics_server.data_recorder import DataRecorder
-from physics_server.robot_link import RobotLink
+from physics_server.reach import Reach
 from physics_server.simulation import Simulation
 
 ANSWER_LIMIT = 10.0
@@ -85,7 +86,17 @@ class Server:
         self._problems = ProblemLog(SERVER, Sender(observers, keys.observe_server("problem"), may_drop=True))
         world = time.time_ns()
         self._robots = {
-            name: RobotLink(name, session, self._inbox, keys, world, scenario) for name, session in robots.items()
+            name: RobotLink(
+                name,
+                session,
+                self._inbox,
+                keys,
+                world=world,
+                lag=scenario.lookahead,
+                block=scenario.sensors.block,
+                excess=Reach(scenario.robots).excess,
+            )
+            for name, session in robots.items()
         }
         for name, session in robots.items():
             guard = guard_server_for_robot(config.security, keys, name)

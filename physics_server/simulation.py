@@ -213,7 +213,7 @@ class Simulation:
             name: Measurements(robot=name, block=self.block, samples=rows, holding=bool(is_holding))
             for name, rows, is_holding in zip(self._names, samples, self._is_holding, strict=True)
         }
-        truth = self._truth(readings.positions[-1], samples[:, -1, WRENCH])
+        truth = self._truth(readings.positions[-1], samples[:, -1])
         self._loads.leak(self._scenario.block_duration)
         self.block += 1
         return BlockResult(measurements, truth, problems, self._measure_wrists(readings, wrenches))
@@ -273,9 +273,10 @@ class Simulation:
             rotations.reshape(samples, count, 3, 3),
         )
 
-    def _truth(self, position: Array, wrenches: Array) -> Truth:
-        """Truth at the block's last sample, from the payload's position (7,) and measured wrenches (N, 6)."""
+    def _truth(self, position: Array, samples: Array) -> Truth:
+        """Truth at the block's last sample, from the payload's position (7,) and what was measured (N, 15)."""
         payload = self._loads.inertia
+        holding = self._is_holding
         return Truth(
             block=self.block,
             time=(self.block + 1) * self._scenario.block_duration,
@@ -283,8 +284,8 @@ class Simulation:
             loads=self.loads,
             position=position[:3],
             quaternion=position[3:],
-            total_wrench=np.einsum("nij,nj->i", self._adjoints[self._is_holding], wrenches[self._is_holding]),
-            wrenches=wrenches,
+            total_wrench=np.einsum("nij,nj->i", self._adjoints[holding], samples[holding, WRENCH]),
+            samples=samples,
         )
 
     def _check_controls(self, controls: Array) -> None:

@@ -49,7 +49,7 @@ def truth(block: int, payload: Inertia) -> Truth:
         position=np.zeros(3),
         quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
         total_wrench=total_wrench(block),
-        wrenches=np.zeros((3, 6)),
+        samples=np.zeros((3, 15)),
     )
 
 

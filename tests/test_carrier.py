@@ -87,7 +87,7 @@ class Arm:
 
     def __init__(self, carry: Carry = STILL) -> None:
         self.config = settings(carry)
-        alone = make_motion(self.config.motion, 1, self.config.rate, self.config.block)
+        alone = make_motion(self.config)
         self._carrier = Carrier(self.config, carry, alone)
         self._samples = np.zeros((self.config.block, SAMPLE_SIZE))
         self._samples[:, ACCELERATION] = UP

@@ -5,7 +5,10 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 import socket
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,8 @@ from coheft.errors import CoheftError, ScenarioError
 from coheft.wire.config import AgentProcessConfig, ServerConfig
 from coheft.wire.scenario import LoadChange, Scenario
 from coheft.wire.scenario_file import available_scenarios, load_scenario
+
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture
@@ -77,7 +82,7 @@ def test_a_change_that_makes_no_sense_is_explained(ring6: Scenario, text: str, c
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"estimator": "foo"}, "command line: key 'estimator': expected one of 'efficient', 'seed'; found 'foo'"),
+        ({"estimator": "foo"}, "command line: key 'estimator': found 'foo', expected one of: efficient, seed"),
         ({"sensor_rate": 300}, "command line: key 'sensors.rate': expected one of 100, 125, .*; found 300"),
         ({"duration": -5.0}, "command line: key 'duration': expected .* > 0.0; found -5.0"),
         ({"seed": -1}, "command line: key 'seed': expected .* >= 0; found -1"),
@@ -107,6 +112,9 @@ def test_a_run_may_end_before_its_load_changes_come(ring6: Scenario) -> None:
         (["run", "--no-such-flag"], "--no-such-flag"),
         (["run", "ring6", "--json", "/no/such/folder/report.json"], "/no/such/folder"),
         (["run", "ring6", "--json", "--quiet"], "--quiet"),
+        (["run", "ring6", "--record", "/no/such/folder/run.mcap"], "/no/such/folder"),
+        (["run", "ring6", "--record", "run.bag"], ".mcap"),
+        (["run", "ring6", "--record", "new.mcap", "--write-configs", "folder"], "--write-configs"),
         (["inject", "--mass", "3"], "--at"),
     ],
 )
@@ -117,6 +125,59 @@ def test_wrong_usage_exits_with_2_and_says_why(
     output = capfd.readouterr()
     assert complaint in output.err + output.out
     assert "Traceback" not in output.err + output.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["rn"], 'Unknown command "rn". Did you mean "run"? See \'coheft --help\''),
+        (["run", "--seed", "x"], "--seed: expected a whole number; found 'x'. See 'coheft run --help'"),
+        (["run", "a", "b"], "'coheft run' does not know what to do with 'b'. See 'coheft run --help'"),
+        (["run", "--json"], "--json needs a value. See 'coheft run --help'"),
+        (["identify"], "'coheft identify' needs RECORDING. See 'coheft identify --help'"),
+        (["inject", "--mass", "3"], "'coheft inject' needs --at, with 3 values. See 'coheft inject --help'"),
+        (["inject", "--mass", "3", "--at", "1", "2"], "--at needs 3 values; found 2. See 'coheft inject --help'"),
+    ],
+)
+def test_wrong_arguments_are_explained_in_one_sentence(
+    arguments: list[str], sentence: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run_command_line(arguments) == EXIT_USAGE
+    assert capfd.readouterr() == ("", f"coheft: {sentence}\n")
+
+
+def test_help_can_be_asked_for_by_name(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line(["help", "inject"]) == EXIT_CONVERGED
+    assert "--mass" in capfd.readouterr().out
+    assert run_command_line(["help", "injekt"]) == EXIT_ERROR
+    assert "there is no command 'injekt'" in capfd.readouterr().err
+
+
+def test_the_reference_of_commands_is_up_to_date() -> None:
+    # In a process of its own: what runs, 'python -m pytest' here, gets into the usage lines.
+    ask = [sys.executable, "-c", "from docs import command_reference as it; print(it.page(), end='')"]
+    page = subprocess.run(ask, capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    assert (ROOT / "docs" / "commands.md").read_text() == page, "run python docs/command_reference.py"
+    for command in ("run", "scenarios", "watch", "help"):
+        assert f"## `coheft {command}`" in page
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
+def test_bash_completes_commands_and_options(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert run_command_line(["completion", "bash"]) == EXIT_CONVERGED
+    script = tmp_path / "completion.bash"
+    script.write_text(capfd.readouterr().out)
+    for words, expected in (("coheft ru", "run"), ("coheft run --sen", "--sensor-rate")):
+        last = len(words.split()) - 1
+        ask = f"source {script}; COMP_WORDS=({words}); COMP_CWORD={last}; _coheft; echo ${{COMPREPLY[@]}}"
+        done = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=True)
+        assert done.stdout.split() == [expected]
+
+
+@pytest.mark.parametrize("shell", ["zsh", "fish"])
+def test_other_shells_have_a_script_too(shell: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line(["completion", shell]) == EXIT_CONVERGED
+    assert "sensor-rate" in capfd.readouterr().out
 
 
 def test_a_malformed_scenario_names_file_key_found_and_allowed(

@@ -71,10 +71,10 @@ def test_twists_and_accelerations_are_those_of_one_rigid_body(moments):
 def test_total_wrench_of_the_truth_is_the_sum_of_what_was_measured():
     noisy = scenario("ring6", noise_scale=1.0)
     for result in run(Simulation(noisy), excitation(noisy), 5):
-        last = [measured.samples[-1, WRENCH] for measured in result.measurements.values()]
-        total = sum(grasp.adjoint() @ wrench for grasp, wrench in zip(GRASPS, last, strict=True))
+        last = [measured.samples[-1] for measured in result.measurements.values()]
+        total = sum(grasp.adjoint() @ sample[WRENCH] for grasp, sample in zip(GRASPS, last, strict=True))
         np.testing.assert_allclose(result.truth.total_wrench, total, rtol=EXACT, atol=1e-13)
-        np.testing.assert_array_equal(result.truth.wrenches, last)
+        np.testing.assert_array_equal(result.truth.samples, last)
 
 
 def test_arms_are_springs_and_dampers_about_their_references_plus_feed_forward():

@@ -7,7 +7,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from coheft.app.record import REMEMBERED, SILENT, Record
+from coheft.app.pairing import REMEMBERED
+from coheft.app.record import SILENT, Record
 from coheft.app.report import RunInfo, build_report
 from coheft.wire.messages import LoadChangeNotice
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, changing_run, estimate, recorded, truth

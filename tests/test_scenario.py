@@ -93,7 +93,7 @@ def test_good_scenario_is_good() -> None:
         ("frequency = [0.4, 1.6]", "frequency = [1.6, 0.4]", "motion.frequency", "[1.6, 0.4]", "lower"),
         ("frequency = [0.4, 1.6]", "ramp = -1", "motion.ramp", "-1", ">= 0"),
         ("duration = 12.0", "duration = 0", "duration", "0", "> 0"),
-        ("duration = 12.0", 'estimator = "best"', "estimator", "'best'", "'seed'"),
+        ("duration = 12.0", 'estimator = "best"', "estimator", "'best'", "efficient, seed"),
         ("duration = 12.0", "sensors.rate = 300", "sensors.rate", "300", "500"),
         ("duration = 12.0", "sensors.block = 1", "sensors.block", "1", ">= 2"),
         ("duration = 12.0", "sensors.noise.gyro = -1.0", "sensors.noise.gyro", "-1.0", "> 0"),

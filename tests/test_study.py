@@ -123,7 +123,7 @@ def test_samples_are_those_that_the_agents_of_a_run_get() -> None:
     simulated = simulate(run)
     for ours, record in zip(simulated.truths, run_in_process(run), strict=True):
         np.testing.assert_array_equal(ours.total_wrench, record.truth.total_wrench)
-        np.testing.assert_array_equal(ours.wrenches, record.truth.wrenches)
+        np.testing.assert_array_equal(ours.samples, record.truth.samples)
 
 
 def test_bound_is_integrated_well_enough_and_grows_with_the_noise() -> None:

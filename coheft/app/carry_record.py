@@ -11,6 +11,7 @@ from agents.common_path import CommonPath
 from coheft.app.heard import News
 from coheft.app.report import CarryPhaseReport, CarryReport, LoadDropReport
 from coheft.estimation.feedforward import internal_wrenches
+from coheft.estimation.measurement import WRENCH
 from coheft.estimation.spatial import Array, Pose, rotation_exp, rotation_from_quaternion, rotation_log
 from coheft.wire.messages import Scene, Status, Truth
 from coheft.wire.scenario import Scenario
@@ -92,7 +93,7 @@ class CarryRecord:
             self._drops.append(_Drop(self._changed_at, truth.payload.mass))
         self._loads = loads
         off = self.error(truth)
-        pushed = np.square(internal_wrenches(truth.wrenches, self._grasps))
+        pushed = np.square(internal_wrenches(truth.samples[:, WRENCH], self._grasps))
         # Of one robot: root mean square over robots of the vectors' lengths.
         lengths = pushed.reshape(-1, 2, 3).sum(axis=2).mean(axis=0)
         phase = self._phase(truth.time)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 import textwrap
@@ -12,19 +13,33 @@ from typing import Annotated
 import cyclopts
 from cyclopts import Parameter
 
-from coheft.app import cli_cart, cli_control, cli_faults, cli_identify, cli_keys, cli_mocobots, cli_study
+from coheft.app import (
+    cli_cart,
+    cli_control,
+    cli_faults,
+    cli_identify,
+    cli_keys,
+    cli_mocobots,
+    cli_recover,
+    cli_shell,
+    cli_study,
+)
 from coheft.app.cli_base import (
     EXIT_CONVERGED,
     EXIT_ERROR,
     EXIT_INTERRUPTED,
     EXIT_NOT_CONVERGED,
     EXIT_USAGE,
+    PARTS,
+    RUN,
     DataTarget,
     Flag,
     NotNegative,
+    RecordingTarget,
     ReportTarget,
     app,
 )
+from coheft.app.cli_errors import complain, explain_usage
 from coheft.errors import CoheftError, ScenarioError
 
 _WIDTH = 80
@@ -34,25 +49,29 @@ _WIDTH = 80
 def run_command_line(arguments: Sequence[str]) -> int:
     """Carry out one command and return the exit status; what goes wrong is said in a line, without a traceback."""
     try:
-        status = app(arguments, exit_on_error=False, print_error=True, result_action="return_value")
-    except cyclopts.CycloptsError:
-        return EXIT_USAGE
+        status = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+        sys.stdout.flush()
+    except cyclopts.CycloptsError as error:
+        return _fail(explain_usage(error), EXIT_USAGE)
     except ScenarioError as error:
-        return _fail(error, EXIT_USAGE)
+        return _fail(str(error), EXIT_USAGE)
     except CoheftError as error:
-        return _fail(error, EXIT_ERROR)
+        return _fail(str(error), EXIT_ERROR)
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
         return EXIT_INTERRUPTED
+    except BrokenPipeError:  # whoever read our output has seen enough, as 'head' does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_ERROR
     return int(status or 0)
 
 
-def _fail(error: CoheftError, status: int) -> int:
-    print(f"coheft: {error}", file=sys.stderr)
+def _fail(text: str, status: int) -> int:
+    complain(text)
     return status
 
 
-@app.command
+@app.command(group=RUN)
 def run(
     scenario: str = "ring6",
     *,
@@ -65,8 +84,10 @@ def run(
     restarts: NotNegative = 3,
     json: ReportTarget = None,
     history: Flag = False,
+    report: Path | None = None,
     quiet: Flag = False,
     save_data: DataTarget = None,
+    record: RecordingTarget = None,
     logs: Path | None = None,
     secure: Flag = False,
     keys: Path | None = None,
@@ -91,7 +112,7 @@ def run(
     seed:
         Of the sensors' noise and the robots' motions.
     estimator:
-        The robots' method.
+        The robots' method: efficient or seed.
     sensor_rate:
         Samples per second: 100, 125, 200, 250, 500 or 1000.
     realtime:
@@ -102,10 +123,14 @@ def run(
         Write the report to this file; - for standard output.
     history:
         Add the errors of every second to the report.
+    report:
+        Folder for a page with pictures, the pictures, and the data behind them; takes coheft[report].
     quiet:
         Show nothing but errors.
     save_data:
         Save what all robots measured, for 'coheft identify': an .npz file, or, without suffix, a folder of CSV files.
+    record:
+        Record the run to this new .mcap file, for 'coheft view', Foxglove and PlotJuggler, see docs/recording.md.
     logs:
         Folder for the processes' logs, instead of a new one among your runs.
     secure:
@@ -119,19 +144,26 @@ def run(
     feedforward:
         Where robots carry the load along a common path: whether they push with what they know of it.
     """
+    from contextlib import ExitStack
+
     from msgspec import structs
     from rich.console import Console
 
     from coheft.app.final_table import print_report
+    from coheft.app.follower import Follower
     from coheft.app.hosts import load_hosts
     from coheft.app.launch import launch
     from coheft.app.overrides import override
     from coheft.app.plan import make_plan, new_run_name
     from coheft.app.report import write_report
     from coheft.app.run_folder import make_run_folder
+    from coheft.app.run_report.folder import prepare_folder, write_folder
+    from coheft.app.run_report.series import SeriesFollower
     from coheft.app.terminal import make_display
     from coheft.wire.scenario_file import load_scenario
 
+    if report is not None:
+        prepare_folder(report)
     chosen = override(
         load_scenario(scenario),
         changes=change or (),
@@ -141,6 +173,10 @@ def run(
         sensor_rate=sensor_rate,
         feedforward=feedforward,
     )
+    if record is not None:
+        if write_configs is not None:
+            raise ScenarioError("--record needs a run, but --write-configs makes none")
+        from coheft.app.recording.recorder import Recorder
     if hosts is not None and write_configs is None:
         raise ScenarioError("--hosts needs --write-configs: each part is to be started on its own host")
     places = load_hosts(hosts, chosen) if hosts is not None else None
@@ -162,23 +198,33 @@ def run(
         return EXIT_CONVERGED
     console = Console(stderr=json == "-")
     display = make_display(console, quiet=quiet)
+    over_time = SeriesFollower() if report is not None else None
     carried = None
     if chosen.carry is not None:
         from coheft.app.carry_record import CarryRecord
 
         carried = CarryRecord(chosen)
-    followers = [] if carried is None else [carried]
-    report = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
-    if carried is not None:
-        report = structs.replace(report, carry=carried.report())
-    if json is not None:
-        write_report(report, json)
-    if not quiet:
-        print_report(console, report, folder)
-    return EXIT_CONVERGED if report.converged else EXIT_NOT_CONVERGED
+    with ExitStack() as stack:
+        followers: list[Follower] = [] if over_time is None else [over_time]
+        if record is not None:
+            followers.append(stack.enter_context(Recorder(record, chosen)))
+        if carried is not None:
+            followers.append(carried)
+        found = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
+        if carried is not None:
+            found = structs.replace(found, carry=carried.report())
+        if json is not None:
+            write_report(found, json)
+        if not quiet:
+            print_report(console, found, folder)
+    if report is not None and over_time is not None:
+        page = write_folder(report, chosen, plan.server.clock, over_time.series, found)
+        if not quiet:
+            console.print(f"Report: {page}", markup=False, highlight=False, soft_wrap=True)
+    return EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED
 
 
-@app.command
+@app.command(group=RUN)
 def scenarios() -> None:
     """List the shipped scenarios."""
     from coheft.wire.scenario_file import available_scenarios, load_scenario
@@ -195,7 +241,7 @@ def _by_number(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]
 
 
-@app.command
+@app.command(group=PARTS)
 def server(config: Path) -> int:
     """Start a physics server by hand.
 
@@ -207,7 +253,7 @@ def server(config: Path) -> int:
     return _start_by_hand("physics_server.server", config)
 
 
-@app.command
+@app.command(group=PARTS)
 def agent(config: Path) -> int:
     """Start one robot by hand.
 
@@ -236,6 +282,8 @@ __all__ = [
     "cli_identify",
     "cli_keys",
     "cli_mocobots",
+    "cli_recover",
+    "cli_shell",
     "cli_study",
     "run_command_line",
 ]

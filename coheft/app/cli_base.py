@@ -18,12 +18,27 @@ EXIT_NOT_CONVERGED = 3
 EXIT_BROKEN_PROMISE = 4
 EXIT_INTERRUPTED = 130
 
+EXIT_MEANINGS = {
+    EXIT_CONVERGED: "every robot converged (or: done)",
+    EXIT_ERROR: "an error",
+    EXIT_USAGE: "wrong usage or a bad scenario",
+    EXIT_NOT_CONVERGED: "the run ended but not every robot had converged",
+    EXIT_BROKEN_PROMISE: "a promise was broken",
+    EXIT_INTERRUPTED: "stopped by Ctrl-C",
+}
+
+RUN = cyclopts.Group.create_ordered("Run")
+CONTROL = cyclopts.Group.create_ordered("A run that goes on")
+EVALUATE = cyclopts.Group.create_ordered("Evaluate")
+PARTS = cyclopts.Group.create_ordered("Parts by hand, several hosts")
+SHELL = cyclopts.Group.create_ordered("This command line")
+
 app = cyclopts.App(
     name="coheft",
     help="Robots that hold one load together find out, by themselves, what they are holding.",
-    help_epilogue="Exit status: 0 every robot converged (or: done), 1 an error, 2 wrong usage or a bad scenario, "
-    "3 the run ended but not every robot had converged, 4 a promise was broken, 130 stopped by Ctrl-C.",
+    help_epilogue=f"Exit status: {', '.join(f'{status} {meaning}' for status, meaning in EXIT_MEANINGS.items())}.",
     version=coheft.__version__,
+    group_commands=SHELL,
     suppress_keyboard_interrupt=False,  # what Ctrl-C means is up to ``run_command_line``
 )
 
@@ -46,8 +61,19 @@ def _has_folder(_: object, value: Path | None) -> None:
         raise ValueError(f"there is no folder {str(value.parent)!r} to write {str(value)!r} into")
 
 
+def _is_new_recording(kind: object, value: Path | None) -> None:
+    _has_folder(kind, value)
+    if value is None:
+        return
+    if value.suffix != ".mcap":
+        raise ValueError(f"expected a file that ends with .mcap; found {str(value)!r}")
+    if value.exists():
+        raise ValueError(f"{str(value)!r} is there already: give another name, or remove it")
+
+
 Count = Annotated[int, Parameter(validator=Number(gte=1))]
 NotNegative = Annotated[int, Parameter(validator=Number(gte=0))]
 Positive = Annotated[float, Parameter(validator=Number(gt=0))]
 ReportTarget = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_is_target)]
 DataTarget = Annotated[Path | None, Parameter(validator=_has_folder)]
+RecordingTarget = Annotated[Path | None, Parameter(validator=_is_new_recording)]

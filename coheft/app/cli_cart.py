@@ -9,10 +9,10 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from coheft.app.cli_base import EXIT_CONVERGED, EXIT_NOT_CONVERGED, Count, Flag, Positive, ReportTarget, app
+from coheft.app.cli_base import EVALUATE, EXIT_CONVERGED, EXIT_NOT_CONVERGED, Count, Flag, Positive, ReportTarget, app
 
 
-@app.command
+@app.command(group=EVALUATE)
 def cart(
     *,
     test: Annotated[int | None, Parameter(validator=Number(gte=1, lte=12))] = None,

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from coheft.app.cli_base import RunFolder, Vector, app
+from coheft.app.cli_base import CONTROL, RunFolder, Vector, app
 
 
-@app.command
+@app.command(group=CONTROL)
 def inject(*, mass: float, at: Vector, size: Vector = (0.1, 0.1, 0.1), run: RunFolder = None) -> None:
     """Drop a load onto the payload of a run that goes on.
 
@@ -27,7 +27,7 @@ def inject(*, mass: float, at: Vector, size: Vector = (0.1, 0.1, 0.1), run: RunF
     print(f"load {status.loads[-1].id} of {mass:g} kg put on; {status.slots_free} more fit")
 
 
-@app.command
+@app.command(group=CONTROL)
 def remove(load: int, *, run: RunFolder = None) -> None:
     """Take a load off the payload of a run that goes on.
 
@@ -45,7 +45,7 @@ def remove(load: int, *, run: RunFolder = None) -> None:
     print(f"load {load} taken away; {len(status.loads)} left")
 
 
-@app.command
+@app.command(group=CONTROL)
 def release(robot: str, *, run: RunFolder = None) -> None:
     """Let a robot of a run take its hand off the payload.
 
@@ -63,7 +63,7 @@ def release(robot: str, *, run: RunFolder = None) -> None:
     print(f"{robot} let go at {status.time:.2f} s; 'coheft grasp {robot}' lets it take hold again")
 
 
-@app.command
+@app.command(group=CONTROL)
 def grasp(robot: str, *, run: RunFolder = None) -> None:
     """Let a robot of a run take hold of the payload again, where it held it before.
 
@@ -81,7 +81,7 @@ def grasp(robot: str, *, run: RunFolder = None) -> None:
     print(f"{robot} took hold at {status.time:.2f} s")
 
 
-@app.command
+@app.command(group=CONTROL)
 def pause(*, run: RunFolder = None) -> None:
     """Stop the clock of a run.
 
@@ -97,7 +97,7 @@ def pause(*, run: RunFolder = None) -> None:
     print(f"paused at {status.time:.2f} s; 'coheft resume' goes on")
 
 
-@app.command
+@app.command(group=CONTROL)
 def resume(*, run: RunFolder = None) -> None:
     """Let a paused run go on.
 
@@ -113,7 +113,7 @@ def resume(*, run: RunFolder = None) -> None:
     print(f"goes on from {status.time:.2f} s")
 
 
-@app.command
+@app.command(group=CONTROL)
 def stop(*, run: RunFolder = None) -> None:
     """End a run now; whoever started it gets its report.
 
@@ -129,7 +129,7 @@ def stop(*, run: RunFolder = None) -> None:
     print(f"stopped at {status.time:.2f} s")
 
 
-@app.command
+@app.command(group=CONTROL)
 def watch(*, run: RunFolder = None) -> None:
     """Watch a run that goes on, until it ends.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from coheft.app.cli_base import EXIT_BROKEN_PROMISE, EXIT_CONVERGED, Count, Flag, ReportTarget, app
+from coheft.app.cli_base import EVALUATE, EXIT_BROKEN_PROMISE, EXIT_CONVERGED, Count, Flag, ReportTarget, app
 from coheft.errors import CoheftError
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from coheft.app.faults.schedule import FaultSchedule
 
 
-@app.command
+@app.command(group=EVALUATE)
 def faults(
     *,
     seeds: Count = 100,

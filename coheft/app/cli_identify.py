@@ -7,11 +7,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from coheft.app.cli_base import EXIT_CONVERGED, EXIT_NOT_CONVERGED, Flag, Positive, ReportTarget, app
+from coheft.app.cli_base import EVALUATE, EXIT_CONVERGED, EXIT_NOT_CONVERGED, Flag, Positive, ReportTarget, app
 from coheft.app.identify.choices import Bounds, Method
 
 
-@app.command
+@app.command(group=EVALUATE)
 def identify(
     recording: Path,
     *,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from coheft.app.cli_base import Positive, app
+from coheft.app.cli_base import PARTS, Positive, app
 
 
-@app.command
+@app.command(group=PARTS)
 def keys(folder: Path, scenario: str = "ring6", *, hosts: Path | None = None, days: Positive = 365.0) -> None:
     """Make a certificate authority and one certificate for each robot, the server, observers and the operator.
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from coheft.app.cli_base import EXIT_CONVERGED, Count, Flag, ReportTarget, app
+from coheft.app.cli_base import EVALUATE, EXIT_CONVERGED, Count, Flag, ReportTarget, app
 
 
 def _are_configurations(_: object, text: str) -> None:
@@ -15,7 +15,7 @@ def _are_configurations(_: object, text: str) -> None:
         raise ValueError(f"expected some of abcd; found {text!r}")
 
 
-@app.command
+@app.command(group=EVALUATE)
 def mocobots(
     *,
     experiments: Count = 6,

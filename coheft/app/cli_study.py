@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from coheft.app.cli_base import EXIT_CONVERGED, Count, Flag, Positive, ReportTarget, app
+from coheft.app.cli_base import EVALUATE, EXIT_CONVERGED, Count, Flag, Positive, ReportTarget, app
 
 
 def _words(text: str) -> list[str]:
@@ -17,11 +17,11 @@ def _words(text: str) -> list[str]:
 
 
 def _are_estimators(_: object, text: str) -> None:
-    from agents.agent import ESTIMATORS
+    from coheft.wire.plugins import available
 
-    words = _words(text)
-    if not set(words) <= set(ESTIMATORS) or len(set(words)) < len(words):
-        raise ValueError(f"expected different ones of {', '.join(ESTIMATORS)}, with commas between; found {text!r}")
+    words, there = _words(text), available("estimator")
+    if not set(words) <= set(there) or len(set(words)) < len(words):
+        raise ValueError(f"expected different ones of {', '.join(there)}, with commas between; found {text!r}")
 
 
 def _are_factors(_: object, text: str) -> None:
@@ -33,7 +33,7 @@ def _are_factors(_: object, text: str) -> None:
         raise ValueError(f"expected different positive numbers, with commas between; found {text!r}")
 
 
-@app.command
+@app.command(group=EVALUATE)
 def study(
     scenario: str = "ring6",
     *,

@@ -12,22 +12,24 @@ from coheft.app.carry_table import print_carry
 from coheft.app.judge import RobotReport, why_stale
 from coheft.app.report import LoadChangeReport, Report
 
-_LEGEND = (
+HEADINGS = ("robot", "quantity", "truth", "estimate", "error", "own std")
+LEGEND = (
     "Centre of mass: x y z in the robot's grasp frame. Inertia: principal moments.",
     "Own std: how far off the robot itself expects to be (standard deviation).",
 )
-_RECOVERED = "Recovered: mass within 3 %, centre of mass within 20 mm at every robot."
+RECOVERED = "Recovered: mass within 3 %, centre of mass within 20 mm at every robot."
 
 
 def print_report(console: Console, report: Report, folder: Path) -> None:
     """The final table, and in sentences what else is worth knowing."""
     console.print()
     console.print(_final_table(report))
-    for line in (*_LEGEND, *([_RECOVERED] if report.load_changes else [])):
+    for line in (*LEGEND, *([RECOVERED] if report.load_changes else [])):
         console.print(line, style="dim", highlight=False)
     if report.carry is not None:
         print_carry(console, report.carry)
-    for sentence in _sentences(report):
+    console.print()
+    for sentence in sentences(report):
         console.print(sentence, markup=False, highlight=False)
     console.print(f"Logs of all processes: {folder}", markup=False, highlight=False, soft_wrap=True)
 
@@ -41,15 +43,20 @@ def _final_table(report: Report) -> Table:
         header_style="bold",
         title_style="bold",
     )
-    table.add_column("robot")
-    table.add_column("quantity")
-    for heading in ("truth", "estimate", "error", "own std"):
+    for heading in HEADINGS[:2]:
+        table.add_column(heading)
+    for heading in HEADINGS[2:]:
         table.add_column(heading, justify="right", no_wrap=True)
     for name, robot in report.robots.items():
-        for row in (_mass_row(robot), _com_row(robot), _inertia_row(robot)):
+        for row in robot_rows(robot):
             table.add_row(name, *row)
             name = ""
     return table
+
+
+def robot_rows(robot: RobotReport) -> list[tuple[str, str, str, str, str]]:
+    """What a robot found out: quantity, truth, estimate, error, own standard deviation, for each quantity."""
+    return [_mass_row(robot), _com_row(robot), _inertia_row(robot)]
 
 
 def _mass_row(robot: RobotReport) -> tuple[str, str, str, str, str]:
@@ -81,9 +88,9 @@ def _principal(tensor: list[list[float]]) -> str:
     return " ".join(f"{moment:.2f}" for moment in np.linalg.eigvalsh(np.array(tensor)))
 
 
-def _sentences(report: Report) -> list[str]:
+def sentences(report: Report) -> list[str]:
+    """What else is worth knowing."""
     return [
-        "",
         *_most([_load_change_sentence(change) for change in report.load_changes]),
         *_pose_sentence(report),
         *_not_observable_sentences(report),
@@ -123,15 +130,15 @@ def _not_observable_sentences(report: Report) -> list[str]:
     for name, robot in report.robots.items():
         for text in robot.not_observable:
             kinds.setdefault(text.rpartition(": ")[2], []).append(f"Not observable for {name}: {text}.")
-    return [sentence for sentences in kinds.values() for sentence in _most(sentences, show=1)]
+    return [sentence for kind in kinds.values() for sentence in _most(kind, show=1)]
 
 
-def _most(sentences: list[str], show: int = 3) -> list[str]:
+def _most(found: list[str], show: int = 3) -> list[str]:
     """The first ones, and how many more there are."""
-    more = len(sentences) - show
+    more = len(found) - show
     if more <= 0:
-        return sentences
-    return [*sentences[:show], f"And {more} more of the kind; the report (--json FILE) has them all."]
+        return found
+    return [*found[:show], f"And {more} more of the kind; the report (--json FILE) has them all."]
 
 
 def _convergence_sentence(report: Report) -> str:

@@ -7,10 +7,14 @@ import math
 import numpy as np
 
 from coheft.errors import MessageError, one_line
+from coheft.estimation.measurement import SAMPLE_SIZE
 from coheft.estimation.spatial import Array
 from coheft.wire.codec import check_array, check_field
-from coheft.wire.messages import Estimate, Message, PayloadEstimate, PoseEstimate, Problem, Scene, Truth
+from coheft.wire.messages import Estimate, Message, PayloadEstimate, PoseEstimate, Problem, Scene, Status, Truth
+from coheft.wire.scenario import MAX_DURATION
 
+_LONGEST = 2 * MAX_DURATION
+"""No run lasts so long [s]; the last block may end a little later than the run."""
 _LARGEST = 1e15
 _ROTATION_TOLERANCE = 1e-6
 
@@ -37,11 +41,26 @@ def check_news(source: str, message: Message, scene: Scene) -> News | None:
     return None
 
 
+def check_status(status: Status) -> None:
+    """Check who holds the payload, and where.
+
+    Raises:
+        MessageError: It cannot be a team.
+    """
+    scene = status.scene
+    check_field("robots are there, once each", 0 < len(set(scene.robots)) == len(scene.robots), True)
+    check_array(scene.rotations, (len(scene.robots), 3, 3), "rotations")
+    for name, rotation in zip(scene.robots, scene.rotations, strict=True):
+        _check_rotation(rotation, name)
+    _check_numbers(scene.translations, (len(scene.robots), 3), "translations")
+    check_field("neighbours are of the team", set(scene.neighbours) <= set(scene.robots), True)
+
+
 def check_truth(truth: Truth, scene: Scene) -> None:
     """Check what came under the server's key.
 
     Raises:
-        MessageError: It cannot be about a payload.
+        MessageError: It cannot be about a payload, or not about the one that this team holds.
     """
     _check_moment(truth.block, truth.time)
     payload = truth.payload
@@ -54,8 +73,13 @@ def check_truth(truth: Truth, scene: Scene) -> None:
         raise MessageError("tensor is zero but expected a body's")
     _check_numbers(truth.position, (3,), "position")
     _check_numbers(truth.quaternion, (4,), "quaternion")
+    if abs(np.linalg.norm(truth.quaternion) - 1.0) > _ROTATION_TOLERANCE:
+        raise MessageError(f"quaternion is {truth.quaternion.tolist()} but expected one of length 1")
     _check_numbers(truth.total_wrench, (6,), "total_wrench")
-    _check_numbers(truth.wrenches, (len(scene.robots), 6), "wrenches")
+    _check_numbers(truth.samples, (len(scene.robots), SAMPLE_SIZE), "samples")
+    for load in truth.loads:
+        for value in (load.mass, *load.position, *load.size, load.leak):
+            _check_number(value, f"a number of load {load.id}")
 
 
 def check_estimate(estimate: Estimate, source: str, scene: Scene) -> None:
@@ -68,6 +92,7 @@ def check_estimate(estimate: Estimate, source: str, scene: Scene) -> None:
     check_field("robot is in the team", estimate.robot in scene.robots, True)
     _check_moment(estimate.block, estimate.time)
     _check_numbers(estimate.total_wrench, (6,), "total_wrench")
+    check_field("total_block is not after block", estimate.total_block <= estimate.block, True)
     if estimate.payload is not None:
         _check_payload(estimate.payload)
     for name, pose in estimate.poses.items():
@@ -95,9 +120,13 @@ def _check_payload(payload: PayloadEstimate) -> None:
 def _check_pose(pose: PoseEstimate, name: str) -> None:
     _check_numbers(pose.translation, (3,), f"translation of {name!r}")
     _check_covariance(pose.covariance, 6, f"pose of {name!r}")
-    _check_numbers(pose.rotation, (3, 3), f"rotation of {name!r}")
-    difference = np.abs(pose.rotation.T @ pose.rotation - np.eye(3)).max()
-    if difference > _ROTATION_TOLERANCE or np.linalg.det(pose.rotation) < 0.0:
+    _check_rotation(pose.rotation, name)
+
+
+def _check_rotation(rotation: Array, name: str) -> None:
+    _check_numbers(rotation, (3, 3), f"rotation of {name!r}")
+    difference = np.abs(rotation.T @ rotation - np.eye(3)).max()
+    if difference > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
         raise MessageError(f"rotation of {name!r} is none")
 
 
@@ -109,8 +138,10 @@ def _check_covariance(covariance: Array, size: int, name: str) -> None:
 
 def _check_moment(block: int, time: float) -> None:
     _check_number(time, "time")
-    if block < 0 or time <= 0.0:
-        raise MessageError(f"block is {block}, which ends at {time} s, but expected a time after the start")
+    if block < 0 or not 0.0 < time <= _LONGEST:
+        raise MessageError(
+            f"block is {block}, which ends at {time} s, but expected a time between 0 and {_LONGEST:g} s"
+        )
 
 
 def _check_numbers(array: Array, shape: tuple[int, ...], name: str) -> None:

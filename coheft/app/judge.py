@@ -179,7 +179,7 @@ def _mass(truth: Inertia, estimate: PayloadEstimate | None) -> MassReport:
     return MassReport(
         truth=truth.mass,
         estimate=estimate.mass,
-        std=float(_std(estimate)[0]),
+        std=float(standard_deviations(estimate)[0]),
         error_pct=100.0 * abs(estimate.mass - truth.mass) / truth.mass,
     )
 
@@ -190,7 +190,7 @@ def _com(truth: Inertia, estimate: PayloadEstimate | None) -> ComReport:
     return ComReport(
         truth=truth.com.tolist(),
         estimate=estimate.com.tolist(),
-        std=_std(estimate)[1:4].tolist(),
+        std=standard_deviations(estimate)[1:4].tolist(),
         error_mm=1e3 * float(np.linalg.norm(estimate.com - truth.com)),
     )
 
@@ -201,12 +201,12 @@ def _inertia(truth: Inertia, estimate: PayloadEstimate | None) -> InertiaReport:
     return InertiaReport(
         truth=truth.tensor.tolist(),
         estimate=estimate.tensor.tolist(),
-        std=unpack_symmetric(_std(estimate)[4:]).tolist(),
+        std=unpack_symmetric(standard_deviations(estimate)[4:]).tolist(),
         error_pct=100.0 * float(np.linalg.norm(estimate.tensor - truth.tensor) / np.linalg.norm(truth.tensor)),
     )
 
 
-def _std(estimate: PayloadEstimate) -> Array:
+def standard_deviations(estimate: PayloadEstimate) -> Array:
     """Standard deviations of what is there of ``(m, h, J)``, shape (1,), (4,) or (10,)."""
     deviations: Array = np.sqrt(np.diagonal(estimate.covariance))
     return deviations

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections.abc import Iterable
 
 import msgspec
 
 from coheft.app.heard import News
-from coheft.app.judge import Judge
+from coheft.app.pairing import Pairing
 from coheft.app.robot_record import LoadPeriod, RobotRecord
 from coheft.wire.messages import Estimate, Scene, Truth
 
-REMEMBERED = 1000
-"""An estimate may come, and its total wrench be, so many blocks after the truth that it is compared with."""
 SILENT = 100
 """A robot that is so many blocks behind the truth is silent: no server runs so far ahead of its robots."""
 
@@ -31,7 +29,6 @@ class Record:
 
     Attributes:
         judge: Knows the newest truths.
-        truth: The newest of all.
         blocks: Number of truths that have come.
         periods: Of the load; the first one begins with the first truth.
         robots: What is kept of each robot's estimates.
@@ -41,14 +38,18 @@ class Record:
     def __init__(self, scene: Scene, duration: float, *, with_history: bool = False) -> None:
         self.scene = scene
         self.duration = duration
-        self.judge = Judge(scene)
-        self.truth: Truth | None = None
+        self._pairing = Pairing(scene)
+        self.judge = self._pairing.judge
         self.blocks = 0
         self.with_history = with_history
         self.periods: list[LoadPeriod] = []
         self.robots = {name: RobotRecord(self.judge, self.periods, with_history=with_history) for name in scene.robots}
         self.latest: dict[str, Estimate] = {}
-        self._waiting: dict[str, deque[Estimate]] = {name: deque(maxlen=REMEMBERED) for name in scene.robots}
+
+    @property
+    def truth(self) -> Truth | None:
+        """The newest of all."""
+        return self._pairing.truth
 
     @property
     def time(self) -> float:
@@ -89,28 +90,23 @@ class Record:
 
     def add_truth(self, truth: Truth) -> None:
         """Take in the truth about one more block."""
-        if self.truth is None or _load_ids(truth) != _load_ids(self.truth):
+        if self.truth is None or load_ids(truth) != load_ids(self.truth):
             duration = truth.time / (truth.block + 1)
             self.periods.append(LoadPeriod(truth.time - duration, truth))
-        self.truth = truth
         self.blocks += 1
-        self.judge.add(truth, remember=REMEMBERED)
-        for name in self.scene.robots:
-            self._compare(name)
+        self._compare(self._pairing.add_truth(truth))
 
     def add_estimate(self, estimate: Estimate) -> None:
         """Take in what a robot of the scene believes."""
         self.latest[estimate.robot] = estimate
-        self._waiting[estimate.robot].append(estimate)
-        self._compare(estimate.robot)
+        self._compare(self._pairing.add_estimate(estimate))
 
-    def _compare(self, name: str) -> None:
+    def _compare(self, estimates: Iterable[Estimate]) -> None:
         """Compare estimates of which the truth has come."""
-        waiting = self._waiting[name]
-        while waiting and self.truth is not None and waiting[0].block <= self.truth.block:
-            self.robots[name].compare(waiting.popleft())
+        for estimate in estimates:
+            self.robots[estimate.robot].compare(estimate)
 
 
-def _load_ids(truth: Truth) -> list[int]:
+def load_ids(truth: Truth) -> list[int]:
     """What lies on the payload; a load that leaks stays the same load."""
     return [load.id for load in truth.loads]

@@ -119,7 +119,7 @@ class LiveDisplay:
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._live = Live(Text("starting the processes …"), console=console, auto_refresh=False, transient=True)
+        self._live = Live(Text("waiting for the robots …"), console=console, auto_refresh=False, transient=True)
         self._drawn = 0.0
 
     def note(self, text: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
@@ -35,6 +35,8 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         estimator: Its method.
         seed_method: Settings of the estimator ``seed``.
         efficient: Settings of the estimator ``efficient``.
+        estimator_settings: Of an estimator of the user's own.
+        motion_settings: Of a motion of the user's own.
         converged: When its estimate is good enough.
         carry: Where to carry the load with the others, None: nowhere.
     """
@@ -47,9 +49,11 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     lag: int
     seed: int
     motion: Motion
-    estimator: Literal["efficient", "seed"]
+    estimator: str
     seed_method: SeedSettings
     efficient: EfficientSettings
+    estimator_settings: dict[str, Any]
+    motion_settings: dict[str, Any]
     converged: Converged
     carry: Carry | None = None
 
@@ -133,6 +137,8 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         estimator=scenario.estimator,
         seed_method=scenario.seed_method,
         efficient=scenario.efficient,
+        estimator_settings=scenario.settings.get(scenario.estimator, {}),
+        motion_settings=scenario.settings.get(scenario.motion.own or "", {}),
         converged=scenario.converged,
         carry=scenario.carry,
     )

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-PROTOCOL_VERSION = 3
+PROTOCOL_VERSION = 4
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -273,8 +273,8 @@ class Truth(Message, frozen=True):
         quaternion: Its orientation, scalar first, (4,).
         total_wrench: Sum of the **measured** wrenches of the last sample, of all robots that hold it, carried with the
             true poses to the payload's frame, (6,).
-        wrenches: Measured wrenches of the last sample, by robot in the order of the scene, (N, 6), each in its own
-            frame.
+        samples: What every robot measured last in the block, by robot in the order of the scene, (N, 15), each in its
+            own frame, columns as in ``MeasurementBlock``.
     """
 
     block: int
@@ -284,7 +284,7 @@ class Truth(Message, frozen=True):
     position: np.ndarray[Any, Any]
     quaternion: np.ndarray[Any, Any]
     total_wrench: np.ndarray[Any, Any]
-    wrenches: np.ndarray[Any, Any]
+    samples: np.ndarray[Any, Any]
 
 
 class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -79,16 +79,32 @@ class MassProperties(Section, frozen=True):
 
 
 class Payload(Section, frozen=True):
-    """The thing that is held: boxes fixed to each other, or mere mass properties.
+    """The thing that is held: boxes fixed to each other, mere mass properties, or a file of your own.
+
+    Files are read when the scenario is, see ``payload_file``: what is left of them are mass properties. Their paths are
+    relative to the scenario's file.
 
     Attributes:
         boxes: What it is made of, fixed to each other.
         properties: Instead: what it weighs.
+        mjcf: Instead: MuJoCo model, of which one body is held. The payload's frame is the frame of that body.
+        body: Name of that body, if the model has several.
+        mesh: Instead: its closed surface, an STL (binary), OBJ or MSH file, homogeneous inside. The payload's frame is
+            the frame of the mesh.
+        density: Of the mesh [kg/m³].
+        mass: Of the mesh, instead of its density [kg].
+        scale: Length of the mesh's unit [m]: 0.001 if it was drawn in millimetres.
         load_slots: Number of loads that can lie on it at a time.
     """
 
     boxes: tuple[Box, ...] = ()
     properties: MassProperties | None = None
+    mjcf: str | None = None
+    body: str | None = None
+    mesh: str | None = None
+    density: Positive | None = None
+    mass: Positive | None = None
+    scale: Positive = 1.0
     load_slots: Annotated[int, Meta(ge=0, le=64)] = 4
 
     def inertia(self) -> Inertia:
@@ -129,11 +145,13 @@ class Perimeter(Section, frozen=True):
 
 
 class Robots(Section, frozen=True):
-    """The robots: their grasps (listed, or spread over a rim) and the impedance of their arms.
+    """The robots: their grasps (listed, spread over a rim, or sites of a model) and the impedance of their arms.
 
     Attributes:
         grasps: One per robot.
         perimeter: Instead: a rule that places them.
+        sites: Instead: names of sites of the model ``payload.mjcf``, one per robot; grasp frames are oriented as the
+            sites are.
         stiffness: Of every arm: translation [N/m], rotation [N·m/rad]. Without stiffness and damping in rotation the
             wrist is a gimbal: its torque is exactly zero.
         damping: Of every arm: translation [N·s/m], rotation [N·m·s/rad].
@@ -143,6 +161,7 @@ class Robots(Section, frozen=True):
 
     grasps: Annotated[tuple[Grasp, ...], Meta(max_length=MAX_ROBOTS)] = ()
     perimeter: Perimeter | None = None
+    sites: Annotated[tuple[str, ...], Meta(max_length=MAX_ROBOTS)] = ()
     stiffness: tuple[Positive, NotNegative] = (800.0, 30.0)
     damping: tuple[NotNegative, NotNegative] = (70.0, 3.0)
     arms: Literal["springs", "seven-joint"] = "springs"
@@ -201,7 +220,7 @@ class Sensors(Section, frozen=True):
 
 
 class Motion(Section, frozen=True):
-    """Reference motion of every robot, drawn by each robot alone: two sinusoids per axis, or via points.
+    """Reference motion of every robot, drawn by each robot alone: two sinusoids per axis, via points, or your own.
 
     Attributes:
         translation: Amplitude per axis [m].
@@ -210,6 +229,7 @@ class Motion(Section, frozen=True):
         ramp: Time from rest to full amplitude [s].
         axes: Share of the amplitude per axis of the robot's home frame: rotation about x, y, z, translation along them.
         via_points: Instead of sinusoids: random points, and straight lines between them.
+        own: Instead: a motion of your own, by its name, see docs/own.md.
     """
 
     translation: NotNegative = 0.06
@@ -218,6 +238,7 @@ class Motion(Section, frozen=True):
     ramp: NotNegative = 2.0
     axes: tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative] = (1.0,) * 6
     via_points: ViaPoints | None = None
+    own: Name | None = None
 
 
 class LoadChange(Section, frozen=True):
@@ -306,9 +327,10 @@ class Scenario(Section, frozen=True):
         load_changes: What happens to the payload.
         duration: Length of the run [s].
         seed: Of the sensors' noise and offsets and of the robots' choice of motion.
-        estimator: Which method the agents use.
+        estimator: Which method the agents use: ``efficient``, ``seed``, or one of your own, see docs/own.md.
         seed_method: Settings of the estimator ``seed``.
         efficient: Settings of the estimator ``efficient``.
+        settings: Of estimators and motions of your own, a table each, ``settings.NAME``.
         converged: When an estimate is good enough.
         lookahead: Blocks that the server may run ahead of the slowest agent; also the lag of references.
     """
@@ -324,9 +346,10 @@ class Scenario(Section, frozen=True):
     load_changes: tuple[LoadChange, ...] = ()
     duration: Annotated[float, Meta(gt=0, le=MAX_DURATION)] = 30.0
     seed: Seed = 1
-    estimator: Literal["efficient", "seed"] = "efficient"
+    estimator: Name = "efficient"
     seed_method: SeedSettings = SeedSettings()
     efficient: EfficientSettings = EfficientSettings()
+    settings: dict[str, dict[str, Any]] = {}
     converged: Converged = Converged()
     lookahead: Annotated[int, Meta(ge=1, le=64)] = 4
 

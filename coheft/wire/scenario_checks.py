@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import msgspec
 import numpy as np
 
-from coheft.errors import ScenarioError
+from coheft.errors import ScenarioError, one_line
 from coheft.wire.message_size import LARGEST, largest_message
+from coheft.wire.plugins import Kind, available, is_available
 from coheft.wire.scenario import Scenario
 
 
@@ -19,15 +20,8 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
     Raises:
         ScenarioError: Keys contradict each other.
     """
-    for place, value in _numbers(msgspec.to_builtins(scenario)):
-        if not math.isfinite(value):
-            raise ScenarioError(f"{origin}: key '{place}': expected a finite number; found {value!r}")
+    check_choices(scenario, origin)
     payload = scenario.payload
-    if bool(payload.boxes) == (payload.properties is not None):
-        raise ScenarioError(
-            f"{origin}: key 'payload': found {_both_or_neither(bool(payload.boxes), 'boxes', 'properties')}, "
-            f"expected exactly one of them"
-        )
     if payload.properties is not None and not np.all(np.linalg.eigvalsh(payload.inertia().pseudo_inertia()) > 0.0):
         raise ScenarioError(
             f"{origin}: key 'payload.properties.principal': found {payload.properties.principal}, but no body has a "
@@ -44,24 +38,18 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
             f"{origin}: key 'robots.arms': found 'seven-joint' with 'robots.stiffness' = {list(robots.stiffness)}, "
             f"expected stiffness in rotation: their hands are no gimbals"
         )
-    if bool(robots.grasps) == (robots.perimeter is not None):
-        raise ScenarioError(
-            f"{origin}: key 'robots': found {_both_or_neither(bool(robots.grasps), 'grasps', 'perimeter')}, "
-            f"expected exactly one of them"
-        )
     if scenario.robot_count < 2:
         raise ScenarioError(f"{origin}: key 'robots.grasps': found 1 grasp, expected at least 2")
+    if scenario.motion.own is not None and scenario.motion.via_points is not None:
+        raise ScenarioError(f"{origin}: key 'motion': found both 'via_points' and 'own', expected one of them at most")
+    check_plugins(scenario, origin)
     low, high = scenario.motion.frequency
     if low > high:
         raise ScenarioError(
             f"{origin}: key 'motion.frequency': found {[low, high]}, expected the lower frequency first"
         )
     for number, change in enumerate(scenario.load_changes):
-        if (change.mass is None) == (change.remove is None):
-            raise ScenarioError(
-                f"{origin}: key 'load_changes[{number}]': found "
-                f"{_both_or_neither(change.mass is not None, 'mass', 'remove')}, expected exactly one of them"
-            )
+        _check_one_of(change, ("mass", "remove"), f"load_changes[{number}]", origin)
         if change.leak > 0.0 and change.mass is None:
             raise ScenarioError(
                 f"{origin}: key 'load_changes[{number}].leak': found {change.leak} without 'mass', "
@@ -91,6 +79,73 @@ def check_carry(scenario: Scenario, origin: str) -> None:
             f"{origin}: key 'carry': found with 'robots.stiffness' = {list(scenario.robots.stiffness)}, expected "
             f"stiffness in rotation: gimbals cannot exert their share of a torque"
         )
+
+
+def check_choices(scenario: Scenario, origin: str) -> None:
+    """Check that numbers are finite, and that of keys that exclude each other one is there, before files are read.
+
+    Raises:
+        ScenarioError: They are not, or it is not.
+    """
+    for place, value in _leaves(msgspec.to_builtins(scenario)):
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ScenarioError(f"{origin}: key '{place}': expected a finite number; found {value!r}")
+    payload, robots = scenario.payload, scenario.robots
+    _check_one_of(payload, ("boxes", "properties", "mjcf", "mesh"), "payload", origin)
+    _check_one_of(robots, ("grasps", "perimeter", "sites"), "robots", origin)
+    if payload.mesh is not None:
+        _check_one_of(payload, ("mass", "density"), "payload", origin)
+    needs = {"body": "mjcf", "density": "mesh", "mass": "mesh"}
+    for key, needed in needs.items():
+        if getattr(payload, key) is not None and getattr(payload, needed) is None:
+            raise ScenarioError(
+                f"{origin}: key 'payload.{key}': found it without 'payload.{needed}', of which it tells"
+            )
+    if payload.scale != 1.0 and payload.mesh is None:
+        raise ScenarioError(f"{origin}: key 'payload.scale': found it without 'payload.mesh', of which it tells")
+    if robots.sites and payload.mjcf is None:
+        raise ScenarioError(
+            f"{origin}: key 'robots.sites': found {', '.join(robots.sites)}, but only a model has sites: expected "
+            f"'payload.mjcf', or 'robots.grasps' instead"
+        )
+
+
+def check_plugins(scenario: Scenario, origin: str) -> None:
+    """Check that estimator and motion are there, and that settings are of something that is.
+
+    Raises:
+        ScenarioError: One is not.
+    """
+    chosen: list[tuple[str, Kind, str | None]] = [
+        ("estimator", "estimator", scenario.estimator),
+        ("motion.own", "motion", scenario.motion.own),
+    ]
+    for key, kind, name in chosen:
+        if name is not None and not is_available(kind, name):
+            raise ScenarioError(
+                f"{origin}: key '{key}': found {name!r}, expected one of: {', '.join(available(kind)) or 'none'}. "
+                f"Your own must be installed first, see docs/own.md"
+            )
+    for name, table in scenario.settings.items():
+        if not (is_available("estimator", name) or is_available("motion", name)):
+            there = ", ".join([*available("estimator"), *available("motion")])
+            raise ScenarioError(
+                f"{origin}: key 'settings.{one_line(name)}': there is no such estimator or motion; there are: {there}"
+            )
+        for place, value in _leaves(table, f"settings.{name}"):
+            if not isinstance(value, bool | float | str) and not (isinstance(value, int) and abs(value) < 2**63):
+                raise ScenarioError(
+                    f"{origin}: key '{place}': expected a number of 64 bits, text, true or false; found {value!r}"
+                )
+
+
+def _check_one_of(section: msgspec.Struct, keys: tuple[str, ...], place: str, origin: str) -> None:
+    """Check that exactly one of some keys is given."""
+    given = [f"'{key}'" for key in keys if getattr(section, key) not in (None, ())]
+    if len(given) == 1:
+        return
+    found = f"both {' and '.join(given)}" if given else f"neither {' nor '.join(repr(key) for key in keys)}"
+    raise ScenarioError(f"{origin}: key '{place}': found {found}, expected exactly one of them")
 
 
 def check_message_size(scenario: Scenario, origin: str) -> None:
@@ -154,17 +209,13 @@ def check_changes_come(scenario: Scenario, origin: str) -> None:
             )
 
 
-def _both_or_neither(both: bool, one: str, other: str) -> str:
-    return f"both '{one}' and '{other}'" if both else f"neither '{one}' nor '{other}'"
-
-
-def _numbers(value: object, place: str = "") -> Iterator[tuple[str, float]]:
-    """All floating-point numbers in nested builtins, with their keys."""
-    if isinstance(value, float):
-        yield place, value
-    elif isinstance(value, dict):
+def _leaves(value: object, place: str = "") -> Iterator[tuple[str, object]]:
+    """All values in nested builtins, with their keys."""
+    if isinstance(value, dict):
         for key, inner in value.items():
-            yield from _numbers(inner, f"{place}.{key}".lstrip("."))
+            yield from _leaves(inner, f"{place}.{key}".lstrip("."))
     elif isinstance(value, list | tuple):
         for index, inner in enumerate(value):
-            yield from _numbers(inner, f"{place}[{index}]")
+            yield from _leaves(inner, f"{place}[{index}]")
+    else:
+        yield place, value

@@ -15,8 +15,9 @@ from typing import Literal, get_args, get_origin
 import msgspec
 
 from coheft.errors import ScenarioError
+from coheft.wire.payload_file import read_files
 from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_checks import check_changes_come, check_scenario
+from coheft.wire.scenario_checks import check_changes_come, check_choices, check_scenario
 
 CONFIG_FOLDER = Path(__file__).resolve().parents[2] / "configs"
 _SHOWN = 100
@@ -50,14 +51,19 @@ def load_scenario(source: str | Path) -> Scenario:
         text = data.decode()
     except UnicodeDecodeError as error:
         raise ScenarioError(f"{path}: not UTF-8 text: {error}") from error
-    return parse_scenario(text, str(path))
+    return parse_scenario(text, str(path), path.parent)
 
 
-def parse_scenario(text: str, origin: str) -> Scenario:
-    """Scenario from TOML text; ``origin`` names it in errors.
+def parse_scenario(text: str, origin: str, folder: Path = Path()) -> Scenario:
+    """Scenario from TOML text.
+
+    Args:
+        text: What the file holds.
+        origin: Names it in errors.
+        folder: What the paths in it are relative to.
 
     Raises:
-        ScenarioError: It is not TOML, or not a scenario.
+        ScenarioError: It is not TOML, or not a scenario, or a file that it names cannot be used.
     """
     try:
         table = tomllib.loads(text)
@@ -67,6 +73,8 @@ def parse_scenario(text: str, origin: str) -> Scenario:
         scenario = msgspec.convert(table, Scenario)
     except msgspec.ValidationError as error:
         raise ScenarioError(f"{origin}: {explain(error, table)}") from error
+    check_choices(scenario, origin)
+    scenario = read_files(scenario, origin, folder)
     check_scenario(scenario, origin)
     check_changes_come(scenario, origin)
     return scenario

@@ -12,14 +12,17 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from coheft.app.final_table import print_report
-from coheft.app.heard import check_news
+from coheft.app.heard import News, check_news
 from coheft.app.record import Record
+from coheft.app.recording.mcap_file import McapFile
+from coheft.app.recording.writer import RunWriter
 from coheft.app.report import RunInfo, build_report
 from coheft.app.terminal import LineDisplay, LiveDisplay
 from coheft.errors import MessageError
 from coheft.wire.codec import decode, encode, seal
 from coheft.wire.messages import Estimate, LoadChangeNotice, Message, Problem, Truth
 from tests.fuzz.any_message import KEY, altered, array_extensions, trees, values, with_a_part_replaced
+from tests.recording.runs import BEGIN, SCENARIO
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, estimate, truth
 
 INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, real_time_factor=1.0)
@@ -43,6 +46,15 @@ def record_of_a_run() -> Record:
     return record
 
 
+def record_on(news: News) -> None:
+    """What the rest of a run is written to after this."""
+    out = McapFile(io.BytesIO())
+    run = RunWriter(out, SCENARIO, BEGIN)
+    for each in (truth(10, LIGHT), estimate("r1", 11, LIGHT), news, truth(11, HEAVY), estimate("r1", 12, HEAVY)):
+        run.hear(each)
+    out.finish()
+
+
 def hear_show_and_report(message: Message) -> None:
     record = record_of_a_run()
     try:
@@ -51,6 +63,7 @@ def hear_show_and_report(message: Message) -> None:
         return
     assert news is not None
     record.hear(news)
+    record_on(news)
     console = Console(file=io.StringIO(), width=80, force_terminal=True)
     for display in (LiveDisplay(console), LineDisplay(console)):
         with display:

@@ -15,20 +15,22 @@ from coheft.app.hosts import free_ports
 from coheft.errors import LoadError, MessageError
 from coheft.wire.inbox import Inbox
 from coheft.wire.messages import InjectRequest, Measurements, Ready, Reference, RemoveRequest
+from coheft.wire.robot_link import RobotLink
 from coheft.wire.scenario_file import load_scenario
 from coheft.wire.transport import Keys, open_session
-from physics_server.robot_link import RobotLink
+from physics_server.reach import Reach
 from physics_server.simulation import Simulation
 from tests.fuzz.any_message import NUMBERS, altered, values
 
 SCENARIO = load_scenario("ring3")
 LAG, SAMPLES = SCENARIO.lookahead, SCENARIO.sensors.block
+REACH = Reach(SCENARIO.robots)
 
 
 @pytest.fixture(scope="module")
 def link() -> Iterator[RobotLink]:
     with open_session(listen=[f"tcp/127.0.0.1:{free_ports(1)[0]}"]) as session:
-        yield RobotLink("r1", session, Inbox(), Keys("fuzz"), world=1, scenario=SCENARIO)
+        yield RobotLink("r1", session, Inbox(), Keys("fuzz"), world=1, lag=LAG, block=SAMPLES, excess=REACH.excess)
 
 
 @given(data=st.data())

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from coheft.app.cart.campaign import Outcome
-from coheft.errors import CoheftError, MissingPackageError
+from coheft.app.figures import figure_to
+from coheft.errors import CoheftError
 
 _NOISELESS = range(1, 9)
 _SIZE = (7.0, 4.2)
@@ -39,32 +40,35 @@ def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
 
 
 def _draw_tracking(learned: dict[int, Outcome], fixed: dict[int, Outcome], path: Path) -> Path:
-    figure = _figure()
-    axes = figure.subplots()
-    for test, outcome in fixed.items():
-        label = "without the estimator" if test == min(fixed) else None
-        axes.plot(outcome.times, outcome.tracking_errors, color="0.7", linestyle="--", linewidth=1, label=label)
-    axes.set_prop_cycle(color=_colours())  # the grey lines have used some up
-    for test, outcome in learned.items():
-        axes.plot(outcome.times, outcome.tracking_errors, linewidth=1, label=f"test {test}")
-    axes.set_ylim(0.0, 0.5)
-    axes.set_ylabel("distance from the path [m]")
-    axes.legend(ncols=3, fontsize="small")
-    return _save(figure, path)
+    with figure_to(path, *_SIZE) as figure:
+        axes = figure.subplots()
+        for test, outcome in fixed.items():
+            label = "without the estimator" if test == min(fixed) else None
+            axes.plot(outcome.times, outcome.tracking_errors, color="0.7", linestyle="--", linewidth=1, label=label)
+        axes.set_prop_cycle(color=_colours())  # as many as there are tests
+        for test, outcome in learned.items():
+            axes.plot(outcome.times, outcome.tracking_errors, linewidth=1, label=f"test {test}")
+        axes.set_ylim(0.0, 0.5)
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("distance from the path [m]")
+        axes.legend(ncols=3)
+    return path
 
 
 def _draw_masses(outcomes: Sequence[Outcome], path: Path, limits: tuple[float, float]) -> Path:
-    figure = _figure()
-    axes = figure.subplots()
-    for outcome in outcomes:
-        times, masses, deviations = outcome.masses.T
-        (line,) = axes.plot(times, masses, linewidth=1, label=f"test {outcome.case.test}")
-        axes.fill_between(times, masses - 2 * deviations, masses + 2 * deviations, color=line.get_color(), alpha=0.15)
-        axes.plot(outcome.times, outcome.true_masses, color="black", linewidth=0.8, linestyle=":")
-    axes.set_ylim(*limits)
-    axes.set_ylabel("mass [kg]; shaded: ± 2 own std")
-    axes.legend(ncols=2, fontsize="small")
-    return _save(figure, path)
+    with figure_to(path, *_SIZE) as figure:
+        axes = figure.subplots()
+        for outcome in outcomes:
+            times, masses, deviations = outcome.masses.T
+            (line,) = axes.plot(times, masses, linewidth=1, label=f"test {outcome.case.test}")
+            low, high = masses - 2 * deviations, masses + 2 * deviations
+            axes.fill_between(times, low, high, color=line.get_color(), alpha=0.15)
+            axes.plot(outcome.times, outcome.true_masses, color="black", linewidth=0.8, linestyle=":")
+        axes.set_ylim(*limits)
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("mass [kg]; shaded: ± 2 own std")
+        axes.legend(ncols=2)
+    return path
 
 
 def _colours() -> Any:
@@ -73,19 +77,3 @@ def _colours() -> Any:
 
     colours: Any = colormaps["tab20"]
     return colours.colors[::2] + colours.colors[1::2]
-
-
-def _figure() -> Any:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingPackageError("matplotlib", "study") from error
-    return Figure(figsize=_SIZE, layout="constrained")
-
-
-def _save(figure: Any, path: Path) -> Path:
-    for axes in figure.axes:
-        axes.set_xlabel("time [s]")
-        axes.grid(alpha=0.3)
-    figure.savefig(path, dpi=130)
-    return path

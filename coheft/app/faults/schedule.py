@@ -268,5 +268,7 @@ def read_schedule(path: Path) -> FaultSchedule:
     """
     try:
         return msgspec.json.decode(path.read_bytes(), type=FaultSchedule)
-    except (OSError, msgspec.DecodeError) as error:
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
+    except msgspec.DecodeError as error:
         raise ScenarioError(f"{path}: not a fault schedule: {error}") from error

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from coheft.app.figures import figure_to
 from coheft.app.identify.report import IdentifyReport
-from coheft.errors import MissingPackageError
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.recording import Recording
 
@@ -20,18 +20,17 @@ def plot_residuals(found: Identification, path: Path) -> None:
     Raises:
         MissingPackageError: The package that draws is not installed.
     """
-    figure = _figure(9.0, 4.5)
-    width = found.residual.shape[1]
-    parts = [("force [N]", slice(0, 3)), ("torque [N·m]", slice(width - 3, width))][-(width // 3) :]
-    grid = np.atleast_1d(figure.subplots(len(parts), 1, sharex=True))
-    for axes, (label, part) in zip(grid, parts, strict=True):
-        for name, values in zip(_AXES, found.residual[:, part].T, strict=True):
-            axes.plot(found.time, values, linewidth=0.6, label=name)
-        axes.set_ylabel(label)
-    grid[0].set_title("What the rigid body does not explain")
-    grid[0].legend(loc="upper right", ncols=3)
-    grid[-1].set_xlabel("time [s]")
-    figure.savefig(path, dpi=130)
+    with figure_to(path, 9.0, 4.5) as figure:
+        width = found.residual.shape[1]
+        parts = [("force [N]", slice(0, 3)), ("torque [N·m]", slice(width - 3, width))][-(width // 3) :]
+        grid = np.atleast_1d(figure.subplots(len(parts), 1, sharex=True))
+        for axes, (label, part) in zip(grid, parts, strict=True):
+            for name, values in zip(_AXES, found.residual[:, part].T, strict=True):
+                axes.plot(found.time, values, linewidth=0.6, label=name)
+            axes.set_ylabel(label)
+        grid[0].set_title("What the rigid body does not explain")
+        grid[0].legend(loc="upper right", ncols=3)
+        grid[-1].set_xlabel("time [s]")
 
 
 def plot_forces(recording: Recording, found: Identification, path: Path) -> None:
@@ -40,19 +39,18 @@ def plot_forces(recording: Recording, found: Identification, path: Path) -> None
     Raises:
         MissingPackageError: The package that draws is not installed.
     """
-    figure = _figure(9.0, 1.6 * len(found.names) + 0.8)
-    grid = np.atleast_1d(figure.subplots(len(found.names), 1, sharex=True))
-    every = max(1, len(recording.time) // 5000)
-    for axes, name, wrench in zip(grid, found.names, recording.stacked("wrench"), strict=True):
-        for axis, values in zip(_AXES, wrench[::every, :3].T, strict=True):
-            axes.plot(recording.time[::every], values, linewidth=0.5, label=axis)
-        for start, end in () if found.holds is None else found.holds.spans:
-            axes.axvspan(start, end, color="grey", alpha=0.25)
-        axes.set_ylabel(f"{name} [N]")
-    grid[0].set_title("Forces on the load" + ("" if found.holds is None else "; grey: held still"))
-    grid[0].legend(loc="upper right", ncols=3)
-    grid[-1].set_xlabel("time [s]")
-    figure.savefig(path, dpi=130)
+    with figure_to(path, 9.0, 1.6 * len(found.names) + 0.8) as figure:
+        grid = np.atleast_1d(figure.subplots(len(found.names), 1, sharex=True))
+        every = max(1, len(recording.time) // 5000)
+        for axes, name, wrench in zip(grid, found.names, recording.stacked("wrench"), strict=True):
+            for axis, values in zip(_AXES, wrench[::every, :3].T, strict=True):
+                axes.plot(recording.time[::every], values, linewidth=0.5, label=axis)
+            for start, end in () if found.holds is None else found.holds.spans:
+                axes.axvspan(start, end, color="grey", alpha=0.25)
+            axes.set_ylabel(f"{name} [N]")
+        grid[0].set_title("Forces on the load" + ("" if found.holds is None else "; grey: held still"))
+        grid[0].legend(loc="upper right", ncols=3)
+        grid[-1].set_xlabel("time [s]")
 
 
 def plot_uncertainty(report: IdentifyReport, path: Path) -> None:
@@ -64,19 +62,11 @@ def plot_uncertainty(report: IdentifyReport, path: Path) -> None:
     covariance = np.array(report.payload.covariance)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     names = ["m", "hx", "hy", "hz", "Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz"]
-    figure = _figure(5.2, 4.4)
-    axes = figure.subplots()
-    image = axes.imshow(covariance / np.outer(spread, spread), vmin=-1.0, vmax=1.0, cmap="RdBu")
-    axes.set_xticks(range(10), names)
-    axes.set_yticks(range(10), names)
-    axes.set_title("Correlation of the estimates")
-    figure.colorbar(image)
-    figure.savefig(path, dpi=130)
-
-
-def _figure(width: float, height: float):  # type: ignore[no-untyped-def]
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingPackageError("matplotlib", "study") from error
-    return Figure(figsize=(width, height), layout="constrained")
+    with figure_to(path, 5.2, 4.4) as figure:
+        axes = figure.subplots()
+        image = axes.imshow(covariance / np.outer(spread, spread), vmin=-1.0, vmax=1.0, cmap="RdBu")
+        axes.set_xticks(range(10), names)
+        axes.set_yticks(range(10), names)
+        axes.grid(visible=False)
+        axes.set_title("Correlation of the estimates")
+        figure.colorbar(image)

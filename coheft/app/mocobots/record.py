@@ -21,7 +21,7 @@ from physics_server.scene import place_grasps
 from physics_server.simulation import Simulation
 
 ReferenceOf = Callable[[int], Array]
-"""From a block's number to the reference motion during it, see ``Excitation.reference``."""
+"""From a block's number to the reference motion during it, see ``ReferenceMotion.reference``."""
 
 SPHERE_TIME = 60.0
 """Length of the periodic motion [s]."""
@@ -52,10 +52,8 @@ def record(scenario: Scenario, references: Mapping[str, ReferenceOf] | None = No
 
 def agents_references(scenario: Scenario) -> dict[str, ReferenceOf]:
     """The motions that the scenario's agents would choose."""
-    names, sensors = scenario.robot_names, scenario.sensors
-    graph = build_graph(scenario.graph, names)
-    seeds = {name: agent_config(scenario, name, graph[name]).seed for name in names}
-    return {name: make_motion(scenario.motion, seeds[name], sensors.rate, sensors.block).reference for name in names}
+    graph = build_graph(scenario.graph, scenario.robot_names)
+    return {name: make_motion(agent_config(scenario, name, graph[name])).reference for name in graph}
 
 
 def record_sphere(scenario: Scenario) -> Recording:

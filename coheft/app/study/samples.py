@@ -43,10 +43,9 @@ def simulate(scenario: Scenario) -> TeamSamples:
             f"scenario '{scenario.name}' has a section 'carry', but a study compares estimators on motions that do not "
             f"depend on them: leave it out, or choose another scenario"
         )
-    sensors, names = scenario.sensors, scenario.robot_names
+    names = scenario.robot_names
     graph = build_graph(scenario.graph, names)
-    seeds = {name: agent_config(scenario, name, graph[name]).seed for name in names}
-    motions = {name: make_motion(scenario.motion, seeds[name], sensors.rate, sensors.block) for name in names}
+    motions = {name: make_motion(agent_config(scenario, name, graph[name])) for name in names}
     simulation = Simulation(scenario, graph)
     truths, samples = [], []
     for block in range(scenario.blocks):

@@ -126,7 +126,7 @@ def run_trial(scenario: Scenario, estimators: Sequence[str], moments: Moments) -
 def _outcome(scenario: Scenario, estimator: str, moments: Moments, judge: Judge, edges: Edges) -> Outcome:
     chosen = msgspec.structs.replace(scenario, estimator=estimator)
     reports = [record.estimates for record in run_in_process(chosen) if record.estimates]
-    last = reports[-1]
+    last = _latest(reports, moments.end)
     return Outcome(
         errors=published_errors(judge, edges, _latest(reports, moments.at)),
         recovered=None if moments.change is None else published_errors(judge, edges, last),
@@ -149,6 +149,8 @@ def _curves(judge: Judge, edges: Edges, reports: Sequence[dict[str, Estimate]]) 
     own_edges = [edge for edge in edges if edge[0] == first]
     times, errors, deviations = [], [], []
     for report in reports:
+        if first not in report:  # others had doubts to tell
+            continue
         found = published_errors(judge, own_edges, {first: report[first]})
         times.append(report[first].time)
         # The first rows are the first robot's: all of its edges, and the payload as it sees it.

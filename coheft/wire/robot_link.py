@@ -1,6 +1,8 @@
-"""The server's link with one robot: what it was sent, what it has answered."""
+"""The other end of a robot's link, where its sensors and its arm are: what it was sent, what it has answered."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import zenoh
 from msgspec import structs
@@ -9,15 +11,23 @@ from coheft.errors import MessageError
 from coheft.wire.codec import check_field
 from coheft.wire.inbox import Inbox
 from coheft.wire.messages import Measurements, Message, Ready, Reference, Stop
-from coheft.wire.scenario import Scenario
 from coheft.wire.transport import Keys, Sender
-from physics_server.reach import Reach
 
 _MOTION_SIZE = 12
 
 
 class RobotLink:
     """One robot's session and the state of the talk with it.
+
+    Args:
+        name: The robot's name.
+        session: Where it dials in.
+        inbox: Hears what it says, under its name.
+        keys: Of the run.
+        world: Number of the world that is measured; another one tells agents to begin anew.
+        lag: Blocks from a measurement to the reference that answers it.
+        block: Samples per block.
+        excess: Says what an arm cannot do in a reference; None if it can do it all.
 
     Attributes:
         name: Its name.
@@ -31,7 +41,16 @@ class RobotLink:
     """
 
     def __init__(
-        self, name: str, session: zenoh.Session, inbox: Inbox, keys: Keys, world: int, scenario: Scenario
+        self,
+        name: str,
+        session: zenoh.Session,
+        inbox: Inbox,
+        keys: Keys,
+        *,
+        world: int,
+        lag: int,
+        block: int,
+        excess: Callable[[Reference], str | None] = lambda _: None,
     ) -> None:
         self.name = name
         self.is_ready = False
@@ -43,9 +62,9 @@ class RobotLink:
         self.refused = -1
         self._attempt = -1
         self._world = world
-        self._lag = scenario.lookahead
-        self._motion_shape = (scenario.sensors.block, _MOTION_SIZE)
-        self._reach = Reach(scenario.robots)
+        self._lag = lag
+        self._motion_shape = (block, _MOTION_SIZE)
+        self._excess = excess
         self._sent = -1
         self._references: dict[int, Reference] = {}
         self._measurements = Sender(session, keys.robot(name, "measurements"), may_drop=False)
@@ -115,7 +134,7 @@ class RobotLink:
         Raises:
             MessageError: It is the first one of these.
         """
-        excess = self._reach.excess(reference)
+        excess = self._excess(reference)
         if excess is None:
             self._references[reference.block] = reference
         was_refused, self.refused = self.refused >= 0, -1 if excess is None else reference.block

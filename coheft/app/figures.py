@@ -1,0 +1,112 @@
+"""How all pictures look, and how they are written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from coheft.errors import MissingPackageError
+
+_DPI = 150
+
+
+@dataclass(frozen=True)
+class Theme:
+    """Colours of a picture.
+
+    Attributes:
+        paper: Of the background.
+        ink: Of text and of what is true.
+        muted: Of what is less important.
+        grid: Of lines behind.
+        accent: Of what is looked at.
+        warning: Of what should be looked at.
+        series: Of curves side by side.
+    """
+
+    paper: str
+    ink: str
+    muted: str
+    grid: str
+    accent: str
+    warning: str
+    series: tuple[str, ...]
+
+    def of_curve(self, index: int) -> str:
+        """Colour of one of several curves; they repeat."""
+        return self.series[index % len(self.series)]
+
+
+LIGHT = Theme(
+    paper="#ffffff",
+    ink="#1f2933",
+    muted="#66717e",
+    grid="#e4e8ec",
+    accent="#0b62a4",
+    warning="#c45a00",
+    series=("#0b62a4", "#c45a00", "#1b8a5a", "#a3348a", "#b58900", "#3aa6c9", "#7a5bd0", "#8c564b"),
+)
+DARK = Theme(
+    paper="#171c23",
+    ink="#e4e8ec",
+    muted="#98a3af",
+    grid="#2d353f",
+    accent="#5cadf0",
+    warning="#f0914a",
+    series=("#5cadf0", "#f0914a", "#4cc38a", "#e07bcb", "#e3c04b", "#6fd3ee", "#a993f5", "#c99a8c"),
+)
+
+
+@contextmanager
+def figure_to(target: Path | IO[bytes], width: float, height: float, theme: Theme = LIGHT) -> Iterator[Any]:
+    """A figure of that size [inches] to draw into; when the context ends it is written as PNG.
+
+    Raises:
+        MissingPackageError: The package that draws is not installed.
+    """
+    try:
+        from matplotlib import rc_context
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingPackageError("matplotlib", "study") from error
+    with rc_context(_settings(theme)):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        yield figure
+        figure.savefig(target, dpi=_DPI, format="png")
+
+
+def _settings(theme: Theme) -> dict[str, Any]:
+    from matplotlib.rcsetup import cycler
+
+    return {
+        "figure.facecolor": theme.paper,
+        "savefig.facecolor": theme.paper,
+        "axes.facecolor": theme.paper,
+        "axes.edgecolor": theme.muted,
+        "axes.labelcolor": theme.ink,
+        "axes.titlecolor": theme.ink,
+        "axes.prop_cycle": cycler(color=theme.series),
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.linewidth": 0.8,
+        "axes.grid": True,
+        "axes.axisbelow": True,
+        "axes.titlesize": 10,
+        "axes.labelsize": 9,
+        "grid.color": theme.grid,
+        "grid.linewidth": 0.7,
+        "text.color": theme.ink,
+        "xtick.color": theme.muted,
+        "ytick.color": theme.muted,
+        "xtick.labelsize": 8,
+        "ytick.labelsize": 8,
+        "xtick.minor.visible": False,
+        "legend.frameon": False,
+        "legend.fontsize": 8,
+        "legend.labelcolor": theme.ink,
+        "lines.linewidth": 1.3,
+        "lines.solid_capstyle": "round",
+    }

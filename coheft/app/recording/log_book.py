@@ -1,0 +1,60 @@
+"""What happened in a run, in words: loads that come and go, robots that notice it, estimates that become stale."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from coheft.app.heard import News
+from coheft.app.recording import ros
+from coheft.wire.messages import Estimate, LoadState, Truth
+
+
+class Line(NamedTuple):
+    """Who says it, how grave it is, what it is."""
+
+    name: str
+    level: int
+    text: str
+
+
+class LogBook:
+    """Tells what is new."""
+
+    def __init__(self) -> None:
+        self._loads: dict[int, LoadState] | None = None
+        self._states: dict[str, str] = {}
+        self._noticed: set[tuple[str, float]] = set()
+
+    def lines(self, news: News) -> Iterator[Line]:
+        """What these news say that was not so before."""
+        match news:
+            case Truth():
+                yield from self._load_lines({load.id: load for load in news.loads})
+            case Estimate():
+                yield from self._robot_lines(news)
+            case _:
+                yield Line(news.source, ros.WARN, news.text)
+
+    def _load_lines(self, loads: dict[int, LoadState]) -> Iterator[Line]:
+        before = loads if self._loads is None else self._loads
+        for number, load in loads.items():
+            if number not in before:
+                place = ", ".join(f"{value:g}" for value in load.position)
+                yield Line("server", ros.INFO, f"load {number} of {load.mass:g} kg is put on at ({place}) m")
+        for number in before:
+            if number not in loads:
+                yield Line("server", ros.INFO, f"load {number} is taken away")
+        self._loads = loads
+
+    def _robot_lines(self, estimate: Estimate) -> Iterator[Line]:
+        name = estimate.robot
+        for change in estimate.load_changes:
+            if (name, change.noticed_at) not in self._noticed:
+                self._noticed.add((name, change.noticed_at))
+                yield Line(name, ros.INFO, f"notices at {change.noticed_at:.2f} s that the load has changed")
+        state = "converged" if estimate.status == "valid" and estimate.converged else estimate.status
+        if state != self._states.get(name):
+            self._states[name] = state
+            reasons = f": {'; '.join(estimate.reasons)}" if estimate.reasons else ""
+            yield Line(name, ros.WARN if state == "stale" else ros.INFO, f"is {state}{reasons}")

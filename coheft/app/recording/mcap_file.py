@@ -1,0 +1,57 @@
+"""An MCAP file of ROS 2 messages, while it is written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import BinaryIO
+
+from mcap.writer import CompressionType, Writer
+
+import coheft
+from coheft.app.recording.ros import RosMessage, definition, to_cdr
+
+_CHUNK = 2**18
+"""Messages are compressed together in pieces of about this size [bytes]."""
+
+
+def make_writer(file: BinaryIO) -> Writer:
+    """The library's writer, with our settings; nothing is written yet."""
+    return Writer(file, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
+
+
+class McapFile:
+    """Writes messages; topics are made as they come."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._writer = make_writer(file)
+        self._writer.start(profile="ros2", library=f"coheft {coheft.__version__}")
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+
+    def describe(self, name: str, values: Mapping[str, str]) -> None:
+        """Add a table about the recording."""
+        self._writer.add_metadata(name, dict(values))
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Add a file."""
+        self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
+
+    def write(self, topic: str, time: int, message: RosMessage) -> None:
+        """Add a message that came at a simulated time [ns]; all of a topic must be of one type."""
+        if topic not in self._channels:
+            self._channels[topic] = self._new_channel(topic, message.__msgtype__)
+        self._writer.add_message(self._channels[topic], log_time=time, data=to_cdr(message), publish_time=time)
+
+    def _new_channel(self, topic: str, kind: str) -> int:
+        if kind not in self._schemas:
+            self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", definition(kind))
+        channel: int = self._writer.register_channel(topic, "cdr", self._schemas[kind])
+        return channel
+
+    def flush(self) -> None:
+        """Hand all that was written to the system: a process that is killed from now on loses none of it."""
+        self._writer.flush()
+
+    def finish(self) -> None:
+        """Write the table of contents; nothing can be added any more."""
+        self._writer.finish()

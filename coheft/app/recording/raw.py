@@ -1,0 +1,30 @@
+"""The messages of the observer plane as bytes under topics of their own, so that a replay is exact."""
+
+from __future__ import annotations
+
+from coheft.wire.codec import decode, encode
+from coheft.wire.messages import Estimate, Message, Problem, Status, Truth
+
+KINDS: dict[str, type[Message]] = {
+    "/coheft/status": Status,
+    "/coheft/truth": Truth,
+    "/coheft/estimate": Estimate,
+    "/coheft/problem": Problem,
+}
+"""What is recorded under which topic."""
+_TOPICS = {kind: topic for topic, kind in KINDS.items()}
+
+
+def to_raw(message: Message) -> tuple[str, bytes]:
+    """Topic and bytes of a message."""
+    topic = _TOPICS[type(message)]
+    return topic, encode(message, topic)
+
+
+def from_raw(topic: str, data: bytes) -> Message:
+    """The message that was recorded.
+
+    Raises:
+        MessageError: It is damaged, or of another protocol version.
+    """
+    return decode(data, KINDS[topic], topic)

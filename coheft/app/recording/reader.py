@@ -1,0 +1,101 @@
+"""Reads recordings back, as exactly what was heard when they were made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from mcap.records import Attachment, Channel, McapRecord, Metadata
+from mcap.records import Message as McapMessage
+
+from coheft.app.heard import News, check_news, check_status
+from coheft.app.recording.mcap_records import is_finished, read_records
+from coheft.app.recording.raw import KINDS, from_raw
+from coheft.app.recording.ros import bytes_in
+from coheft.errors import MessageError, RecordingError
+from coheft.wire.messages import Estimate, Message, Problem, Scene, Status
+
+SCENARIO = "scenario.json"
+"""Name of the attachment with the scenario."""
+VERSIONS = "versions"
+"""Name of the metadata with versions of programs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A run as it was heard.
+
+    Attributes:
+        begin: The server's status when the run had begun: who holds the payload, for how long.
+        scenario: What was run, as JSON of the struct ``Scenario``.
+        versions: Of the programs that made it, by name.
+        news: Simulated time [s] and message, in the order in which they were heard.
+    """
+
+    begin: Status
+    scenario: str
+    versions: dict[str, str]
+    news: list[tuple[float, News]]
+
+
+def read_recording(path: Path) -> Recording:
+    """Read a recording that ``coheft run --record`` made.
+
+    Raises:
+        RecordingError: It cannot be read, was not finished, or holds something else.
+    """
+    try:
+        with path.open("rb") as file:
+            if not is_finished(file):
+                raise RecordingError(
+                    "it has no end: whoever wrote it was killed, or writes still. To save what there is: "
+                    f"coheft recover {path}"
+                )
+            return _collect(read_records(file))
+    except (RecordingError, MessageError) as error:
+        raise RecordingError(f"{path}: {error}") from error
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def _collect(records: Iterable[McapRecord]) -> Recording:
+    topics: dict[int, str] = {}
+    attached: dict[str, bytes] = {}
+    described: dict[str, dict[str, str]] = {}
+    begin: Status | None = None
+    news: list[tuple[float, News]] = []
+    for record in records:
+        match record:
+            case Attachment():
+                attached[record.name] = record.data
+            case Metadata():
+                described[record.name] = record.metadata
+            case Channel():
+                topics[record.id] = record.topic
+            case McapMessage() if topics[record.channel_id] in KINDS:
+                message = from_raw(topics[record.channel_id], bytes_in(record.data))
+                if begin is None and isinstance(message, Status):
+                    check_status(message)
+                    begin = message
+                elif begin is not None:
+                    news.extend(_checked(record.log_time, message, begin.scene))
+    if begin is None or SCENARIO not in attached or VERSIONS not in described:
+        raise RecordingError("it is no recording of a run, or of one that never began; 'coheft run --record' makes one")
+    try:
+        scenario = attached[SCENARIO].decode()
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"its scenario is damaged: {error}") from error
+    return Recording(begin, scenario, described[VERSIONS], news)
+
+
+def _checked(time: int, message: Message, scene: Scene) -> list[tuple[float, News]]:
+    match message:
+        case Estimate():
+            source = message.robot
+        case Problem():
+            source = message.source
+        case _:
+            source = "server"
+    news = check_news(source, message, scene)
+    return [(time / 1e9, news)] if news is not None else []

@@ -1,0 +1,211 @@
+"""Stock ROS 2 messages from arrays, and their bytes (CDR).
+
+Every time is simulated time in nanoseconds. The order of components is this project's: twists ``(w, v)``, wrenches
+``(f, t)``, quaternions with the scalar first. What is not known is NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+
+from coheft.estimation.spatial import Array, Pose, quaternion_from_rotation
+
+_STORE = get_typestore(Stores.ROS2_HUMBLE)
+_UNKNOWN = np.full((3, 3), np.nan)
+
+INFO, WARN = 20, 30
+"""Levels of ``log``."""
+OK, DOUBTFUL, STALE = 0, 1, 3
+"""Levels of ``diagnostics``."""
+
+RosMessage = Any
+"""A message of the type that its ``__msgtype__`` names."""
+
+
+@dataclass(frozen=True, eq=False)
+class MarkedBox:
+    """Something to look at: edge lengths [m], red, green, blue and opacity from 0 to 1."""
+
+    pose: Pose
+    size: tuple[float, float, float]
+    colour: tuple[float, float, float, float]
+
+
+def _type(name: str) -> Any:
+    package, _, kind = name.partition("/")
+    return _STORE.types[f"{package}/msg/{kind}"]
+
+
+_Time = _type("builtin_interfaces/Time")
+_Duration = _type("builtin_interfaces/Duration")
+_Header = _type("std_msgs/Header")
+_Float64 = _type("std_msgs/Float64")
+_Layout = _type("std_msgs/MultiArrayLayout")
+_UInt8MultiArray = _type("std_msgs/UInt8MultiArray")
+_Vector3 = _type("geometry_msgs/Vector3")
+_Point = _type("geometry_msgs/Point")
+_Quaternion = _type("geometry_msgs/Quaternion")
+_Wrench, _WrenchStamped = _type("geometry_msgs/Wrench"), _type("geometry_msgs/WrenchStamped")
+_Twist, _TwistStamped = _type("geometry_msgs/Twist"), _type("geometry_msgs/TwistStamped")
+_Accel, _AccelStamped = _type("geometry_msgs/Accel"), _type("geometry_msgs/AccelStamped")
+_Inertia, _InertiaStamped = _type("geometry_msgs/Inertia"), _type("geometry_msgs/InertiaStamped")
+_Pose, _PoseStamped = _type("geometry_msgs/Pose"), _type("geometry_msgs/PoseStamped")
+_PoseWithCovariance = _type("geometry_msgs/PoseWithCovariance")
+_PoseWithCovarianceStamped = _type("geometry_msgs/PoseWithCovarianceStamped")
+_Transform, _TransformStamped = _type("geometry_msgs/Transform"), _type("geometry_msgs/TransformStamped")
+_TFMessage = _type("tf2_msgs/TFMessage")
+_KeyValue = _type("diagnostic_msgs/KeyValue")
+_DiagnosticStatus = _type("diagnostic_msgs/DiagnosticStatus")
+_DiagnosticArray = _type("diagnostic_msgs/DiagnosticArray")
+_Log = _type("rcl_interfaces/Log")
+_ColorRGBA = _type("std_msgs/ColorRGBA")
+_CompressedImage = _type("sensor_msgs/CompressedImage")
+_MeshFile = _type("visualization_msgs/MeshFile")
+_Marker = _type("visualization_msgs/Marker")
+_MarkerArray = _type("visualization_msgs/MarkerArray")
+
+BYTES_TYPE = str(_UInt8MultiArray.__msgtype__)
+
+
+def to_cdr(message: RosMessage) -> bytes | memoryview:
+    """The message in CDR, little-endian."""
+    data: bytes | memoryview = _STORE.serialize_cdr(message, message.__msgtype__)
+    return data
+
+
+def definition(kind: str) -> bytes:
+    """Definition of a type and of all types in it, in the text form that recordings carry."""
+    text: str = _STORE.generate_msgdef(kind, ros_version=2)[0]
+    return text.encode()
+
+
+def of_bytes(data: bytes) -> RosMessage:
+    """Any bytes."""
+    return _UInt8MultiArray(_Layout(dim=[], data_offset=0), np.frombuffer(data, np.uint8))
+
+
+def bytes_in(cdr: bytes) -> bytes:
+    """The bytes that ``of_bytes`` was given."""
+    data: bytes = _STORE.deserialize_cdr(cdr, BYTES_TYPE).data.tobytes()
+    return data
+
+
+def number(value: float) -> RosMessage:
+    """One number."""
+    return _Float64(value)
+
+
+def wrench(time: int, frame: str, wrench: Array) -> RosMessage:
+    """``(f, t)`` (6,) [N, N·m]."""
+    force, torque = np.asarray(wrench).reshape(2, 3).tolist()
+    return _WrenchStamped(_header(time, frame), _Wrench(_Vector3(*force), _Vector3(*torque)))
+
+
+def twist(time: int, frame: str, twist: Array) -> RosMessage:
+    """``(w, v)`` (6,) [rad/s, m/s]."""
+    angular, linear = np.asarray(twist).reshape(2, 3).tolist()
+    return _TwistStamped(_header(time, frame), _Twist(linear=_Vector3(*linear), angular=_Vector3(*angular)))
+
+
+def acceleration(time: int, frame: str, linear: Array) -> RosMessage:
+    """Linear acceleration (3,) [m/s²]; the angular one is not known."""
+    unknown = _Vector3(np.nan, np.nan, np.nan)
+    return _AccelStamped(_header(time, frame), _Accel(linear=_Vector3(*linear.tolist()), angular=unknown))
+
+
+def inertia(time: int, frame: str, mass: float, com: Array | None, tensor: Array | None) -> RosMessage:
+    """Mass [kg], centre of mass (3,) [m], inertia there (3, 3) [kg·m²]."""
+    xx, xy, xz, yy, yz, zz = (_UNKNOWN if tensor is None else np.asarray(tensor))[np.triu_indices(3)].tolist()
+    centre = _Vector3(*(_UNKNOWN[0] if com is None else np.asarray(com)).tolist())
+    return _InertiaStamped(_header(time, frame), _Inertia(mass, centre, xx, xy, xz, yy, yz, zz))
+
+
+def pose(time: int, frame: str, position: Array, quaternion: Array) -> RosMessage:
+    """Position (3,) [m] and orientation (4,)."""
+    return _PoseStamped(_header(time, frame), _pose(position, quaternion))
+
+
+def pose_with_covariance(time: int, frame: str, pose: Pose, covariance: Array) -> RosMessage:
+    """Pose and covariance (6, 6) of (rotation vector in the axes of ``frame`` [rad], translation [m])."""
+    order = [3, 4, 5, 0, 1, 2]  # ROS: translation first
+    ordered = np.ascontiguousarray(covariance[np.ix_(order, order)]).reshape(36)
+    own = _pose(pose.translation, quaternion_from_rotation(pose.rotation))
+    return _PoseWithCovarianceStamped(_header(time, frame), _PoseWithCovariance(own, ordered))
+
+
+def transforms(time: int, frame: str, poses: Mapping[str, tuple[Array, Array]]) -> RosMessage:
+    """Position (3,) [m] and orientation (4,) of frames in ``frame``, by name."""
+    return _TFMessage(
+        [
+            _TransformStamped(
+                _header(time, frame), child, _Transform(_Vector3(*position.tolist()), _quaternion(quaternion))
+            )
+            for child, (position, quaternion) in poses.items()
+        ]
+    )
+
+
+def boxes(time: int, frame: str, boxes: Sequence[MarkedBox]) -> RosMessage:
+    """Boxes to look at, which replace all that were there before."""
+    before = _marker(time, frame, 0, MarkedBox(Pose.identity(), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)))
+    before.action = _Marker.DELETEALL
+    return _MarkerArray([before, *(_marker(time, frame, number, box) for number, box in enumerate(boxes))])
+
+
+def diagnostics(time: int, name: str, level: int, text: str, values: Iterable[tuple[str, object]]) -> RosMessage:
+    """How somebody is."""
+    pairs = [_KeyValue(key, str(value)) for key, value in values]
+    return _DiagnosticArray(_header(time, ""), [_DiagnosticStatus(level, name, text, name, pairs)])
+
+
+def log(time: int, name: str, level: int, text: str) -> RosMessage:
+    """A line of somebody's log."""
+    return _Log(stamp=_stamp(time), level=level, name=name, msg=text, file="", function="", line=0)
+
+
+def _stamp(time: int) -> RosMessage:
+    return _Time(*divmod(time, 10**9))
+
+
+def _header(time: int, frame: str) -> RosMessage:
+    return _Header(_stamp(time), frame)
+
+
+def _pose(position: Array, quaternion: Array) -> RosMessage:
+    return _Pose(_Point(*position.tolist()), _quaternion(quaternion))
+
+
+def _quaternion(quaternion: Array) -> RosMessage:
+    w, x, y, z = np.asarray(quaternion).tolist()
+    return _Quaternion(x, y, z, w)
+
+
+def _marker(time: int, frame: str, number: int, box: MarkedBox) -> RosMessage:
+    """A box; most of what a marker can be is left empty."""
+    nothing = np.zeros(0, np.uint8)
+    return _Marker(
+        header=_header(time, frame),
+        ns="",
+        id=number,
+        type=_Marker.CUBE,
+        action=_Marker.ADD,
+        pose=_pose(box.pose.translation, quaternion_from_rotation(box.pose.rotation)),
+        scale=_Vector3(*box.size),
+        color=_ColorRGBA(*box.colour),
+        lifetime=_Duration(0, 0),
+        frame_locked=True,
+        points=[],
+        colors=[],
+        texture_resource="",
+        texture=_CompressedImage(_header(0, ""), "", nothing),
+        uv_coordinates=[],
+        text="",
+        mesh_resource="",
+        mesh_file=_MeshFile("", nothing),
+        mesh_use_embedded_materials=False,
+    )

@@ -1,0 +1,43 @@
+"""What the server knows, as ROS 2 messages by topic: what is true, and what every robot measures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from coheft.app.recording import ros
+from coheft.app.recording.ros import RosMessage
+from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
+from coheft.estimation.spatial import quaternion_from_rotation
+from coheft.wire.messages import LoadState, Scene, Truth
+from coheft.wire.scenario import Payload, pose_of
+
+WORLD = "world"
+PAYLOAD = "payload"
+_GREY, _ORANGE = (0.6, 0.6, 0.65, 0.6), (1.0, 0.5, 0.1, 0.9)
+
+
+def scene_messages(time: int, scene: Scene) -> Iterator[tuple[str, RosMessage]]:
+    """What does not change: where each robot holds the payload."""
+    grasps = zip(scene.robots, scene.translations, scene.rotations, strict=True)
+    poses = {name: (position, quaternion_from_rotation(rotation)) for name, position, rotation in grasps}
+    yield "/tf_static", ros.transforms(time, PAYLOAD, poses)
+
+
+def box_messages(time: int, payload: Payload, loads: Sequence[LoadState]) -> Iterator[tuple[str, RosMessage]]:
+    """What the payload looks like, and what lies on it."""
+    boxes = [ros.MarkedBox(box.pose(), box.size, _GREY) for box in payload.boxes]
+    boxes += [ros.MarkedBox(pose_of(load.position, (0.0, 0.0, 0.0)), load.size, _ORANGE) for load in loads]
+    yield "/payload/markers", ros.boxes(time, PAYLOAD, boxes)
+
+
+def truth_messages(time: int, truth: Truth, scene: Scene) -> Iterator[tuple[str, RosMessage]]:
+    """The last sample of a block, taken at ``time`` [ns]."""
+    yield "/tf", ros.transforms(time, WORLD, {PAYLOAD: (truth.position, truth.quaternion)})
+    yield "/payload/pose", ros.pose(time, WORLD, truth.position, truth.quaternion)
+    payload = truth.payload
+    yield "/payload/inertia", ros.inertia(time, PAYLOAD, payload.mass, payload.com, payload.tensor)
+    yield "/payload/total_wrench", ros.wrench(time, PAYLOAD, truth.total_wrench)
+    for name, sample in zip(scene.robots, truth.samples, strict=True):
+        yield f"/{name}/measured/wrench", ros.wrench(time, name, sample[WRENCH])
+        yield f"/{name}/measured/twist", ros.twist(time, name, sample[TWIST])
+        yield f"/{name}/measured/acceleration", ros.acceleration(time, name, sample[ACCELERATION])

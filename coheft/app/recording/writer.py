@@ -1,0 +1,96 @@
+"""What a recording holds: every message that an observer hears, and what it says as ROS 2 messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import msgspec
+
+from coheft.app.heard import News
+from coheft.app.pairing import Pairing
+from coheft.app.recording import ros
+from coheft.app.recording.error_topics import error_messages
+from coheft.app.recording.estimate_topics import estimate_messages
+from coheft.app.recording.log_book import LogBook
+from coheft.app.recording.mcap_file import McapFile
+from coheft.app.recording.raw import to_raw
+from coheft.app.recording.reader import SCENARIO, VERSIONS
+from coheft.app.recording.ros import RosMessage
+from coheft.app.recording.truth_topics import box_messages, scene_messages, truth_messages
+from coheft.app.versions import versions
+from coheft.wire.messages import Estimate, Message, Problem, Status, Truth
+from coheft.wire.scenario import Scenario
+
+
+class RunWriter:
+    """Writes a run into an MCAP file, which is somebody else's to flush and to finish.
+
+    Messages are filed under the simulated time of which they tell; their headers have that of the sample.
+
+    Args:
+        out: The file.
+        scenario: What is run.
+        begin: How it begins.
+    """
+
+    def __init__(self, out: McapFile, scenario: Scenario, begin: Status) -> None:
+        self._out = out
+        self._scenario = scenario
+        self._sample = 10**9 // scenario.sensors.rate
+        self._scene = begin.scene
+        self._pairing = Pairing(begin.scene)
+        self._log = LogBook()
+        self._loads: list[int] | None = None
+        self._newest = _nanoseconds(begin.time)
+        out.describe(VERSIONS, versions())
+        out.attach(SCENARIO, "application/json", msgspec.json.format(msgspec.json.encode(scenario)))
+        self._write_raw(self._newest, begin)
+        self._write(self._newest, scene_messages(self._newest, begin.scene))
+
+    def hear(self, news: News) -> None:
+        """Write what an observer has heard."""
+        time = self._newest if isinstance(news, Problem) else _nanoseconds(news.time)
+        self._newest = max(self._newest, time)
+        self._write_raw(time, news)
+        match news:
+            case Truth():
+                self._write_truth(time, news)
+            case Estimate():
+                self._write(time, estimate_messages(time, news, self._total_time(news)))
+                self._write_errors(self._pairing.add_estimate(news))
+            case _:
+                pass
+        for line in self._log.lines(news):
+            self._out.write("/rosout", time, ros.log(time, line.name, line.level, line.text))
+
+    def _write_truth(self, time: int, truth: Truth) -> None:
+        sampled = max(0, time - self._sample)
+        self._write(time, truth_messages(sampled, truth, self._scene))
+        loads = [load.id for load in truth.loads]
+        if loads != self._loads:
+            self._loads = loads
+            self._write(time, box_messages(sampled, self._scenario.payload, truth.loads))
+        self._write_errors(self._pairing.add_truth(truth))
+
+    def _write_errors(self, estimates: Iterable[Estimate]) -> None:
+        """Of estimates of which the truth has come."""
+        for estimate in estimates:
+            time = _nanoseconds(estimate.time)
+            self._write(time, error_messages(time, estimate, self._pairing.judge, self._total_time(estimate)))
+
+    def _total_time(self, estimate: Estimate) -> int:
+        """When the sample was taken to which the total wrench of an estimate belongs [ns]."""
+        age = (estimate.block - estimate.total_block) * self._scenario.block_duration
+        return max(0, _nanoseconds(estimate.time - age) - self._sample)
+
+    def _write_raw(self, time: int, message: Message) -> None:
+        topic, data = to_raw(message)
+        self._out.write(topic, time, ros.of_bytes(data))
+
+    def _write(self, time: int, messages: Iterable[tuple[str, RosMessage]]) -> None:
+        for topic, message in messages:
+            self._out.write(topic, time, message)
+
+
+def _nanoseconds(seconds: float) -> int:
+    return round(seconds * 1e9)

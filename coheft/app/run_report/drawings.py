@@ -1,0 +1,204 @@
+"""The report's pictures, but for the errors over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from coheft.app.figures import Theme
+from coheft.app.report import Report
+from coheft.app.run_report.convergence import COM_SHOWN
+from coheft.app.run_report.panels import mark_changes, robots_shown, use_logarithm
+from coheft.app.run_report.points import Point, sizes
+from coheft.app.run_report.series import AFTER, BEFORE, Series
+from coheft.app.run_report.states import LEVELS, Level
+from coheft.estimation.spatial import Array
+
+
+def draw_overview(figure: Any, theme: Theme, series: Series, report: Report) -> None:
+    """The mass that every robot believes in, and the truth."""
+    axes = figure.subplots()
+    names = robots_shown(series)
+    points = list(series.robots[names[0]].points)
+    axes.plot(
+        [p.time for p in points],
+        [p.truth[0] for p in points],
+        color=theme.ink,
+        linewidth=3.0,
+        alpha=0.4,
+        drawstyle="steps-pre",
+        label="truth",
+    )
+    for k, name in enumerate(names):
+        points = list(series.robots[name].points)
+        times = np.array([point.time for point in points])
+        mass, std, _, _ = _mass_and_com(points)
+        axes.fill_between(times, mass - 3.0 * std, mass + 3.0 * std, color=theme.of_curve(k), alpha=0.12, linewidth=0)
+        axes.plot(times, mass, color=theme.of_curve(k), linewidth=1.1, label=None if len(names) > 12 else name)
+    truths = np.array([p.truth[0] for p in points])
+    _fit_masses(axes, truths, [list(series.robots[name].points) for name in names])
+    mark_changes(axes, theme, report)
+    axes.set_xlim(0.0, report.duration_s)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("mass [kg]")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=13, handlelength=1.2)
+
+
+def close_up_size(series: Series) -> tuple[float, float]:
+    """Width and height of ``draw_close_ups`` [inches]."""
+    return 10.0, 0.6 + 2.9 * len(series.close_ups)
+
+
+def draw_close_ups(figure: Any, theme: Theme, series: Series, report: Report) -> None:
+    """Mass and centre of mass around each change of the load, all robots in one panel."""
+    names = robots_shown(series)
+    grid = figure.subplots(len(series.close_ups), 2, sharex=True, squeeze=False)
+    for (left, right), close_up in zip(grid, series.close_ups, strict=True):
+        change = next((c for c in report.load_changes if abs(c.at_s - close_up.at) < 1e-6), None)
+        times, masses = np.array(close_up.masses).T
+        left.plot(times - close_up.at, masses, color=theme.ink, linewidth=2.2, alpha=0.55, label="truth")
+        for k, name in enumerate(names):
+            points = close_up.points[name]
+            when = np.array([point.time for point in points]) - close_up.at
+            mass, std, off, band = _mass_and_com(points)
+            colour = theme.of_curve(k)
+            left.fill_between(when, mass - 3.0 * std, mass + 3.0 * std, color=colour, alpha=0.10, linewidth=0)
+            left.plot(when, mass, color=colour, marker="o", markersize=2.2, linewidth=1.0)
+            right.plot(when, band, color=colour, linewidth=0.8, linestyle=(0, (4, 2)))
+            right.plot(when, off, color=colour, marker="o", markersize=2.2, linewidth=1.0, label=name)
+        _fit_masses(left, masses, close_up.points.values())
+        use_logarithm(right)
+        moments = {} if change is None else {"noticed": change.detected_at_s, "recovered": change.recovered_at_s}
+        for what, moment in moments.items():
+            if moment is not None and moment - close_up.at <= AFTER:
+                _mark_moment(left, theme, moment - close_up.at, what)
+                _mark_moment(right, theme, moment - close_up.at, "")
+        for axes in (left, right):
+            axes.axvline(0.0, color=theme.muted, linewidth=0.9, linestyle=":")
+        left.set_ylabel("mass [kg]")
+        right.set_ylabel("centre of mass, error [mm]")
+        left.set_title(f"load change at {close_up.at:g} s", loc="left", fontweight="bold")
+        left.legend(loc="lower right")
+    if len(names) <= 12:
+        grid[0][1].legend(loc="upper right", ncols=3, handlelength=1.0)
+    grid[0][0].set_xlim(-BEFORE, AFTER)
+    for axes in grid[-1]:
+        axes.set_xlabel("time since the change [s]")
+
+
+def _mark_moment(axes: Any, theme: Theme, moment: float, text: str) -> None:
+    axes.axvline(moment, color=theme.warning, linewidth=0.9, linestyle=(0, (1, 1)))
+    style = {"rotation": 90, "va": "center", "fontsize": 8, "color": theme.warning}
+    axes.annotate(text, (moment, 0.5), (2, 0), axes.get_xaxis_transform(), "offset points", **style)
+
+
+def _mass_and_com(points: Sequence[Point]) -> tuple[Array, Array, Array, Array]:
+    """Mass and its deviation [kg], error of the centre of mass and three times its deviation [mm]."""
+    mass = np.array([point.truth[0] - point.error[0] for point in points])
+    std = np.array([point.std[0] for point in points])
+    off, expected = sizes(points, COM_SHOWN.quantity)
+    return mass, std, COM_SHOWN.per_unit * off, 3.0 * COM_SHOWN.per_unit * expected
+
+
+def _fit_masses(axes: Any, masses: Array, robots: Iterable[Sequence[Point]]) -> None:
+    """Show the estimates, and not all of a band that is many times as wide."""
+    found = [point.truth[0] - point.error[0] for points in robots for point in points]
+    values = np.concatenate([masses, np.array(found)[np.isfinite(found)]])
+    margin = max(0.15 * float(np.ptp(values)), 0.02 * float(values.max()))
+    axes.set_ylim(values.min() - margin, values.max() + margin)
+
+
+def draw_consensus(figure: Any, theme: Theme, series: Series, report: Report) -> None:
+    """How far each robot's total wrench is from the measured total, beside the total itself."""
+    grid = figure.subplots(1, 2, sharex=True)
+    names = robots_shown(series)
+    for axes, title, part, unit in zip(
+        grid, ("force", "torque"), (slice(0, 3), slice(3, 6)), ("N", "N·m"), strict=True
+    ):
+        for k, name in enumerate(names):
+            points = list(series.robots[name].points)
+            times = [point.time for point in points]
+            totals, residuals = (
+                np.linalg.norm(np.array(arrays).reshape(-1, 6)[:, part], axis=1)
+                for arrays in ([p.total for p in points], [p.residual for p in points])
+            )
+            axes.plot(
+                times, totals, color=theme.ink, linewidth=0.7, alpha=0.35, label=None if k else "the total itself"
+            )
+            label = None if len(names) > 8 else name
+            axes.plot(times, residuals, color=theme.of_curve(k), linewidth=0.9, alpha=0.85, label=label)
+        use_logarithm(axes)
+        axes.set_title(title, loc="left", fontweight="bold")
+        axes.set_ylabel(f"[{unit}]")
+        axes.set_xlabel("time [s]")
+        axes.set_xlim(0.0, report.duration_s)
+        mark_changes(axes, theme, report)
+    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=9, handlelength=1.2)
+
+
+def observability_size(series: Series) -> tuple[float, float]:
+    """Width and height of ``draw_observability`` [inches]."""
+    return 10.0, 1.5 + 0.28 * len(robots_shown(series))
+
+
+def draw_observability(figure: Any, theme: Theme, series: Series, report: Report) -> None:
+    """What each robot claimed to know, from when to when."""
+    axes = figure.subplots()
+    names = robots_shown(series)
+    styles = level_styles(theme)
+    used: dict[Level, Any] = {}
+    for row, name in enumerate(names):
+        for span in series.robots[name].states.spans:
+            bar = axes.barh(row, span.end - span.start, 0.72, span.start, linewidth=0, **styles[span.level])
+            used.setdefault(span.level, bar)
+    axes.set_yticks(range(len(names)), names)
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.set_xlim(0.0, report.duration_s)
+    axes.grid(axis="y", visible=False)
+    axes.tick_params(axis="y", length=0, labelcolor=theme.ink)
+    axes.spines["left"].set_visible(False)
+    axes.set_xlabel("time [s]")
+    mark_changes(axes, theme, report)
+    levels = [level for level in LEVELS if level in used]
+    figure.legend(
+        [used[level] for level in levels],
+        [LEVELS[level] for level in levels],
+        loc="outside upper left",
+        ncols=3,
+        handlelength=1.2,
+        handleheight=1.0,
+    )
+
+
+def level_styles(theme: Theme) -> dict[Level, dict[str, Any]]:
+    """How bars of each level look: the darker, the more is known."""
+    return {
+        "searching": {"color": theme.muted, "alpha": 0.25},
+        "waiting": {"color": theme.muted, "alpha": 0.55},
+        "mass": {"color": theme.accent, "alpha": 0.2},
+        "com": {"color": theme.accent, "alpha": 0.38},
+        "all": {"color": theme.accent, "alpha": 0.6},
+        "converged": {"color": theme.accent, "alpha": 1.0},
+        "stale": {"color": theme.warning, "alpha": 1.0},
+    }
+
+
+def draw_pace(figure: Any, theme: Theme, series: Series, report: Report) -> None:
+    """Simulated seconds per second on the wall, over the run."""
+    axes = figure.subplots()
+    times, walls = np.array(list(series.pace)).reshape(-1, 2).T
+    moments = np.arange(walls[0], walls[-1], max(0.5, (walls[-1] - walls[0]) / 200.0))
+    simulated = np.interp(moments, walls, times)
+    if len(moments) > 1:
+        rate = np.diff(simulated) / np.diff(moments)
+        axes.step(moments[1:] - walls[0], rate, where="pre", color=theme.accent)
+        axes.fill_between(moments[1:] - walls[0], 0.0, rate, step="pre", color=theme.accent, alpha=0.12, linewidth=0)
+    axes.axhline(1.0, color=theme.muted, linewidth=0.9, linestyle=":")
+    axes.text(1.0, 1.0, " real time", transform=axes.get_yaxis_transform(), fontsize=8, color=theme.muted, va="center")
+    axes.axhline(report.real_time_factor, color=theme.warning, linewidth=0.9, linestyle=(0, (4, 2)))
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel("time on the wall since the start [s]")
+    axes.set_ylabel("simulated seconds per second")

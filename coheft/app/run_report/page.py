@@ -1,0 +1,181 @@
+"""The report as one page that needs nothing but itself."""
+
+from __future__ import annotations
+
+import base64
+import platform
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+import coheft
+from coheft.app.final_table import HEADINGS, LEGEND, RECOVERED, robot_rows, sentences
+from coheft.app.report import Report
+from coheft.app.run_report.data import TABLES
+from coheft.app.run_report.pictures import Picture
+from coheft.app.run_report.series import Series
+from coheft.wire.scenario import Scenario
+
+_PACKAGES = ("mujoco", "eclipse-zenoh", "numpy", "scipy", "msgspec")
+_MOST_ROWS = 60
+SECTIONS = {
+    "glance": "At a glance",
+    "table": "What each robot found out",
+    "errors": "Errors over time",
+    "changes": "When the load changes",
+    "consensus": "What the robots agree on",
+    "observability": "What could be told, and when",
+    "timing": "Timing",
+    "run": "What was run",
+}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A picture, drawn on light and on dark paper (PNG)."""
+
+    picture: Picture
+    light: bytes
+    dark: bytes
+
+    @property
+    def sources(self) -> tuple[str, str]:
+        """Both as addresses that hold the data itself."""
+        light, dark = (base64.b64encode(image).decode() for image in (self.light, self.dark))
+        return f"data:image/png;base64,{light}", f"data:image/png;base64,{dark}"
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A number worth a card: what, how much, and what to compare it with."""
+
+    title: str
+    value: str
+    note: str
+
+
+def render_page(
+    scenario: Scenario, clock: str, series: Series, report: Report, drawn: Sequence[Drawn], data: Sequence[Path]
+) -> str:
+    """The whole page, in HTML."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    missing = [name for name, robot in report.robots.items() if not robot.is_converged]
+    return environment.get_template("page.html.jinja").render(
+        scenario=scenario,
+        report=report,
+        sections={name: title for name, title in SECTIONS.items() if name != "changes" or report.load_changes},
+        missing=missing,
+        facts=facts(report),
+        sentences=sentences(report),
+        headings=HEADINGS,
+        rows={name: robot_rows(robot) for name, robot in report.robots.items()},
+        legend=[*LEGEND, *([RECOVERED] if report.load_changes else [])],
+        pictures=drawn,
+        unseen=list(unseen_rows(series))[:_MOST_ROWS],
+        unseen_left=max(0, len(list(unseen_rows(series))) - _MOST_ROWS),
+        timing=timing_rows(clock, series, report),
+        problems=series.problems,
+        problems_left=series.problem_count - len(series.problems),
+        run=run_rows(scenario, clock, report),
+        versions=versions(),
+        scenario_text=msgspec.json.format(msgspec.json.encode(scenario)).decode(),
+        data=[(path.name, TABLES[path.stem]) for path in data],
+        thinned=max(robot.points.every for robot in series.robots.values()),
+    )
+
+
+def facts(report: Report) -> list[Fact]:
+    """The run in a few numbers: of each quantity the error of the robot that is furthest off."""
+    robots = report.robots.values()
+    poses = [pose for robot in robots for pose in robot.poses.values()]
+    found = [
+        Fact("mass", _largest((r.mass.error_pct for r in robots), "%"), "largest error of any robot"),
+        Fact("centre of mass", _largest((r.com.error_mm for r in robots), "mm"), "largest error of any robot"),
+        Fact("inertia", _largest((r.inertia.error_pct for r in robots), "%"), "largest error of any robot"),
+        Fact("neighbours, rotation", _largest((p.rotation_error_deg for p in poses), "°"), "largest error"),
+        Fact("neighbours, translation", _largest((p.translation_error_mm for p in poses), "mm"), "largest error"),
+    ]
+    for change in report.load_changes[:1]:
+        noticed = change.detected_at_s
+        found.append(
+            Fact(
+                f"load change at {change.at_s:g} s",
+                "not noticed by all" if noticed is None else f"{noticed - change.at_s:.2f} s",
+                "until the last robot had noticed",
+            )
+        )
+    return [*found, Fact("pace", f"{report.real_time_factor:.1f} ×", "real time")]
+
+
+def _largest(values: Iterable[float | None], unit: str) -> str:
+    known = [value for value in values if value is not None]
+    return f"{max(known):.2g}{' ' * (unit != '°')}{unit}" if known else "not known"
+
+
+def unseen_rows(series: Series) -> Iterable[tuple[str, str, str, str, str]]:
+    """What could not be told and why not: what, why, who, from, to; the same of several robots in one row."""
+    when: dict[tuple[str, str], dict[str, tuple[float, float]]] = {}
+    for name, robot in series.robots.items():
+        for span in robot.states.spans:
+            texts = [*span.not_observable, *(span.reasons if span.level == "stale" else ())]
+            for text in texts:
+                place = when.setdefault(_kind(text), {})
+                start, _ = place.get(name, (span.start, span.end))
+                place[name] = (start, span.end)
+    for (what, why), robots in when.items():
+        start, end = min(s for s, _ in robots.values()), max(e for _, e in robots.values())
+        yield what, why, ", ".join(robots), f"{start:.1f}", f"{end:.1f}"
+
+
+def _kind(text: str) -> tuple[str, str]:
+    """What a sentence is about, without its numbers, and the advice at its end."""
+    what, _, why = text.rpartition(": ")
+    return (what.partition(",")[0], why) if what else (text, "")
+
+
+def timing_rows(clock: str, series: Series, report: Report) -> list[tuple[str, str]]:
+    """How fast it went."""
+    pace = list(series.pace)
+    late = f"{report.late_blocks}" if clock == "realtime" else "none: the clock waits for everybody"
+    return [
+        ("simulated", f"{report.duration_s:g} s"),
+        ("on the wall", f"{pace[-1][1] - pace[0][1]:.1f} s, pauses included"),
+        ("real-time factor", f"{report.real_time_factor:.2f}"),
+        ("processes", f"{report.processes}"),
+        ("messages between processes", f"{report.messages_per_s:,.0f} per second"),
+        ("late blocks", late),
+        ("refused messages and other problems", f"{series.problem_count}"),
+    ]
+
+
+def run_rows(scenario: Scenario, clock: str, report: Report) -> list[tuple[str, str]]:
+    """What was run."""
+    sensors = scenario.sensors
+    clocks = {"lockstep": "lockstep: as fast as the slowest robot", "realtime": "real time"}
+    return [
+        ("scenario", scenario.name),
+        ("seed", f"{report.seed}"),
+        ("estimator", report.estimator),
+        ("robots", f"{len(report.robots)}, linked in a {scenario.graph.kind}"),
+        ("duration", f"{report.duration_s:g} s of {scenario.duration:g} s"),
+        ("sensors", f"{sensors.rate} samples per second, in blocks of {sensors.block}"),
+        ("clock", clocks[clock]),
+    ]
+
+
+def versions() -> dict[str, str]:
+    """Of the programs that made it, by name."""
+    found: dict[str, Any] = {"coheft": coheft.__version__, "Python": platform.python_version()}
+    return found | {name: version(name) for name in _PACKAGES} | {"system": f"{platform.system()} {platform.machine()}"}

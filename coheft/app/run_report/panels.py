@@ -1,0 +1,36 @@
+"""What all of the report's pictures share: who is shown, and what is marked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from coheft.app.figures import Theme
+from coheft.app.report import Report
+from coheft.app.run_report.series import Series
+
+MOST_ROBOTS = 24
+"""So many robots are drawn at most."""
+_MOST_CHANGES = 50
+
+
+def robots_shown(series: Series) -> list[str]:
+    """Robots that are drawn: all, or evenly spread ones of many."""
+    names = list(series.robots)
+    if len(names) <= MOST_ROBOTS:
+        return names
+    return [names[k] for k in np.linspace(0, len(names) - 1, MOST_ROBOTS).round().astype(int)]
+
+
+def use_logarithm(axes: Any) -> None:
+    """Powers of ten, written out."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.minorticks_off()
+
+
+def mark_changes(axes: Any, theme: Theme, report: Report) -> None:
+    """Dotted lines where the load changed."""
+    for change in report.load_changes[:_MOST_CHANGES]:
+        axes.axvline(change.at_s, color=theme.muted, linewidth=0.9, linestyle=":")

@@ -1,0 +1,133 @@
+"""What happened in a run over time, kept while it goes on, in memory that does not grow with it."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import dataclass, field
+
+from coheft.app.heard import News
+from coheft.app.pairing import Pairing
+from coheft.app.record import load_ids
+from coheft.app.run_report.points import Point, make_point
+from coheft.app.run_report.states import Spans
+from coheft.app.run_report.thinned import Thinned
+from coheft.wire.messages import Estimate, Problem, Scene, Status, Truth
+
+_POINTS = 20_000
+"""Of all robots together."""
+_MOMENTS = 4_000
+"""Kept of the pace."""
+_CLOSE_UPS = 6
+_PROBLEMS = 100
+BEFORE, AFTER = 0.5, 3.0
+"""How much of the time around a change of the load is shown close up [s]."""
+
+
+@dataclass(eq=False)
+class CloseUp:
+    """The time around one change of the load.
+
+    Attributes:
+        at: When the load changed [s].
+        masses: True mass of the payload over time, [s] and [kg].
+        points: Every estimate of every robot.
+    """
+
+    at: float
+    masses: list[tuple[float, float]]
+    points: dict[str, list[Point]]
+
+
+class RobotSeries:
+    """One robot's estimates over time.
+
+    Attributes:
+        points: Some of them, evenly spread.
+        states: What it said of its knowledge.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self.points: Thinned[Point] = Thinned(capacity)
+        self.states = Spans()
+        self.recent: deque[Point] = deque(maxlen=50)
+
+
+@dataclass(eq=False)
+class Series:
+    """All that is drawn.
+
+    Attributes:
+        scene: Who held the payload where.
+        robots: By name, in the scene's order.
+        close_ups: Of the first changes of the load.
+        pace: Simulated time, and the clock on the wall when that was heard [s].
+        problems: What was refused: when in the simulated time, by whom, what; the first ones.
+        problem_count: How many there were.
+    """
+
+    scene: Scene
+    robots: dict[str, RobotSeries]
+    close_ups: list[CloseUp] = field(default_factory=list)
+    pace: Thinned[tuple[float, float]] = field(default_factory=lambda: Thinned(_MOMENTS))
+    problems: list[tuple[float, Problem]] = field(default_factory=list)
+    problem_count: int = 0
+
+
+class SeriesFollower:
+    """Follows a run, and keeps what the report draws.
+
+    Attributes:
+        series: What it has kept.
+    """
+
+    series: Series
+
+    def begin(self, status: Status) -> None:
+        """The clock runs."""
+        names = status.scene.robots
+        capacity = max(100, _POINTS // len(names))
+        self.series = Series(status.scene, {name: RobotSeries(capacity) for name in names})
+        self._pairing = Pairing(status.scene)
+        self._masses: deque[tuple[float, float]] = deque(maxlen=500)
+
+    def hear(self, news: News) -> None:
+        """Take in what an observer has heard."""
+        match news:
+            case Truth():
+                self._add_truth(news)
+            case Estimate():
+                self._keep(self._pairing.add_estimate(news))
+            case Problem():
+                self.series.problem_count += 1
+                if len(self.series.problems) < _PROBLEMS:
+                    now = self._pairing.truth
+                    self.series.problems.append((0.0 if now is None else now.time, news))
+
+    def end(self, status: Status) -> None:
+        """Nothing is left to do."""
+
+    def _add_truth(self, truth: Truth) -> None:
+        before, series = self._pairing.truth, self.series
+        if before is not None and load_ids(before) != load_ids(truth) and len(series.close_ups) < _CLOSE_UPS:
+            start = truth.time - truth.time / (truth.block + 1)
+            points = {
+                name: [p for p in robot.recent if p.time >= start - BEFORE] for name, robot in series.robots.items()
+            }
+            series.close_ups.append(CloseUp(start, [m for m in self._masses if m[0] >= start - BEFORE], points))
+        self._masses.append((truth.time, truth.payload.mass))
+        for close_up in series.close_ups:
+            if truth.time <= close_up.at + AFTER:
+                close_up.masses.append(self._masses[-1])
+        series.pace.add((truth.time, time.monotonic()))
+        self._keep(self._pairing.add_truth(truth))
+
+    def _keep(self, estimates: list[Estimate]) -> None:
+        for estimate in estimates:
+            robot, point = self.series.robots[estimate.robot], make_point(self._pairing.judge, estimate)
+            robot.points.add(point)
+            robot.recent.append(point)
+            robot.states.add(estimate)
+            for close_up in self.series.close_ups:
+                if close_up.at - BEFORE <= point.time <= close_up.at + AFTER:
+                    close_up.points[estimate.robot].append(point)

@@ -1,0 +1,45 @@
+"""Series that go on for as long as they like, in memory that does not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class Thinned(Generic[T]):
+    """Evenly spread items of a series: all of them, then every second, every fourth, …; and always the last.
+
+    Args:
+        capacity: Number of items that are kept at most, but for the last.
+
+    Attributes:
+        every: One in so many is kept.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self.every = 1
+        self._capacity = capacity
+        self._items: list[T] = []
+        self._seen = 0
+        self._last: T | None = None
+
+    def add(self, item: T) -> None:
+        """Take in the next item."""
+        self._last = item
+        if self._seen % self.every == 0:
+            if len(self._items) == self._capacity:
+                del self._items[1::2]
+                self.every *= 2
+            if self._seen % self.every == 0:
+                self._items.append(item)
+        self._seen += 1
+
+    def __iter__(self) -> Iterator[T]:
+        yield from self._items
+        if self._items and self._last is not None and self._last is not self._items[-1]:
+            yield self._last
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)

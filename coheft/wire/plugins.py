@@ -1,0 +1,74 @@
+"""Estimators and motions of the user's own: which are installed, and by which names.
+
+A package offers them as entry points of the groups in ``GROUPS``. Names are read from its metadata; it is imported only
+by whoever uses it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+from coheft.errors import PluginError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint, EntryPoints
+
+Kind = Literal["estimator", "motion"]
+GROUPS: dict[Kind, str] = {"estimator": "coheft.estimators", "motion": "coheft.motions"}
+BUILT_IN: dict[Kind, tuple[str, ...]] = {"estimator": ("efficient", "seed"), "motion": ()}
+"""Names that are taken."""
+
+
+def is_available(kind: Kind, name: str) -> bool:
+    """Whether there is an estimator, or motion, of this name; packages are looked through only if need be."""
+    return name in BUILT_IN[kind] or bool(_points(kind, name))
+
+
+def available(kind: Kind) -> list[str]:
+    """All names, the built-in ones first."""
+    own = sorted({point.name for point in _installed(kind)} - set(BUILT_IN[kind]))
+    return [*BUILT_IN[kind], *own]
+
+
+def load_plugin(kind: Kind, name: str) -> Any:
+    """What an installed package offers under a name.
+
+    Raises:
+        PluginError: Nobody offers it, or two packages do, or it cannot be imported.
+    """
+    points = _points(kind, name)
+    if not points:
+        raise PluginError(f"no {kind} {name!r} is installed; there are: {', '.join(available(kind)) or 'none'}")
+    if len(points) > 1:
+        packages = ", ".join(f"{_package(point)} ({point.value})" for point in points)
+        raise PluginError(f"several packages offer the {kind} {name!r}: {packages}; uninstall all but one")
+    try:
+        return points[0].load()
+    except Exception as error:  # whatever somebody else's module raises
+        raise PluginError(
+            f"the {kind} {name!r}, {points[0].value} of {_package(points[0])}, cannot be imported: {told(error)}"
+        ) from error
+
+
+def told(error: Exception) -> str:
+    """An exception from somebody else's code in one line, with the place where it was raised."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    place = f" ({trace.tb_frame.f_code.co_filename}, line {trace.tb_lineno})" if trace is not None else ""
+    return f"{type(error).__name__}: {error}{place}"
+
+
+def _points(kind: Kind, name: str) -> list[EntryPoint]:
+    """Entry points of a name; one that is found twice, for its package is on the path twice, counts once."""
+    return list({point.value: point for point in _installed(kind) if point.name == name}.values())
+
+
+def _installed(kind: Kind) -> EntryPoints:
+    from importlib.metadata import entry_points  # takes its time to load, and most agents do not need it
+
+    return entry_points(group=GROUPS[kind])
+
+
+def _package(point: EntryPoint) -> str:
+    return point.dist.name if point.dist is not None else "an unknown package"

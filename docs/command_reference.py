@@ -1,0 +1,67 @@
+"""Writes docs/commands.md, the reference of all commands, from the command line itself.
+
+To be run again after a change of a command; a test tells when that was forgotten.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from coheft.app.cli import app
+from coheft.app.cli_base import EXIT_MEANINGS
+
+PAGE = Path(__file__).with_name("commands.md")
+
+_INTRODUCTION = """# Commands
+
+`coheft --help` lists the commands, `coheft COMMAND --help` all options of one. This page is made from the same text, by
+`python docs/command_reference.py`.
+
+## Exit status
+
+The same for all commands:
+
+| status | meaning |
+|---|---|
+{statuses}
+
+## Output
+
+- **Terminal.** A live display that fits 80 columns; errors are one sentence, without a traceback, on standard error.
+- **No terminal** (a pipe, a file, a log): plain lines, without colours and without drawing anything twice.
+- `NO_COLOR=1`: no colours.
+- `--quiet`: nothing but errors. The exit status says how it went.
+- `--json FILE`: the results for programs; with `--json -` standard output has the JSON and nothing else, and all that
+  is for people goes to standard error:
+
+  ```
+  coheft run ring3 --json - 2> progress.txt | python -m json.tool
+  ```
+
+## Completion with the Tab key
+
+For bash, zsh and fish. Once for good:
+
+```
+coheft completion --install
+```
+
+This puts a script where your shell looks for such scripts, and adds a line to its startup file. To try it in one
+terminal only: `source <(coheft completion bash)`, or with fish `coheft completion fish | source`.
+"""
+
+
+def page() -> str:
+    """The whole page, in Markdown."""
+    statuses = "\n".join(f"| {status} | {meaning} |" for status, meaning in EXIT_MEANINGS.items())
+    sections = sorted(app.generate_docs(usage_name="coheft").split("\n## coheft ")[1:])
+    return _INTRODUCTION.format(statuses=statuses) + "".join(map(_section, sections))
+
+
+def _section(text: str) -> str:
+    name, _, rest = text.partition("\n")
+    return f"\n## `coheft {name}`\n\n{rest.strip()}\n"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page())

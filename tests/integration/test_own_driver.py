@@ -1,0 +1,106 @@
+"""The example of a driver: agents that it feeds with a recording believe what they believed in the recorded run."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import msgspec
+
+from coheft.app.inprocess import run_in_process
+from coheft.app.plan import Plan, make_plan
+from coheft.wire.codec import encode
+from coheft.wire.inbox import Inbox, Received
+from coheft.wire.messages import Estimate
+from coheft.wire.scenario import Scenario
+from coheft.wire.scenario_file import load_scenario
+from coheft.wire.transport import Keys, open_session
+
+ROOT = Path(__file__).parents[2]
+DRIVER = ROOT / "examples" / "own_driver.py"
+LIMIT = 90.0
+DURATION = 6.0
+
+
+def recorded(folder: Path, duration: float) -> Path:
+    """A recording of a run by the real processes."""
+    data = folder / "run.npz"
+    command = [sys.executable, "-m", "coheft", "run", "ring3", "--duration", str(duration), "--save-data", str(data)]
+    done = subprocess.run(
+        [*command, "--quiet", "--logs", str(folder / "logs")],
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+        check=False,
+        cwd=ROOT,
+    )
+    assert done.returncode in (0, 3), done.stderr
+    return data
+
+
+def last_estimates(scenario: Scenario) -> dict[str, Estimate]:
+    """What every robot believes at the end of a run."""
+    last: dict[str, Estimate] = {}
+    for block in run_in_process(scenario):
+        last |= block.estimates
+    return last
+
+
+def driven(plan: Plan, data: Path, folder: Path, block: int) -> dict[str, Estimate]:
+    """What the agents believe after a block, fed by the example."""
+    files = [str(path) for path in plan.write(folder / "team") if path.stem != "server"]
+    inbox, keys = Inbox(), Keys(plan.run)
+    processes = []
+    with open_session(connect=[agent.observe for agent in plan.agents.values()]) as session:
+        for name in plan.agents:
+            inbox.listen(session, name, {keys.observe_agent(name, "estimate"): Estimate})
+        try:
+            for file in files:
+                processes.append(subprocess.Popen([sys.executable, "-m", "coheft", "agent", file], cwd=ROOT))
+            driver = subprocess.Popen(
+                [sys.executable, str(DRIVER), str(data), *files], cwd=ROOT, stdout=subprocess.PIPE, text=True
+            )
+            processes.append(driver)
+            believed: dict[str, Estimate] = {}
+            deadline = time.monotonic() + LIMIT
+            while len(believed) < len(files):
+                assert time.monotonic() < deadline, f"only {sorted(believed)} said something about block {block}"
+                event = inbox.receive(1.0)
+                if isinstance(event, Received) and isinstance(told := event.message, Estimate) and told.block == block:
+                    believed[event.source] = told
+            shown = driver.communicate(timeout=LIMIT)[0]
+            assert [process.wait(LIMIT) for process in processes] == [0] * len(processes)
+            for name, told in believed.items():
+                assert told.payload is not None
+                assert f"{name} at {told.time:.1f} s: {told.status}, mass {told.payload.mass:.3f} kg" in shown
+            return believed
+        finally:
+            for process in processes:
+                process.kill()
+                process.wait()
+
+
+def test_agents_believe_the_same_as_in_the_run_that_was_recorded(tmp_path: Path) -> None:
+    scenario = msgspec.structs.replace(load_scenario("ring3"), duration=DURATION, load_changes=())
+    data = recorded(tmp_path, DURATION)
+    expected = last_estimates(scenario)
+    block = expected["r1"].block
+    found = driven(make_plan(scenario), data, tmp_path, block)
+    assert sorted(found) == ["r1", "r2", "r3"]
+    for name, estimate in found.items():
+        assert encode(estimate, "key") == encode(expected[name], "key")
+
+
+def test_a_recording_of_other_robots_is_refused(tmp_path: Path) -> None:
+    scenario = msgspec.structs.replace(load_scenario("ring3"), duration=0.2)
+    data = recorded(tmp_path, 0.2)
+    sensors = msgspec.structs.replace(scenario.sensors, rate=1000)
+    plan = make_plan(msgspec.structs.replace(scenario, sensors=sensors))
+    files = [str(path) for path in plan.write(tmp_path / "team") if path.stem != "server"]
+    done = subprocess.run(
+        [sys.executable, str(DRIVER), str(data), *files], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert "found r1, r2, r3 at 500 samples a second, but the agents expect r1, r2, r3 at 1000" in done.stderr

@@ -1,0 +1,102 @@
+"""The command line as people and programs meet it: in a terminal of 80 columns, in a pipe, with a report."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+COHEFT = [sys.executable, "-m", "coheft"]
+SEQUENCE = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
+COLOUR = re.compile(r"\x1b\[[0-9;]*\b(3[0-7]|9[0-7])m")
+LIMIT = 110.0
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="terminals as on POSIX")
+
+
+def in_terminal(*arguments: str, **environment: str) -> tuple[int, str]:
+    """Exit status and all that a terminal of 80 columns and 24 lines gets."""
+    import fcntl
+    import pty
+    import termios
+
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    settings = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "NO_COLOR")}
+    process = subprocess.Popen(
+        [*COHEFT, *arguments],
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        env={**settings, "TERM": "xterm-256color", **environment},
+    )
+    os.close(theirs)
+    output = b""
+    try:
+        while part := os.read(ours, 65536):
+            output += part
+    except OSError:  # how Linux says that the other end has gone
+        pass
+    os.close(ours)
+    return process.wait(LIMIT), output.decode()
+
+
+def lines_of(text: str) -> list[str]:
+    return re.split(r"[\r\n]+", SEQUENCE.sub("", text))
+
+
+@pytest.mark.parametrize(
+    "arguments", [["help"], ["help", "run"], ["scenarios"], ["run", "ring5"], ["inject", "--mass", "3"]]
+)
+def test_what_is_said_fits_80_columns(arguments: list[str]) -> None:
+    _, text = in_terminal(*arguments)
+    assert text
+    assert max(map(len, lines_of(text))) <= 80
+
+
+def test_a_run_fits_80_columns_and_has_no_colours_if_so_asked() -> None:
+    status, text = in_terminal("run", "ring3", "--duration", "2", NO_COLOR="1")
+    assert status in (0, 3), text
+    assert not COLOUR.search(text)
+    lines = lines_of(text)
+    assert max(len(line) for line in lines if "Logs of all processes" not in line) <= 80
+    assert any("of 2 s" in line for line in lines)
+
+
+def test_a_run_for_programs_writes_json_alone_to_standard_output_and_a_page_beside(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("jinja2")
+    folder = tmp_path / "report"
+    done = subprocess.run(
+        [*COHEFT, "run", "ring3", "--duration", "5", "--json", "-", "--report", str(folder)],
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+        check=False,
+    )
+    assert done.returncode in (0, 3), done.stderr
+    report = json.loads(done.stdout)
+    assert report == json.loads((folder / "report.json").read_text())
+    assert "\x1b" not in done.stderr
+    assert f"Report: {folder / 'report.html'}" in done.stderr
+    page = (folder / "report.html").read_text()
+    for robot in report["robots"].values():
+        assert f"{robot['mass']['truth']:.3f}" in page
+        assert robot["mass"]["estimate"] is None or f"{robot['mass']['estimate']:.3f}" in page
+    assert page.count("data:image/png;base64,") == 2 * len(list(folder.glob("*.png")))
+
+
+def test_who_has_read_enough_may_close_the_pipe() -> None:
+    process = subprocess.Popen([*COHEFT, "scenarios"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    assert process.stderr.read() == b""
+    assert process.wait(LIMIT) == 1
+    process.stderr.close()

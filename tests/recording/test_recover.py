@@ -1,0 +1,124 @@
+"""Recordings that were cut: whatever is left of them can be read by the usual readers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.recording.reader import read_recording
+from coheft.app.recording.recover import recover
+from coheft.errors import RecordingError
+from tests.recording.runs import news_of_a_run, record, same
+from tests.synthetic_run import BLOCK
+
+BLOCKS = 6
+NEWS = news_of_a_run(BLOCKS)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("whole") / "run.mcap", NEWS)
+
+
+@pytest.fixture(scope="module")
+def cut(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As somebody leaves it who is killed just after all was flushed."""
+    return record(tmp_path_factory.mktemp("cut") / "run.mcap", NEWS, finish=False)
+
+
+@pytest.fixture(scope="module")
+def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("scratch")
+
+
+def test_all_that_was_flushed_is_saved(cut: Path, tmp_path: Path) -> None:
+    before = cut.read_bytes()
+    saved = recover(cut, tmp_path / "saved.mcap")
+    assert saved is not None
+    assert saved.until == pytest.approx(BLOCKS * BLOCK)
+    assert cut.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [tmp_path / "saved.mcap"]
+    recording = read_recording(tmp_path / "saved.mcap")
+    assert all(same(one, other) for (_, one), other in zip(recording.news, NEWS, strict=True))
+    assert set(recording.versions) > {"coheft", "mujoco"}
+    with AnyReader([tmp_path / "saved.mcap"]) as reader:
+        assert reader.message_count == saved.messages == len(list(reader.messages()))
+    with (tmp_path / "saved.mcap").open("rb") as file:
+        assert len(list(make_reader(file).iter_messages())) == saved.messages
+
+
+@given(data=st.data())
+def test_a_file_that_is_cut_or_damaged_anywhere_is_read_up_to_there(
+    cut: Path, scratch: Path, data: st.DataObject
+) -> None:
+    content = bytearray(cut.read_bytes())
+    place = data.draw(st.integers(0, len(content) - 1))
+    if data.draw(st.booleans()):
+        del content[place:]
+    else:
+        content[place] ^= data.draw(st.integers(1, 255))
+    damaged, output = scratch / "damaged.mcap", scratch / "saved.mcap"
+    damaged.write_bytes(content)
+    try:
+        saved = recover(damaged, output, overwrite=True)
+    except RecordingError:
+        return
+    assert saved is not None
+    with output.open("rb") as file:
+        assert len(list(make_reader(file).iter_messages())) == saved.messages
+    try:
+        news = read_recording(output).news
+    except RecordingError:
+        return
+    assert len(news) <= len(NEWS)
+
+
+@settings(max_examples=20)
+@given(tail=st.binary(max_size=200))
+def test_rubbish_at_the_end_spoils_nothing(cut: Path, scratch: Path, tail: bytes) -> None:
+    damaged, output = scratch / "damaged.mcap", scratch / "saved.mcap"
+    damaged.write_bytes(cut.read_bytes() + tail)
+    recover(damaged, output, overwrite=True)
+    assert len(read_recording(output).news) == len(NEWS)
+
+
+def test_an_unfinished_recording_is_refused_with_a_hint(cut: Path) -> None:
+    with pytest.raises(RecordingError, match=f"no end.*coheft recover {cut}"):
+        read_recording(cut)
+
+
+@pytest.mark.parametrize(("content", "complaint"), [(b"", "empty"), (b"{}" * 50, "no MCAP file"), (None, "No such")])
+def test_what_is_no_recording_is_refused(content: bytes | None, complaint: str, tmp_path: Path) -> None:
+    path = tmp_path / "odd.mcap"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(RecordingError, match=complaint):
+        read_recording(path)
+    with pytest.raises(RecordingError, match=complaint):
+        recover(path, tmp_path / "saved.mcap")
+    assert not (tmp_path / "saved.mcap").exists()
+
+
+def test_the_command(cut: Path, whole: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(cut.read_bytes())
+    assert run_command_line(["recover", str(path)]) == EXIT_CONVERGED
+    assert "up to 0.12 s of the run" in capfd.readouterr().out
+    assert len(read_recording(tmp_path / "run-recovered.mcap").news) == len(NEWS)
+
+    assert run_command_line(["recover", str(path)]) == EXIT_ERROR
+    assert "--overwrite" in capfd.readouterr().err
+    assert run_command_line(["recover", str(path), "--output", str(path)]) == EXIT_ERROR
+    assert path.read_bytes() == cut.read_bytes()
+    assert run_command_line(["recover", str(path), "--output", str(path), "--overwrite"]) == EXIT_CONVERGED
+    assert len(read_recording(path).news) == len(NEWS)
+
+    assert run_command_line(["recover", str(whole)]) == EXIT_CONVERGED
+    assert "nothing to do" in capfd.readouterr().out
+    assert run_command_line(["recover", str(path), "--output", str(tmp_path / "no" / "x.mcap")]) == EXIT_USAGE

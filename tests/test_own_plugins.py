@@ -1,0 +1,148 @@
+"""Estimators and motions of somebody's own: what cannot be used is explained."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from agents.agent import Agent
+from coheft.errors import PluginError, ScenarioError
+from coheft.wire.config import agent_config
+from coheft.wire.plugins import available
+from coheft.wire.scenario import Motion, Scenario
+from coheft.wire.scenario_file import load_scenario, parse_scenario
+from tests.own_packages import write_package
+
+ESTIMATOR = """
+from agents.estimator import Belief
+class Mine:
+    def __init__(self, config, gossip):
+        self.gain = config.estimator_settings["gain"]
+    def step(self, index, own, inbox):
+        return {}
+    def fits(self, channels):
+        return True
+    def belief(self):
+        return Belief("poses", False, None, {})
+    def doubts(self):
+        return ()
+"""
+MOTION = """
+import numpy as np
+class Mine:
+    def __init__(self, config):
+        self.config = config
+    def reference(self, block):
+        return np.full((self.config.block, 12), 0.5)
+"""
+TEXT = """
+name = "own"
+payload.boxes = [{{ mass = 1, size = [1, 1, 1] }}]
+robots.perimeter = {{ count = 2, extent = [1, 1] }}
+graph.kind = "line"
+{}
+"""
+
+
+def agent(scenario: Scenario) -> Agent:
+    return Agent(agent_config(scenario, "r1", ("r2",)))
+
+
+def with_estimator(settings: dict[str, object] | None = None) -> Scenario:
+    own = {"mine": {"gain": 1.0} if settings is None else settings}
+    return msgspec.structs.replace(load_scenario("ring3"), estimator="mine", settings=own)
+
+
+def test_own_ones_are_listed_and_made_with_their_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_package(tmp_path, "good", ESTIMATOR, estimators="mine = good:Mine")
+    write_package(tmp_path, "nice", MOTION, motions="still = nice:Mine")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert available("estimator")[:2] == ["efficient", "seed"]
+    assert "mine" in available("estimator")
+    assert "still" in available("motion")
+    text = 'estimator = "mine"\nmotion.own = "still"\nsettings.mine.gain = 3.0'
+    made = agent(parse_scenario(TEXT.format(text), "own.toml"))
+    assert made._estimator.gain == 3.0  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(made.step(0, None, []).reference.motion, np.full((10, 12), 0.5))
+
+
+@pytest.mark.parametrize(
+    ("code", "entry", "expected"),
+    [
+        ("import no_such_module", "bad:Mine", r"'mine', bad:Mine of bad, cannot be imported: ModuleNotFoundError: .*"),
+        ("1 / 0", "bad:Mine", r"cannot be imported: ZeroDivisionError: division by zero \(.*bad.py, line 1\)"),
+        ("", "bad:Mine", r"cannot be imported: AttributeError: .*Mine"),
+        (
+            "Mine = 3",
+            "bad:Mine",
+            r"cannot be made from AgentConfig, Gossip, or not with .* \[settings.mine\]: TypeError",
+        ),
+        (ESTIMATOR.replace("gossip)", "gossip, more)"), "bad:Mine", r"TypeError: .*missing 1 required .* 'more'"),
+        (
+            ESTIMATOR.replace('"gain"', '"size"'),
+            "bad:Mine",
+            r"\[settings.mine\]: KeyError: 'size' \(.*bad.py, line 5\)",
+        ),
+        (ESTIMATOR.replace("doubts", "questions"), "bad:Mine", r"a Mine, has no method doubts\(\); see docs/own.md"),
+        (
+            ESTIMATOR.replace("own, inbox", "own"),
+            "bad:Mine",
+            r"its method step\(index, own\) cannot be called as step\(index, own, inbox\)",
+        ),
+    ],
+)
+def test_estimators_that_do_not_fit(
+    code: str, entry: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_package(tmp_path, "bad", code, estimators=f"mine = {entry}")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(__import__("sys").modules, "bad", raising=False)
+    with pytest.raises(PluginError, match=expected):
+        agent(with_estimator())
+
+
+@pytest.mark.parametrize(
+    ("code", "expected"),
+    [
+        (MOTION.replace("12)", "6)"), r"its reference has the shape \(10, 6\), expected \(10, 12\)"),
+        (MOTION.replace("np.full", "np.fill"), "knows no reference for block 0: AttributeError"),
+        (MOTION.replace("reference", "refer"), r"has no method reference\(block\)"),
+    ],
+)
+def test_motions_that_do_not_fit(code: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_package(tmp_path, "bad", code, motions="mine = bad:Mine")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(__import__("sys").modules, "bad", raising=False)
+    with pytest.raises(PluginError, match=expected):
+        agent(msgspec.structs.replace(load_scenario("ring3"), motion=Motion(own="mine")))
+
+
+def test_a_name_that_two_packages_offer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for package in ("one", "two"):
+        write_package(tmp_path, package, ESTIMATOR, estimators=f"mine = {package}:Mine")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(PluginError, match=r"several packages offer the estimator 'mine': .*two \(two:Mine\).* but one"):
+        agent(with_estimator())
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ('estimator = "mine"', "key 'estimator': found 'mine', expected one of: efficient, seed"),
+        ('motion.own = "mine"', "key 'motion.own': found 'mine', expected one of: "),
+        (
+            "settings.mine.a = 1",
+            "key 'settings.mine': there is no such estimator or motion; there are: efficient, seed",
+        ),
+        ("settings.seed.a = [1, 2024-01-01]", "key 'settings.seed.a[1]': expected a number of 64 bits, text"),
+        ("settings.seed.a = inf", "key 'settings.seed.a': expected a finite number"),
+        ('motion = { own = "x", via_points = {} }', "found both 'via_points' and 'own'"),
+    ],
+)
+def test_scenarios_that_ask_for_what_is_not_there(keys: str, expected: str) -> None:
+    with pytest.raises(ScenarioError) as error:
+        parse_scenario(TEXT.format(keys), "own.toml")
+    assert expected in str(error.value)

@@ -1,0 +1,240 @@
+"""The page about a run, made from a run of two robots in this process, with a change of the load."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from coheft.app.inprocess import run_in_process
+from coheft.app.record import Record
+from coheft.app.report import Report, RunInfo, build_report
+from coheft.app.run_report import data
+from coheft.app.run_report.convergence import ALL_SHOWN, curves
+from coheft.app.run_report.folder import prepare_folder, write_folder
+from coheft.app.run_report.page import SECTIONS
+from coheft.app.run_report.pictures import pictures_of
+from coheft.app.run_report.series import Series, SeriesFollower
+from coheft.app.run_report.states import Spans
+from coheft.app.run_report.thinned import Thinned
+from coheft.errors import CoheftError
+from coheft.wire.messages import Problem, Status
+from coheft.wire.scenario import Scenario
+from coheft.wire.scenario_file import parse_scenario
+from consensus.graph import build_graph
+from physics_server.simulation import Simulation
+from tests.synthetic_run import HEAVY, estimate
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("jinja2")
+
+SCENARIO = """
+name = "two"
+duration = 9.0
+payload.boxes = [{ mass = 6.0, size = [0.8, 0.3, 0.1], position = [0.1, 0.0, 0.02] }]
+robots.grasps = [{ position = [-0.4, 0.0, 0.0] }, { position = [0.4, 0.0, 0.0], rotation_deg = [0, 0, 180] }]
+graph.kind = "line"
+
+[[load_changes]]
+at = 6.0
+mass = 1.0
+position = [0.1, 0.0, 0.1]
+"""
+TABLES = {"estimates", "poses", "states", "load-changes", "pace"}
+
+
+class Page(HTMLParser):
+    """What a browser would make of the page."""
+
+    VOID = ("meta", "img", "source", "br", "link", "input")
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.images: list[str] = []
+        self.words = ""
+        self.cells: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in self.VOID:
+            self.open.append(tag)
+        if tag in ("td", "th"):
+            self.cells.append("")
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value or "")
+            elif name == "href":
+                self.links.append(value or "")
+            elif name in ("src", "srcset"):
+                self.images.append(value or "")
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, text: str) -> None:
+        self.words += text
+        if self.open and self.open[-1] in ("td", "th"):
+            self.cells[-1] += text
+
+
+class Made:
+    """A run and what was written about it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.scenario: Scenario = parse_scenario(SCENARIO, "two")
+        graph = build_graph(self.scenario.graph, self.scenario.robot_names)
+        scene = Simulation(self.scenario, graph).scene
+        status = Status(
+            scenario="two", state="running", block=0, time=0.0, duration=9.0, real_time_factor=1.0, late_blocks=0,
+            loads=[], slots_free=4, waiting_for=[], scene=scene,
+        )  # fmt: skip
+        follower, record = SeriesFollower(), Record(scene, self.scenario.duration)
+        follower.begin(status)
+        for block in run_in_process(self.scenario):
+            for news in (*block.estimates.values(), block.truth):  # the truth last: estimates have to wait for it
+                follower.hear(news)
+                record.hear(news)
+        follower.hear(Problem(source="r1", text="refused <b>nonsense</b>"))
+        follower.end(status)
+        info = RunInfo("two", 1, "efficient", self.scenario.block_duration, 2.5)
+        self.series: Series = follower.series
+        self.report: Report = build_report(info, record)
+        prepare_folder(folder)
+        self.text = write_folder(folder, self.scenario, "lockstep", self.series, self.report).read_text()
+        self.page = Page(self.text)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    return Made(tmp_path_factory.mktemp("made") / "new" / "report")
+
+
+def test_the_page_is_whole_and_every_link_of_the_contents_leads_somewhere(made: Made) -> None:
+    assert made.page.open == []
+    assert len(set(made.page.ids)) == len(made.page.ids)
+    assert made.page.links == [f"#{name}" for name in SECTIONS]
+    assert {link[1:] for link in made.page.links} <= set(made.page.ids)
+
+
+def test_the_page_needs_nothing_but_itself(made: Made) -> None:
+    assert all(image.startswith("data:image/png;base64,") for image in made.page.images)
+    without_images = re.sub(r"data:image/png;base64,[A-Za-z0-9+/=]*", "", made.text)
+    assert not re.search(r"https?:|//|@import|url\(|<script|<link", without_images)
+
+
+def test_every_picture_is_in_the_page_and_beside_it(made: Made) -> None:
+    pictures = pictures_of(made.series, made.report)
+    names = [picture.name for picture in pictures]
+    assert {"mass", "centre-of-mass", "inertia", "pose-rotation", "pose-translation"} <= set(names)
+    assert {"load-changes", "consensus", "observability", "pace"} <= set(names)
+    assert {path.stem for path in made.folder.glob("*.png")} == set(names)
+    assert {f"figure-{name}" for name in names} <= set(made.page.ids)
+    embedded = [base64.b64decode(image.partition(",")[2]) for image in made.page.images]
+    assert len(embedded) == 2 * len(names), "on light and on dark paper"
+    assert all((made.folder / f"{name}.png").read_bytes() in embedded for name in names)
+    assert all(picture.text in made.page.words for picture in pictures)
+
+
+def test_the_numbers_are_those_of_the_report_for_programs(made: Made) -> None:
+    report = json.loads((made.folder / "report.json").read_text())
+    assert report == json.loads(msgspec.json.encode(made.report))
+    for name, robot in report["robots"].items():
+        at = made.page.cells.index(name)
+        assert made.page.cells[at + 2 : at + 5] == [
+            f"{robot['mass']['truth']:.3f}", f"{robot['mass']['estimate']:.3f}", f"{robot['mass']['error_pct']:.2f} %",
+        ]  # fmt: skip
+    (change,) = report["load_changes"]
+    assert f"{change['truth']['mass']:.3f}" in made.page.cells
+    assert f"{change['detected_at_s'] - change['at_s']:.2f}" in made.page.cells
+
+
+def test_the_curves_end_where_the_report_does(made: Made) -> None:
+    mass, com, inertia, rotation, translation = ALL_SHOWN
+    for name, robot in made.report.robots.items():
+
+        def end(shown: object, name: str = name) -> tuple[float, float]:
+            (curve,) = curves(made.series, name, shown)  # type: ignore[arg-type]
+            return float(curve.error[-1]), float(curve.std[-1])
+
+        assert robot.mass.estimate is not None
+        assert robot.com.std is not None
+        assert end(mass) == pytest.approx((1e3 * abs(robot.mass.estimate - robot.mass.truth), 1e3 * robot.mass.std))
+        assert end(com) == pytest.approx((robot.com.error_mm, 1e3 * np.linalg.norm(robot.com.std)))
+        assert end(inertia)[1] == pytest.approx(np.linalg.norm(robot.inertia.std))
+        (pose,) = robot.poses.values()
+        assert end(rotation)[0] == pytest.approx(pose.rotation_error_deg)
+        assert end(translation)[0] == pytest.approx(pose.translation_error_mm)
+
+
+def test_the_change_is_shown_close_up_and_the_page_tells_who_was_stale(made: Made) -> None:
+    (close_up,) = made.series.close_ups
+    assert close_up.at == pytest.approx(6.0)
+    assert {round(mass, 6) for _, mass in close_up.masses} == {6.0, 7.0}
+    for points in close_up.points.values():
+        assert points[0].time < 6.0 < points[-1].time
+    levels = [span.level for span in made.series.robots["r1"].states.spans]
+    assert levels[0] == "searching"
+    assert "stale" in levels
+    assert levels[-1] in ("all", "converged")
+    assert "looking" not in made.page.words
+    assert "the load changed" in made.page.words.lower()
+
+
+def test_what_others_say_stays_text(made: Made) -> None:
+    assert "refused <b>nonsense</b>" in made.page.words
+
+
+def test_the_data_is_there_as_parquet(made: Made) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    assert {path.stem for path in made.folder.glob("*.parquet")} == TABLES
+    last = parquet.read_table(made.folder / "estimates.parquet").to_pylist()[-1]
+    robot = made.report.robots[last["robot"]]
+    assert (last["mass_kg"], last["std_mass_kg"]) == pytest.approx((robot.mass.estimate, robot.mass.std))
+    assert last["true_com_x_m"] == pytest.approx(robot.com.truth[0])
+
+
+def test_without_pyarrow_the_data_is_csv(made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(data, "find_spec", lambda name: None)
+    files = data.write_data(made.series, tmp_path)
+    assert {file.name for file in files} == {f"{name}.csv" for name in TABLES}
+    with (tmp_path / "estimates.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert rows[0]["mass_kg"] == "", "nothing was known yet"
+    assert float(rows[-1]["mass_kg"]) == pytest.approx(made.report.robots["r2"].mass.estimate)
+
+
+def test_a_long_series_is_thinned_evenly_and_keeps_its_end() -> None:
+    thinned: Thinned[int] = Thinned(100)
+    for number in range(12345):
+        thinned.add(number)
+    kept = list(thinned)
+    assert len(kept) <= 101
+    assert kept[0] == 0
+    assert kept[-1] == 12344
+    assert set(np.diff(kept[:-1])) == {thinned.every}
+
+
+def test_a_robot_that_changes_its_mind_all_the_time_does_not_fill_the_memory() -> None:
+    spans = Spans()
+    for block in range(3000):
+        spans.add(estimate("r1", block, HEAVY if block % 2 else None, converged=block > 2000))
+    assert len(spans.spans) <= 401
+    assert all(one.end == pytest.approx(other.start) for one, other in zip(spans.spans, spans.spans[1:], strict=False))
+    assert spans.spans[-1].end == pytest.approx(60.0)
+
+
+def test_a_folder_that_cannot_be_made_is_explained(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CoheftError, match=r"cannot make the folder of the report.*--report DIR"):
+        prepare_folder(tmp_path / "file")
