@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agents.carrier import Carrier
 from agents.efficient import EfficientEstimator
 from agents.estimator import Estimator, EstimatorFactory
 from agents.inbox import NeighbourInbox
@@ -20,6 +21,7 @@ from agents.seed import SeedEstimator
 from agents.sensor_check import SensorCheck
 from agents.status import StatusKeeper
 from coheft.estimation.measurement import MeasurementBlock
+from coheft.estimation.spatial import Array
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import Estimate, NeighbourMessage, Reference
 from consensus.gossip import Gossip
@@ -74,6 +76,7 @@ class Agent:
         self._gossip = Gossip(config.name, config.neighbours, incarnation)
         self._estimator = make_estimator(config, self._gossip)
         self._motion = make_motion(config)
+        self._carrier = None if config.carry is None else Carrier(config, config.carry, self._motion)
         self._inbox = NeighbourInbox(config.neighbours)
         self._sensors = SensorCheck(config.noise)
         self._status = StatusKeeper(config)
@@ -96,6 +99,8 @@ class Agent:
             block = None
         channels = self._estimator.step(index, block, {name: message.channels for name, message in heard.items()})
         self._status.problems += len(problems)
+        estimate = self._estimate(index)
+        motion, wrench = self._reference(index, block)
         return Outbox(
             message=NeighbourMessage(
                 sender=self.config.name,
@@ -108,12 +113,18 @@ class Agent:
                 robot=self.config.name,
                 block=index + self.config.lag,
                 answers=index,
-                motion=self._motion.reference(index + self.config.lag),
-                wrench=np.zeros(6),
+                motion=motion,
+                wrench=wrench,
             ),
-            estimate=self._estimate(index),
+            estimate=estimate,
             problems=tuple(problems),
         )
+
+    def _reference(self, index: int, block: MeasurementBlock | None) -> tuple[Array, Array]:
+        """What the arm shall do ``lag`` blocks later: ``motion`` and ``wrench`` of a ``Reference``."""
+        if self._carrier is None:
+            return self._motion.reference(index + self.config.lag), np.zeros(6)
+        return self._carrier.step(index, None if block is None else block.samples)
 
     def _estimate(self, index: int) -> Estimate | None:
         """A report, if one is due."""
@@ -122,7 +133,10 @@ class Agent:
             return None
         belief = self._estimator.belief()
         graph = self._gossip.graph
-        return self._status.report(index, belief, doubts, 0 if graph is None else len(graph))
+        estimate = self._status.report(index, belief, doubts, 0 if graph is None else len(graph))
+        if self._carrier is not None:
+            self._carrier.learn(index, estimate, belief.grasps)
+        return estimate
 
     def _doubts(self, index: int) -> Iterator[str]:
         if self._sensors.fault is not None:

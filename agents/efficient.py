@@ -185,6 +185,7 @@ class EfficientEstimator:
             not_observable=_unseen(found.poses) + found.unseen,
             load_changes=self._load_changes.notices,
             learned_block=found.learned_block,
+            grasps=self._team.poses,
         )
 
     def doubts(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from coheft.estimation.measurement import MeasurementBlock
-from coheft.estimation.spatial import Array
+from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
@@ -30,6 +30,8 @@ class Belief:
 
     Attributes:
         learned_block: The newest block that is in it, -1 if there is none.
+        grasps: Pose of every member's ``F_j`` in the frame that the team shares; none while it is not known well, or
+            where the method has no such frame.
     """
 
     phase: Literal["poses", "inertia"]
@@ -41,6 +43,7 @@ class Belief:
     not_observable: tuple[str, ...] = ()
     load_changes: tuple[LoadChangeNotice, ...] = ()
     learned_block: int = -1
+    grasps: Mapping[str, Pose] = field(default_factory=dict)
 
 
 class Estimator(Protocol):

@@ -182,6 +182,11 @@ class Team:
         """Whether what a neighbour sent has the shapes of this team."""
         return self._floods.fit(channels) and self._sums.fit(channels) and self._early_sums.fit(channels)
 
+    @property
+    def poses(self) -> dict[str, Pose]:
+        """Of all members, in the body frame."""
+        return dict(zip(self._names, self._poses, strict=True))
+
     def poses_to_keep(self) -> dict[str, Pose] | None:
         """Of all members, in the body frame, for the next team; None if they cannot be relied upon.
 

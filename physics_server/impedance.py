@@ -42,14 +42,17 @@ class Arms:
     A robot that sends no reference for a block holds its last displacement at rest and pushes with no feed-forward.
 
     Attributes:
-        controls_per_robot: Number of actuators of one robot.
+        controls_per_robot: Numbers that tell one robot what to do at a step.
+        read_size: Numbers that say what all arms exert, see ``read``.
     """
 
     controls_per_robot: int = 12
+    read_size: int
 
     def __init__(self, scenario: Scenario, robots: Sequence[str], model: mujoco.MjModel) -> None:
         self._robots = tuple(robots)
         self._model = model
+        self.read_size = model.nu
         self._gains = model.actuator_gainprm.copy(), model.actuator_biasprm.copy()
         count, samples = len(self._robots), scenario.sensors.block
         self._steps_per_sample = PHYSICS_RATE // scenario.sensors.rate
@@ -65,7 +68,7 @@ class Arms:
         self._controls = np.zeros((samples, self._steps_per_sample, count, 2, 6))
 
     def controls(self, references: Mapping[str, Reference]) -> Array:
-        """Controls of all actuators at every physics step of a block.
+        """What to ``drive`` the arms with at every physics step of a block.
 
         Args:
             references: By robot, see ``Reference``.
@@ -93,6 +96,19 @@ class Arms:
         self._controls[..., _SPRING, :] = spring
         return self._controls.reshape(-1, self.controls_per_robot * len(self._robots))
 
+    def settle(self, data: mujoco.MjData, steps: int) -> None:
+        """Let the robots take up the weight."""
+        mujoco.mj_step(self._model, data, nstep=steps)
+
+    def drive(self, data: mujoco.MjData, control: Array) -> None:
+        """Set the actuators for the next step; ``control`` is a row of ``controls``."""
+        data.ctrl[:] = control
+
+    def read(self, data: mujoco.MjData) -> Array:
+        """What the arms exert at the state before the last step, for ``wrenches``: actuator forces, (12 N,)."""
+        forces: Array = data.actuator_force
+        return forces
+
     def set_holding(self, robot: str, holding: bool) -> None:
         """Let an arm act on the payload, or not: without gains its actuators exert nothing."""
         first = self.controls_per_robot * self._robots.index(robot)
@@ -101,11 +117,11 @@ class Arms:
         self._model.actuator_gainprm[actuators] = gains[actuators] if holding else 0.0
         self._model.actuator_biasprm[actuators] = biases[actuators] if holding else 0.0
 
-    def wrenches(self, forces: Array, rotations: Array, home_rotations: Array) -> Array:
+    def wrenches(self, read: Array, rotations: Array, home_rotations: Array) -> Array:
         """Wrenches on the payload that the actuators' forces are.
 
         Args:
-            forces: Actuator forces at B samples, shape (B, 12 N) [N, N·m].
+            read: As read at B samples, shape (B, 12 N) [N, N·m].
             rotations: Of the grasp frames in the world, shape (B, N, 3, 3).
             home_rotations: Of the home frames in the world, shape (N, 3, 3).
 
@@ -113,7 +129,7 @@ class Arms:
             Shape (B, N, 6): ``(f, t)`` of each robot in its own ``F_i``.
         """
         samples, count = rotations.shape[:2]
-        parts = forces.reshape(samples, count, 2, 2, 3)
+        parts = read.reshape(samples, count, 2, 2, 3)
         home_in_grasp = rotations.swapaxes(-1, -2) @ home_rotations
         wrenches = parts[:, :, _SPRING] @ home_in_grasp.swapaxes(-1, -2) + parts[:, :, _MOTOR]
         return wrenches.reshape(samples, count, 6)

@@ -9,6 +9,7 @@ import numpy as np
 
 from coheft.estimation.spatial import Array, Pose, quaternion_from_rotation, rotation_exp, rotation_from_quaternion
 from coheft.wire.scenario import PHYSICS_RATE, Payload, Perimeter, Scenario
+from physics_server.arm_model import add_seven_joint_arm, add_wrist_sensors, hand_name
 from physics_server.impedance import add_arm
 from physics_server.loads import add_slots
 from physics_server.sensors import add_sensors
@@ -33,21 +34,31 @@ def place_grasps(scenario: Scenario) -> tuple[Pose, ...]:
 
 
 def build_model(scenario: Scenario, grasps: Sequence[Pose]) -> mujoco.MjModel:
-    """Compile the scene. Nothing in it collides, and nothing is constrained: the robots act through forces alone."""
+    """Compile the scene. Nothing in it collides, and nothing but welds is constrained."""
     spec = mujoco.MjSpec()
     spec.modelname = scenario.name
     spec.option.timestep = 1.0 / PHYSICS_RATE
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     disable = mujoco.mjtDisableBit
     # Without the automatic reset a payload that runs away is seen, instead of starting anew in silence.
-    spec.option.disableflags = disable.mjDSBL_CONSTRAINT | disable.mjDSBL_CONTACT | disable.mjDSBL_AUTORESET
+    spec.option.disableflags = disable.mjDSBL_CONTACT | disable.mjDSBL_AUTORESET
+    has_joints = scenario.robots.arms == "seven-joint"
+    if not has_joints:
+        spec.option.disableflags |= disable.mjDSBL_CONSTRAINT
     payload = _add_payload(spec, scenario.payload)
     add_slots(payload, scenario.payload.load_slots)
     for robot, grasp in zip(scenario.robot_names, grasps, strict=True):
         _add_site(payload, robot, grasp)
         _add_site(spec.worldbody, home_name(robot), PAYLOAD_HOME @ grasp)
-        add_arm(spec, robot, home_name(robot), scenario.robots.stiffness, scenario.robots.damping)
-        add_sensors(spec, robot)
+        if has_joints:
+            add_seven_joint_arm(spec, robot, PAYLOAD_HOME @ grasp)
+            add_sensors(spec, hand_name(robot))
+        else:
+            add_arm(spec, robot, home_name(robot), scenario.robots.stiffness, scenario.robots.damping)
+            add_sensors(spec, robot)
+    if has_joints:
+        for robot in scenario.robot_names:
+            add_wrist_sensors(spec, robot)
     return spec.compile()
 
 

@@ -20,9 +20,12 @@ from physics_server.load_schedule import LoadSchedule
 from physics_server.loads import Loads
 from physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name, place_grasps
 from physics_server.sensors import READINGS, Sensors
+from physics_server.torque_arms import TorqueArms
 
 SETTLING_TIME = 2.0
 """Time that the payload has to sag into the robots' springs before a run [s]."""
+_FREE_JOINT = 7
+"""Numbers of a free body's position; the payload's come first."""
 MAX_DISTANCE = 5.0
 """Farther than this [m] from its home the payload has run away."""
 MAX_ANGLE = 2.5
@@ -53,7 +56,7 @@ class _Readings:
     Attributes:
         positions: Generalised position of the payload, shape (B, 7): position, quaternion.
         kinematics: ``(w, v, a)`` of each grasp frame, shape (B, N, 9).
-        forces: Of all actuators, shape (B, 12 N).
+        forces: What the arms exert, see ``Arms.read``, shape (B, read_size).
         rotations: Of the grasp frames in the world, shape (B, N, 3, 3).
     """
 
@@ -103,13 +106,14 @@ class Simulation:
         self.block = 0
         self.model = build_model(scenario, grasps)
         self.data = mujoco.MjData(self.model)
+        arms = TorqueArms if scenario.robots.arms == "seven-joint" else Arms
+        self._arms = arms(scenario, names, self.model)
         self._settle()
         self._sites = np.array([self.model.site(name).id for name in names])
         homes = [self.model.site(home_name(name)).id for name in names]
         self._home_rotations = self.data.site_xmat[homes].reshape(-1, 3, 3)
         self._home_positions = self.data.site_xpos[homes].copy()
         self._adjoints = np.array([grasp.adjoint() for grasp in grasps])
-        self._arms = Arms(scenario, names, self.model)
         self._is_holding = np.ones(len(names), dtype=np.bool_)
         # What the sensors of an arm read that waits at its home, (w, v, a) of each robot.
         self._at_rest = np.zeros((len(names), READINGS))
@@ -125,7 +129,7 @@ class Simulation:
 
     def _settle(self) -> None:
         """Let the robots take up the weight, then stop: the run starts at rest, with no drop that excites anything."""
-        mujoco.mj_step(self.model, self.data, nstep=int(SETTLING_TIME * PHYSICS_RATE))
+        self._arms.settle(self.data, int(SETTLING_TIME * PHYSICS_RATE))
         self.data.qvel[:] = 0.0
         self.data.time = 0.0
 
@@ -245,22 +249,22 @@ class Simulation:
         """Step the engine through one block, controls of shape (steps, 12 N)."""
         model, data = self.model, self.data
         count, samples = len(self._names), self._scenario.sensors.block
-        positions = np.empty((samples, model.nq))
-        kinematics = np.empty((samples, model.nsensordata))
-        forces = np.empty((samples, model.nu))
+        positions = np.empty((samples, _FREE_JOINT))
+        kinematics = np.empty((samples, count * READINGS))
+        forces = np.empty((samples, self._arms.read_size))
         rotations = np.empty((samples, count, 9))
         steps_per_sample = len(controls) // samples
         for step, control in enumerate(controls):
             sample, is_between = divmod(step, steps_per_sample)
-            data.ctrl[:] = control
+            self._arms.drive(data, control)
             if is_between:
                 mujoco.mj_step(model, data)
                 continue
-            positions[sample] = data.qpos
+            positions[sample] = data.qpos[:_FREE_JOINT]
             mujoco.mj_step(model, data)
             # All that the engine derives belongs to the state before the step.
-            kinematics[sample] = data.sensordata
-            forces[sample] = data.actuator_force
+            kinematics[sample] = data.sensordata[: count * READINGS]
+            forces[sample] = self._arms.read(data)
             data.site_xmat.take(self._sites, axis=0, out=rotations[sample])
         return _Readings(
             positions,

@@ -93,6 +93,7 @@ def run(
     keys: Path | None = None,
     hosts: Path | None = None,
     write_configs: Path | None = None,
+    feedforward: bool | None = None,
 ) -> int:
     """Start the physics server and one process per robot, and watch them find out what they hold.
 
@@ -140,9 +141,12 @@ def run(
         File that tells where each part runs, see docs/deployment.md; with --write-configs.
     write_configs:
         Do not run: write the processes' configurations into this folder, to start them by hand.
+    feedforward:
+        Where robots carry the load along a common path: whether they push with what they know of it.
     """
     from contextlib import ExitStack
 
+    from msgspec import structs
     from rich.console import Console
 
     from coheft.app.final_table import print_report
@@ -167,6 +171,7 @@ def run(
         seed=seed,
         estimator=estimator,
         sensor_rate=sensor_rate,
+        feedforward=feedforward,
     )
     if record is not None:
         if write_configs is not None:
@@ -194,11 +199,20 @@ def run(
     console = Console(stderr=json == "-")
     display = make_display(console, quiet=quiet)
     over_time = SeriesFollower() if report is not None else None
+    carried = None
+    if chosen.carry is not None:
+        from coheft.app.carry_record import CarryRecord
+
+        carried = CarryRecord(chosen)
     with ExitStack() as stack:
         followers: list[Follower] = [] if over_time is None else [over_time]
         if record is not None:
             followers.append(stack.enter_context(Recorder(record, chosen)))
+        if carried is not None:
+            followers.append(carried)
         found = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
+        if carried is not None:
+            found = structs.replace(found, carry=carried.report())
         if json is not None:
             write_report(found, json)
         if not quiet:

@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from coheft.app.carry_table import print_carry
 from coheft.app.judge import RobotReport, why_stale
 from coheft.app.report import LoadChangeReport, Report
 
@@ -25,6 +26,8 @@ def print_report(console: Console, report: Report, folder: Path) -> None:
     console.print(_final_table(report))
     for line in (*LEGEND, *([RECOVERED] if report.load_changes else [])):
         console.print(line, style="dim", highlight=False)
+    if report.carry is not None:
+        print_carry(console, report.carry)
     console.print()
     for sentence in sentences(report):
         console.print(sentence, markup=False, highlight=False)

@@ -24,6 +24,7 @@ def override(
     seed: int | None = None,
     estimator: str | None = None,
     sensor_rate: int | None = None,
+    feedforward: bool | None = None,
 ) -> Scenario:
     """The scenario with what was given instead of its own; ``changes`` replace all load changes.
 
@@ -35,6 +36,13 @@ def override(
     table.update({key: value for key, value in given.items() if value is not None})
     if sensor_rate is not None:
         table["sensors"]["rate"] = sensor_rate
+    if feedforward is not None:
+        if scenario.carry is None:
+            raise ScenarioError(
+                f"{_ORIGIN}: --feedforward and --no-feedforward are for scenarios with a common path, section 'carry'; "
+                f"found none in '{scenario.name}': try 'coheft run carry6'"
+            )
+        table["carry"]["feedforward"] = feedforward
     if changes:
         table["load_changes"] = [msgspec.to_builtins(_parse_change(text)) for text in changes]
     try:

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -53,6 +54,62 @@ class ConsensusReport(msgspec.Struct, frozen=True):
     torque_rel_error: float | None
 
 
+class CarryPhaseReport(msgspec.Struct, frozen=True):
+    """How the load was carried for a while, root mean squares.
+
+    Attributes:
+        what: ``alone``: each robot moved for itself; ``springs``: along the common path, without feed-forward;
+            ``feedforward``: with it.
+        from_s: Since when [s].
+        to_s: Until when [s].
+        position_rms_mm: How far the payload's frame was off the path [mm]; None where there was none.
+        rotation_rms_deg: And how far it was turned from it [degrees].
+        internal_force_rms_n: What a robot pushed against the others: measured forces that move nothing [N].
+        internal_torque_rms_nm: And torques [N·m].
+    """
+
+    what: Literal["alone", "springs", "feedforward"]
+    from_s: float
+    to_s: float
+    position_rms_mm: float | None
+    rotation_rms_deg: float | None
+    internal_force_rms_n: float
+    internal_torque_rms_nm: float
+
+
+class LoadDropReport(msgspec.Struct, frozen=True):
+    """What a load change did to the way.
+
+    Attributes:
+        at_s: When it happened [s].
+        mass: Of the payload since then [kg].
+        largest_mm: Largest distance off the path since then [mm].
+        back_after_s: How long after the change the distance was more than a fifth of what it was, root mean square,
+            without feed-forward [s]; None if there is no feed-forward, or it still was at the end.
+    """
+
+    at_s: float
+    mass: float
+    largest_mm: float
+    back_after_s: float | None
+
+
+class CarryReport(msgspec.Struct, frozen=True):
+    """How the load was carried.
+
+    Attributes:
+        phases: In order of time.
+        drops: Load changes.
+        noise_force_n: What the noise of the sensors alone would make of the forces against each other [N].
+        noise_torque_nm: And of the torques [N·m].
+    """
+
+    phases: list[CarryPhaseReport]
+    drops: list[LoadDropReport]
+    noise_force_n: float
+    noise_torque_nm: float
+
+
 class Report(msgspec.Struct, frozen=True):
     """The report of a run.
 
@@ -71,6 +128,7 @@ class Report(msgspec.Struct, frozen=True):
             robot every 0.1 s.
         late_blocks: References that came too late, in real time only, summed over robots.
         history: Errors about once a second, if asked for.
+        carry: How the load was carried, if the scenario has a common path.
     """
 
     scenario: str
@@ -85,6 +143,7 @@ class Report(msgspec.Struct, frozen=True):
     messages_per_s: float
     late_blocks: int
     history: dict[str, list[HistoryPoint]] | None = None
+    carry: CarryReport | None = None
 
     @property
     def converged(self) -> bool:

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import msgspec
 
 from coheft.estimation.measurement import SensorNoise
+from coheft.wire.carry import Carry
 from coheft.wire.message_size import LEAST_LIMIT
 from coheft.wire.scenario import Converged, EfficientSettings, Motion, Scenario, SeedSettings
 from coheft.wire.security import Credentials
@@ -37,6 +38,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         estimator_settings: Of an estimator of the user's own.
         motion_settings: Of a motion of the user's own.
         converged: When its estimate is good enough.
+        carry: Where to carry the load with the others, None: nowhere.
     """
 
     name: str
@@ -53,6 +55,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     estimator_settings: dict[str, Any]
     motion_settings: dict[str, Any]
     converged: Converged
+    carry: Carry | None = None
 
     def blocks(self, duration: float) -> int:
         """Number of blocks nearest to a duration [s], at least one."""
@@ -137,4 +140,5 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         estimator_settings=scenario.settings.get(scenario.estimator, {}),
         motion_settings=scenario.settings.get(scenario.motion.own or "", {}),
         converged=scenario.converged,
+        carry=scenario.carry,
     )

@@ -11,6 +11,7 @@ from msgspec import Meta
 from coheft.estimation.measurement import Positive, SensorNoise
 from coheft.estimation.rigid_body import Inertia, combined
 from coheft.estimation.spatial import Pose, rotation_exp
+from coheft.wire.carry import Carry
 from coheft.wire.encoders import EncoderErrors
 from coheft.wire.via_points import ViaPoints
 
@@ -154,6 +155,8 @@ class Robots(Section, frozen=True):
         stiffness: Of every arm: translation [N/m], rotation [N·m/rad]. Without stiffness and damping in rotation the
             wrist is a gimbal: its torque is exactly zero.
         damping: Of every arm: translation [N·s/m], rotation [N·m·s/rad].
+        arms: ``springs`` are nothing but that; ``seven-joint`` arms are driven by their joints' torques so that their
+            hands, which are welded to the payload, behave like it. The z axes of their grasps point out of the hands.
     """
 
     grasps: Annotated[tuple[Grasp, ...], Meta(max_length=MAX_ROBOTS)] = ()
@@ -161,6 +164,7 @@ class Robots(Section, frozen=True):
     sites: Annotated[tuple[str, ...], Meta(max_length=MAX_ROBOTS)] = ()
     stiffness: tuple[Positive, NotNegative] = (800.0, 30.0)
     damping: tuple[NotNegative, NotNegative] = (70.0, 3.0)
+    arms: Literal["springs", "seven-joint"] = "springs"
 
 
 class Graph(Section, frozen=True):
@@ -319,6 +323,7 @@ class Scenario(Section, frozen=True):
         graph: Who talks with whom.
         sensors: How well each robot measures.
         motion: How each robot moves.
+        carry: A common path along which they carry the payload.
         load_changes: What happens to the payload.
         duration: Length of the run [s].
         seed: Of the sensors' noise and offsets and of the robots' choice of motion.
@@ -337,6 +342,7 @@ class Scenario(Section, frozen=True):
     graph: Graph = Graph()
     sensors: Sensors = Sensors()
     motion: Motion = Motion()
+    carry: Carry | None = None
     load_changes: tuple[LoadChange, ...] = ()
     duration: Annotated[float, Meta(gt=0, le=MAX_DURATION)] = 30.0
     seed: Seed = 1

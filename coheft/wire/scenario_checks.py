@@ -33,6 +33,11 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
             f"{origin}: key 'robots.damping': found {list(robots.damping)}, expected no damping of rotations where "
             f"there is no stiffness: that is a gimbal"
         )
+    if robots.arms == "seven-joint" and robots.stiffness[1] == 0.0:
+        raise ScenarioError(
+            f"{origin}: key 'robots.arms': found 'seven-joint' with 'robots.stiffness' = {list(robots.stiffness)}, "
+            f"expected stiffness in rotation: their hands are no gimbals"
+        )
     if scenario.robot_count < 2:
         raise ScenarioError(f"{origin}: key 'robots.grasps': found 1 grasp, expected at least 2")
     if scenario.motion.own is not None and scenario.motion.via_points is not None:
@@ -50,8 +55,30 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
                 f"{origin}: key 'load_changes[{number}].leak': found {change.leak} without 'mass', "
                 f"expected it for a new load only"
             )
+    check_carry(scenario, origin)
     check_loads(scenario, origin)
     check_message_size(scenario, origin)
+
+
+def check_carry(scenario: Scenario, origin: str) -> None:
+    """Check that the robots can carry the payload along a common path.
+
+    Raises:
+        ScenarioError: They cannot.
+    """
+    carry = scenario.carry
+    if carry is None:
+        return
+    if scenario.estimator != "efficient":
+        raise ScenarioError(
+            f"{origin}: key 'carry': found with 'estimator' = '{scenario.estimator}', expected 'efficient': with "
+            f"others a robot knows its neighbours' poses only, not those of the whole team"
+        )
+    if scenario.robots.stiffness[1] == 0.0:
+        raise ScenarioError(
+            f"{origin}: key 'carry': found with 'robots.stiffness' = {list(scenario.robots.stiffness)}, expected "
+            f"stiffness in rotation: gimbals cannot exert their share of a torque"
+        )
 
 
 def check_choices(scenario: Scenario, origin: str) -> None:

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from agents.motion import ReferenceMotion, make_motion
+from coheft.errors import ScenarioError
 from coheft.estimation.spatial import Array
 from coheft.wire.config import agent_config
 from coheft.wire.messages import Reference, Scene, Truth
@@ -32,7 +33,16 @@ class TeamSamples:
 
 
 def simulate(scenario: Scenario) -> TeamSamples:
-    """The samples that the agents of the same scenario get, bit for bit."""
+    """The samples that the agents of the same scenario get, bit for bit.
+
+    Raises:
+        ScenarioError: The robots' motions depend on estimates.
+    """
+    if scenario.carry is not None:
+        raise ScenarioError(
+            f"scenario '{scenario.name}' has a section 'carry', but a study compares estimators on motions that do not "
+            f"depend on them: leave it out, or choose another scenario"
+        )
     names = scenario.robot_names
     graph = build_graph(scenario.graph, names)
     motions = {name: make_motion(agent_config(scenario, name, graph[name])) for name in names}

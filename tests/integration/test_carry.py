@@ -1,0 +1,46 @@
+"""A load is carried by real processes just as in one."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+
+from coheft.app.carry_record import CarryRecord
+from coheft.app.inprocess import run_in_process
+from coheft.wire.scenario_file import CONFIG_FOLDER, load_scenario
+from physics_server.simulation import Simulation
+from tests.integration.test_same_numbers import received
+
+PATIENCE = 120.0
+
+
+def test_the_same_way_in_one_process_and_in_many(tmp_path: Path) -> None:
+    text = (CONFIG_FOLDER / "ring3.toml").read_text().replace('name = "ring3"', 'name = "carry3"')
+    text = text.replace("at = 20.0", "at = 7.5").replace("duration = 35.0", "duration = 10.0")
+    file, report = tmp_path / "carry3.toml", tmp_path / "report.json"
+    file.write_text(text + "\n[carry]\nstart = 4.5\nramp = 0.5\nfeedforward_at = 5.5\n")
+    scenario = load_scenario(file)
+    record = CarryRecord(scenario)
+    record.look_at(Simulation(scenario).scene)
+    for block in run_in_process(scenario):
+        record.add(received(block.truth))
+    command = [
+        sys.executable,
+        "-m",
+        "coheft",
+        "run",
+        str(file),
+        "--json",
+        str(report),
+        "--logs",
+        str(tmp_path / "logs"),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode in (0, 3), done.stderr
+    assert json.loads(report.read_text())["carry"] == json.loads(msgspec.json.encode(record.report()))
+    assert "with feed-forward" in done.stdout
+    assert "At 7.5 s the load changed to 7.00 kg" in done.stdout

@@ -1,0 +1,156 @@
+"""Robots that carry a load along a common path, with what they have found out about it."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+import pytest
+
+from agents.carrier import Carrier
+from agents.common_path import CommonPath
+from agents.motion import make_motion
+from coheft.app.carry_record import CarryRecord
+from coheft.app.inprocess import run_in_process
+from coheft.app.overrides import override
+from coheft.app.report import CarryReport
+from coheft.errors import ScenarioError
+from coheft.estimation.measurement import ACCELERATION, SAMPLE_SIZE
+from coheft.estimation.spatial import Array, Pose
+from coheft.wire.carry import Carry
+from coheft.wire.config import AgentConfig, agent_config
+from coheft.wire.messages import Estimate, PayloadEstimate
+from coheft.wire.scenario import LoadChange, Scenario
+from coheft.wire.scenario_checks import check_scenario
+from coheft.wire.scenario_file import load_scenario
+from physics_server.simulation import Simulation
+
+STILL = Carry(start=0.1, ramp=0.1, translation=(0.0,) * 3, rotation_deg=(0.0,) * 3, feedforward_at=0.0)
+"""A path that goes nowhere."""
+UP = np.array([0.0, 0.0, 9.81])
+GRASPS = {name: Pose(np.eye(3), np.array([x, 0.0, 0.0])) for name, x in (("r1", 0.0), ("r2", 1.0))}
+
+
+def carrying(**changes: object) -> Scenario:
+    """Three robots that carry their panel, and get a load of 2 kg on the way."""
+    return msgspec.structs.replace(
+        load_scenario("ring3"),
+        carry=Carry(start=4.5, ramp=0.5, feedforward_at=6.5),
+        load_changes=(LoadChange(at=9.5, mass=2.0, position=(-0.1, 0.15, 0.07)),),
+        duration=12.5,
+        **changes,
+    )
+
+
+def carried(scenario: Scenario) -> CarryReport:
+    record = CarryRecord(scenario)
+    record.look_at(Simulation(scenario).scene)
+    for block in run_in_process(scenario):
+        record.add(block.truth)
+    return record.report()
+
+
+def test_a_load_that_is_known_is_carried_better_and_a_change_is_made_up_for() -> None:
+    report = carried(carrying())
+    alone, springs, before, after = report.phases
+    assert [phase.what for phase in report.phases] == ["alone", "springs", "feedforward", "feedforward"]
+    assert springs.position_rms_mm is not None
+    assert springs.rotation_rms_deg is not None
+    for phase in (before, after):
+        assert phase.position_rms_mm is not None
+        assert phase.rotation_rms_deg is not None
+        assert 5.0 * phase.position_rms_mm < springs.position_rms_mm
+        assert phase.rotation_rms_deg < springs.rotation_rms_deg
+        assert phase.internal_force_rms_n < springs.internal_force_rms_n < 0.2 * alone.internal_force_rms_n
+    (drop,) = report.drops
+    assert drop.back_after_s is not None
+    assert drop.back_after_s < 2.0
+
+
+def settings(carry: Carry) -> AgentConfig:
+    return agent_config(msgspec.structs.replace(load_scenario("ring3"), carry=carry), "r1", ("r2", "r3"))
+
+
+def estimate(config: AgentConfig, mass: float, deviation: float, status: str = "valid") -> Estimate:
+    payload = PayloadEstimate(mass, np.array([0.5, 0.0, 0.0]), np.eye(3), deviation**2 * np.eye(10))
+    return msgspec.convert(
+        {
+            "robot": config.name, "block": 0, "time": 0.1, "phase": "inertia", "converged": True, "members": 2,
+            "payload": payload, "poses": {}, "total_block": 0, "total_wrench": np.zeros(6), "not_observable": [],
+            "load_changes": [], "status": status,
+        },
+        Estimate,
+    )  # fmt: skip
+
+
+class Arm:
+    """A robot at rest, which is told what it knows before every block."""
+
+    def __init__(self, carry: Carry = STILL) -> None:
+        self.config = settings(carry)
+        alone = make_motion(self.config)
+        self._carrier = Carrier(self.config, carry, alone)
+        self._samples = np.zeros((self.config.block, SAMPLE_SIZE))
+        self._samples[:, ACCELERATION] = UP
+        self._index = 0
+
+    def push(self, mass: float, deviation: float = 1e-3, status: str = "valid", blocks: int = 100) -> Array:
+        """The wrench after so many blocks."""
+        for _ in range(blocks):
+            self._carrier.learn(self._index, estimate(self.config, mass, deviation, status), GRASPS)
+            _, wrench = self._carrier.step(self._index, self._samples)
+            self._index += 1
+        return wrench
+
+
+def test_two_robots_at_a_rod_hold_half_of_it_each() -> None:
+    np.testing.assert_allclose(Arm().push(8.0), [0.0, 0.0, 4.0 * 9.81, 0.0, 0.0, 0.0], atol=0.01)
+
+
+def test_what_is_not_known_well_is_not_used() -> None:
+    np.testing.assert_array_equal(Arm().push(8.0, deviation=1.0), 0.0)
+    np.testing.assert_array_equal(Arm().push(8.0, status="starting"), 0.0)
+
+
+def test_the_last_good_estimate_stays() -> None:
+    arm = Arm()
+    good = arm.push(8.0)
+    np.testing.assert_allclose(arm.push(3.0, status="stale"), good, atol=0.01)
+    np.testing.assert_allclose(arm.push(3.0, deviation=1.0), good, atol=0.01)
+    np.testing.assert_allclose(arm.push(10.0), 1.25 * good, atol=0.02)
+
+
+def test_no_arm_pushes_more_than_it_can() -> None:
+    wrench = Arm(msgspec.structs.replace(STILL, force_limit=7.0)).push(8.0)
+    assert np.linalg.norm(wrench[:3]) == pytest.approx(7.0)
+
+
+def test_without_feedforward_no_arm_pushes() -> None:
+    np.testing.assert_array_equal(Arm(msgspec.structs.replace(STILL, feedforward=False)).push(8.0), 0.0)
+
+
+def test_the_path_starts_at_rest_and_its_rates_are_the_derivatives() -> None:
+    path = CommonPath(Carry(start=1.0, ramp=2.0), 1.5)
+    time = np.arange(0.0, 6.0, 1e-4)
+    displacement, rate = path.displacement(time)
+    np.testing.assert_array_equal(displacement[time < 1.5], 0.0)
+    np.testing.assert_allclose(rate[1:-1], (displacement[2:] - displacement[:-2]) / 2e-4, atol=1e-6)
+
+
+def test_who_starts_later_gets_to_the_same_place() -> None:
+    late = np.array([20.0])
+    one, other = (CommonPath(Carry(start=1.0), start).displacement(late) for start in (1.0, 9.0))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_a_path_needs_the_whole_teams_poses_and_arms_that_can_turn() -> None:
+    with pytest.raises(ScenarioError, match=r"'carry'.*'seed', expected 'efficient'"):
+        check_scenario(carrying(estimator="seed"), "x.toml")
+    gimbals = msgspec.structs.replace(load_scenario("mocobot_a"), carry=Carry())
+    with pytest.raises(ScenarioError, match=r"'carry'.*gimbals"):
+        check_scenario(gimbals, "x.toml")
+
+
+def test_feedforward_is_switched_where_there_is_a_path_only() -> None:
+    assert not override(carrying(), feedforward=False).carry.feedforward  # type: ignore[union-attr]
+    with pytest.raises(ScenarioError, match=r"'ring6'.*carry6"):
+        override(load_scenario("ring6"), feedforward=False)

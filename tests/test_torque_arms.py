@@ -1,0 +1,76 @@
+"""Seven-joint arms: rigid welds, wrist sensors that tell the truth, hands that behave as springs do."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+import pytest
+
+from coheft.errors import ScenarioError, SimulationError
+from coheft.estimation.body_motion import grasp_measurements
+from coheft.estimation.measurement import KINEMATICS, WRENCH
+from coheft.wire.scenario_checks import check_scenario
+from coheft.wire.scenario_file import load_scenario
+from physics_server.arm_model import hand_name
+from physics_server.scene import home_name, place_grasps
+from physics_server.simulation import Simulation
+from tests.physics_run import excitation, reference, run, samples, scenario
+
+ARMS = scenario("arms4")
+
+
+def test_sensors_at_the_wrists_read_one_rigid_body_and_all_that_moves_it() -> None:
+    measured = samples(run(Simulation(ARMS), excitation(ARMS), 100))[:, 200:]  # the start is a kick
+    assert np.abs(measured[..., :3]).max() > 0.2
+    grasps = place_grasps(ARMS)
+    first = grasps[0]
+    w, v, a = np.split(measured[0, :, KINEMATICS], 3, axis=1)
+    alpha = np.gradient(w, 1.0 / ARMS.sensors.rate, axis=0)
+    motion = np.hstack([w, v, a, alpha])
+    noise = ARMS.sensors.noise.per_column()[KINEMATICS]
+    for k, grasp in enumerate(grasps):
+        # What welds give way is small beside the sensors' noise.
+        error = grasp_measurements(first.inverse() @ grasp, motion)[1:-1] - measured[k, 1:-1, KINEMATICS]
+        assert (np.sqrt(np.square(error).mean(axis=0)) < 0.5 * noise).all()
+    total = np.einsum("nij,nbj->bi", [(first.inverse() @ grasp).adjoint() for grasp in grasps], measured[..., WRENCH])
+    payload = ARMS.payload.inertia().carried(first.inverse())
+    np.testing.assert_allclose(total[1:-1], payload.wrench(w, a, alpha)[1:-1], atol=0.3)
+
+
+def test_hands_sag_as_springs_do() -> None:
+    """At rest the wrench is stiffness times displacement, whatever the joints have to do for that."""
+    simulation = Simulation(ARMS)
+    for _ in range(400):
+        measured = simulation.advance({}).measurements
+    k_t = ARMS.robots.stiffness[0]
+    for name in ARMS.robot_names:
+        hand, home = simulation.data.site(hand_name(name)), simulation.data.site(home_name(name))
+        spring = k_t * hand.xmat.reshape(3, 3).T @ (home.xpos - hand.xpos)
+        np.testing.assert_allclose(measured[name].samples[-1, 9:12], spring, atol=0.2)
+
+
+def test_feedforward_adds_to_the_wrench() -> None:
+    simulation = Simulation(ARMS)
+    before = simulation.data.qpos[2]
+    weight = ARMS.payload.inertia().mass * 9.81
+    push = np.array([-weight / 4.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # their x axes point down
+    still = np.zeros((ARMS.sensors.block, 12))
+    run(simulation, lambda block: {name: reference(name, block, still, push) for name in ARMS.robot_names}, 200)
+    assert before < 0.98
+    assert simulation.data.qpos[2] == pytest.approx(1.0, abs=2e-3)
+
+
+def test_equal_runs_are_equal_bit_for_bit() -> None:
+    one, other = (samples(run(Simulation(ARMS), excitation(ARMS), 20)) for _ in range(2))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_welds_hold_for_good() -> None:
+    with pytest.raises(SimulationError, match="hand of r2 is welded to the payload, it cannot let go of it"):
+        Simulation(ARMS).release("r2")
+
+
+def test_arms_need_stiffness_in_rotation() -> None:
+    robots = msgspec.structs.replace(ARMS.robots, stiffness=(800.0, 0.0), damping=(70.0, 0.0))
+    with pytest.raises(ScenarioError, match=r"'robots.arms': found 'seven-joint'.*no gimbals"):
+        check_scenario(msgspec.structs.replace(load_scenario("arms4"), robots=robots), "x.toml")
