@@ -30,7 +30,7 @@ from coheft.wire.supervised import supervised_main
 _BACKLOG = 64
 """Blocks of measurements that may wait; an agent that is slower for longer than that skips the oldest."""
 _ASK_AGAIN = 1.0
-"""After so long without measurements it asks once more [s]: the server may have noticed a lost link that we have not."""
+"""After so long without measurements it asks again [s]: the server may have noticed a lost link that we have not."""
 _AT_ONCE = 256
 """So much is read between two steps at most: somebody may speak faster than can be read."""
 
