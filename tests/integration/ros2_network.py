@@ -78,7 +78,7 @@ class Command:
 @contextmanager
 def started(arguments: Sequence[str | Path], output: Path, **environment: str) -> Iterator[Command]:
     """A Python command; none is left at the end."""
-    with output.open("wb") as file:
+    with output.open("ab") as file:  # threads and processes that write to it do not overwrite each other
         process = subprocess.Popen(
             [sys.executable, *map(str, arguments)],
             stdin=subprocess.DEVNULL,

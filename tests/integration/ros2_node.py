@@ -6,6 +6,7 @@ Arguments: the router's port, then topics to listen to as NAME=TYPE, or NAME=TYP
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from dataclasses import asdict
@@ -15,6 +16,12 @@ from rosbags.typesys import Stores, get_typestore
 from zenoh_ros2_sdk import ROS2Subscriber, get_topic_names_and_types
 
 STORE = get_typestore(Stores.ROS2_KILTED)
+
+
+def say(what: dict[str, Any]) -> None:
+    """One line in one piece: each topic is heard in a thread of its own."""
+    line = json.dumps(what, default=lambda array: array.tolist())
+    os.write(sys.stdout.fileno(), f"{line}\n".encode())
 
 
 def listen(port: int, topic: str, kind: str, quality: str | None = None) -> ROS2Subscriber:
@@ -41,7 +48,7 @@ def main() -> None:
     kept = [listen(port, *topic.split("=")) for topic in sys.argv[2:]]
     while kept:
         topics = get_topic_names_and_types(domain_id=0, router_port=port, timeout=2.0)
-        print(json.dumps({"topics": dict(topics)}), flush=True)
+        say({"topics": dict(topics)})
         time.sleep(0.5)
 
 
