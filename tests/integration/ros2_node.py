@@ -1,4 +1,4 @@
-"""A ROS 2 node as somebody else makes it, with zenoh-ros2-sdk: prints what it hears and sees, in lines of JSON.
+"""A ROS 2 node as somebody else makes it, with zenoh-ros2-sdk: says what it hears and sees, in lines of JSON.
 
 Arguments: the router's port, then topics to listen to as NAME=TYPE, or NAME=TYPE=QOS in rmw_zenoh's notation.
 """
@@ -26,9 +26,7 @@ def say(what: dict[str, Any]) -> None:
 
 def listen(port: int, topic: str, kind: str, quality: str | None = None) -> ROS2Subscriber:
     def hear(message: Any) -> None:
-        print(
-            json.dumps({"topic": topic, "message": asdict(message)}, default=lambda array: array.tolist()), flush=True
-        )
+        say({"topic": topic, "message": asdict(message)})
 
     definition, _ = STORE.generate_msgdef(kind, ros_version=2)
     return ROS2Subscriber(
