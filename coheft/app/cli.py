@@ -21,6 +21,7 @@ from coheft.app import (
     cli_keys,
     cli_mocobots,
     cli_recover,
+    cli_ros2,
     cli_shell,
     cli_study,
 )
@@ -283,6 +284,7 @@ __all__ = [
     "cli_keys",
     "cli_mocobots",
     "cli_recover",
+    "cli_ros2",
     "cli_shell",
     "cli_study",
     "run_command_line",

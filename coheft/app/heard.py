@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 
@@ -34,7 +35,7 @@ def check_news(source: str, message: Message, scene: Scene) -> News | None:
             check_truth(message, scene)
             return message
         case Estimate():
-            check_estimate(message, source, scene)
+            check_estimate(message, source, scene.robots)
             return message
         case Problem():
             return Problem(source=source, text=one_line(message.text))
@@ -82,21 +83,26 @@ def check_truth(truth: Truth, scene: Scene) -> None:
             _check_number(value, f"a number of load {load.id}")
 
 
-def check_estimate(estimate: Estimate, source: str, scene: Scene) -> None:
+def check_estimate(estimate: Estimate, source: str, robots: Collection[str]) -> None:
     """Check what came under a robot's key.
+
+    Args:
+        estimate: What came.
+        source: The robot.
+        robots: Of whom it may speak.
 
     Raises:
         MessageError: It is not what the robot called ``source`` can believe.
     """
     check_field("robot", estimate.robot, source)
-    check_field("robot is in the team", estimate.robot in scene.robots, True)
+    check_field("robot is in the team", estimate.robot in robots, True)
     _check_moment(estimate.block, estimate.time)
     _check_numbers(estimate.total_wrench, (6,), "total_wrench")
     check_field("total_block is not after block", estimate.total_block <= estimate.block, True)
     if estimate.payload is not None:
         _check_payload(estimate.payload)
     for name, pose in estimate.poses.items():
-        check_field(f"{name!r} is in the team", name in scene.robots, True)
+        check_field(f"{name!r} is in the team", name in robots, True)
         _check_pose(pose, name)
     for notice in estimate.load_changes:
         _check_number(notice.noticed_at, "noticed_at")

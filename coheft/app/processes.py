@@ -204,18 +204,27 @@ def _error(failed: Sequence[Child]) -> ProcessError:
     )
 
 
+def read_config(config: Path) -> bytes:
+    """A configuration as one line of JSON, its files' paths as seen from here.
+
+    Raises:
+        CoheftError: It cannot be read.
+    """
+    try:
+        return msgspec.json.encode(_with_paths_from(config.parent, msgspec.json.decode(config.read_bytes())))
+    except OSError as error:
+        raise CoheftError(f"{config}: cannot be read: {error.strerror}") from error
+    except msgspec.DecodeError as error:
+        raise CoheftError(f"{config}: not JSON: {error}") from error
+
+
 def run_in_foreground(module: str, config: Path) -> int:
     """Run one part of a team by hand until it ends; its output is ours. Return its exit status.
 
     Raises:
         CoheftError: The configuration cannot be read.
     """
-    try:
-        line = msgspec.json.encode(_with_paths_from(config.parent, msgspec.json.decode(config.read_bytes())))
-    except OSError as error:
-        raise CoheftError(f"{config}: cannot be read: {error.strerror}") from error
-    except msgspec.DecodeError as error:
-        raise CoheftError(f"{config}: not JSON: {error}") from error
+    line = read_config(config)
     process = subprocess.Popen(
         [sys.executable, "-m", module], stdin=subprocess.PIPE, env={**os.environ, **ENVIRONMENT}, start_new_session=True
     )

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
+from coheft.errors import MessageError
 from coheft.estimation.spatial import Array, Pose, quaternion_from_rotation
 
 _STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -63,6 +65,7 @@ _KeyValue = _type("diagnostic_msgs/KeyValue")
 _DiagnosticStatus = _type("diagnostic_msgs/DiagnosticStatus")
 _DiagnosticArray = _type("diagnostic_msgs/DiagnosticArray")
 _Log = _type("rcl_interfaces/Log")
+_Clock = _type("rosgraph_msgs/Clock")
 _ColorRGBA = _type("std_msgs/ColorRGBA")
 _CompressedImage = _type("sensor_msgs/CompressedImage")
 _MeshFile = _type("visualization_msgs/MeshFile")
@@ -78,10 +81,28 @@ def to_cdr(message: RosMessage) -> bytes | memoryview:
     return data
 
 
+def from_cdr(cdr: bytes, kind: str) -> RosMessage:
+    """The message of a type in CDR.
+
+    Raises:
+        MessageError: It is none.
+    """
+    try:
+        return _STORE.deserialize_cdr(cdr, kind)
+    except SerdeError as error:
+        raise MessageError(f"not a {kind}: {error}") from error
+
+
 def definition(kind: str) -> bytes:
     """Definition of a type and of all types in it, in the text form that recordings carry."""
     text: str = _STORE.generate_msgdef(kind, ros_version=2)[0]
     return text.encode()
+
+
+def type_hash(kind: str) -> str:
+    """By which ROS 2 knows the definition of a type (REP 2016)."""
+    text: str = _STORE.hash_rihs01(kind)
+    return text
 
 
 def of_bytes(data: bytes) -> RosMessage:
@@ -166,6 +187,22 @@ def diagnostics(time: int, name: str, level: int, text: str, values: Iterable[tu
 def log(time: int, name: str, level: int, text: str) -> RosMessage:
     """A line of somebody's log."""
     return _Log(stamp=_stamp(time), level=level, name=name, msg=text, file="", function="", line=0)
+
+
+def clock(time: int) -> RosMessage:
+    """What time it is."""
+    return _Clock(_stamp(time))
+
+
+def time_of(message: RosMessage) -> int:
+    """Time in the header of a message [ns]."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def vector(part: RosMessage) -> Array:
+    """A ``Vector3`` as (3,)."""
+    return np.array([part.x, part.y, part.z])
 
 
 def _stamp(time: int) -> RosMessage:

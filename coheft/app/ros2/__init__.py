@@ -1,0 +1,4 @@
+"""Runs seen from ROS 2, and robots driven from there, without any ROS installed here: see docs/ros2.md.
+
+Takes the packages of the extra ``record``; without them this import raises ``MissingPackageError``.
+"""

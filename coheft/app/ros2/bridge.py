@@ -1,0 +1,114 @@
+"""The bridge from a run to ROS 2: an observer that says what it hears as stock messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from coheft.app.heard import News
+from coheft.app.observer import observe
+from coheft.app.recording import ros
+from coheft.app.recording.estimate_topics import estimate_messages
+from coheft.app.recording.log_book import LogBook
+from coheft.app.recording.ros import RosMessage
+from coheft.app.recording.truth_topics import scene_messages, truth_messages
+from coheft.app.ros2.names import check_ros_names
+from coheft.app.ros2.node import RosNode, open_node
+from coheft.app.run_folder import RunFile
+from coheft.wire.messages import Estimate, Problem, Scene, Status, StatusRequest, Truth
+
+_NODE = "coheft"
+_SILENCE = 2.0
+_LATCHED = "/tf_static"
+_GROUPS = {"estimate", "measured"}
+"""Parts of a recording's topics that ROS topics go without."""
+
+
+class Bridge:
+    """Says on a node what an observer hears.
+
+    Stamps are the ends of blocks: of the run's own time, or, given an epoch, of the robots'.
+
+    Args:
+        node: Where to say it.
+        epoch: When block 0 began [ns].
+    """
+
+    def __init__(self, node: RosNode, epoch: int = 0) -> None:
+        self._node = node
+        self._log = LogBook()
+        self._epoch = self._newest = epoch
+
+    def show_scene(self, scene: Scene) -> None:
+        """Say what does not change."""
+        self._publish(scene_messages(self._epoch, scene))
+
+    def hear_truth(self, truth: Truth, scene: Scene) -> None:
+        """Say what the server has said."""
+        time = self._note_time(truth.time)
+        self._node.publish("/clock", ros.clock(time))
+        self._publish(truth_messages(time, truth, scene))
+        self._tell_log(truth)
+
+    def hear_robot(self, news: Estimate | Problem) -> None:
+        """Say what a robot believes, or what somebody complains of."""
+        if isinstance(news, Estimate):
+            time = self._note_time(news.time)
+            total_time = self._note_time(news.time * (news.total_block + 1) / (news.block + 1))
+            self._publish(estimate_messages(time, news, total_time))
+        self._tell_log(news)
+
+    def _tell_log(self, news: News) -> None:
+        for line in self._log.lines(news):
+            self._node.publish("/rosout", ros.log(self._newest, line.name, line.level, line.text))
+
+    def _note_time(self, seconds: float) -> int:
+        """A time since the epoch [s] as a stamp [ns]."""
+        time = self._epoch + round(seconds * 1e9)
+        self._newest = max(self._newest, time)
+        return time
+
+    def _publish(self, messages: Iterable[tuple[str, RosMessage]]) -> None:
+        for topic, message in messages:
+            self._node.publish(_ros_topic(topic), message, latched=topic == _LATCHED)
+
+
+def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[str], None]) -> None:
+    """Say in ROS 2 what a run's server and agents say, until the run has ended.
+
+    Args:
+        run_file: How to reach the run.
+        endpoint: Where the router of ROS 2 listens.
+        domain: Number of the ROS domain.
+        tell: Called with a line for the user, now and then.
+
+    Raises:
+        LinkError: There is no router there, or the run's server does not answer.
+        CoheftError: ROS does not take a robot's name, or the run is secure and there are no keys of an observer.
+    """
+    with observe(run_file) as observer, open_node(_NODE, endpoint, domain) as node:
+        status: Status | None = observer.ask(StatusRequest())
+        assert status is not None
+        scene = status.scene
+        check_ros_names(scene.robots)
+        bridge = Bridge(node)
+        bridge.show_scene(scene)
+        tell(f"node /{_NODE} in ROS domain {domain}, by the router at {endpoint}; Ctrl-C ends it, the run goes on")
+        had_router = True
+        while status is not None and status.state != "finished":
+            news = observer.collect(scene, _SILENCE)
+            for item in news:
+                if isinstance(item, Truth):
+                    bridge.hear_truth(item, scene)
+                else:
+                    bridge.hear_robot(item)
+            if not news:
+                status = observer.status()
+            if node.has_router != had_router:
+                had_router = not had_router
+                tell("the router is back" if had_router else f"the router at {endpoint} is gone; waiting for it")
+        tell(f"the run has ended; {node.published} messages were heard on {len(node.topics)} topics")
+
+
+def _ros_topic(topic: str) -> str:
+    """Name in ROS of a recording's topic: ``/r3/estimate/payload`` is ``/r3/payload`` there."""
+    return "/".join(part for part in topic.split("/") if part not in _GROUPS)

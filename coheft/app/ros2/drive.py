@@ -1,0 +1,89 @@
+"""Robots driven from ROS 2: agents get what nodes of theirs measure, and nodes get what agents want and believe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import msgspec
+
+from coheft.app.processes import read_config
+from coheft.app.ros2.names import check_ros_names
+from coheft.app.ros2.node import open_node
+from coheft.app.ros2.team import Team
+from coheft.errors import CoheftError
+from coheft.wire.config import AgentProcessConfig
+from coheft.wire.inbox import Inbox
+from coheft.wire.planes import SERVER, guard_observer, guard_server_for_robot
+from coheft.wire.security import Credentials, credentials_in
+from coheft.wire.transport import Keys, open_session
+
+_NODE = "coheft_driver"
+
+
+def read_agents(paths: Sequence[Path]) -> list[AgentProcessConfig]:
+    """The configurations of the agents to drive.
+
+    Raises:
+        CoheftError: One cannot be read, or is no agent's; or they are not of one run; or there are none.
+    """
+    if not paths:
+        raise CoheftError("expected the configuration of an agent, as 'coheft run --write-configs DIR' writes it")
+    configs = []
+    for path in paths:
+        try:
+            configs.append(msgspec.json.decode(read_config(path), type=AgentProcessConfig))
+        except msgspec.ValidationError as error:
+            raise CoheftError(f"{path}: expected the configuration of an agent: {error}") from error
+    if len({config.run for config in configs}) > 1:
+        raise CoheftError(f"{', '.join(map(str, paths))} are of different runs: name agents of one")
+    return configs
+
+
+def drive(
+    configs: Sequence[AgentProcessConfig],
+    endpoint: str,
+    domain: int,
+    epoch: float | None,
+    tell: Callable[[str], None],
+) -> None:
+    """Feed agents with what is measured in ROS 2, and say there what they want and believe, until Ctrl-C.
+
+    Args:
+        configs: The agents', all of one run.
+        endpoint: Where the router of ROS 2 listens.
+        domain: Number of the ROS domain.
+        epoch: ROS time at which block 0 begins [s], the same for the whole team; None: with the first measurement
+            after all agents are ready, if this process drives the whole team.
+        tell: Called with a line for the user, now and then.
+
+    Raises:
+        LinkError: There is no router there, or something listens where the agents dial already.
+        CoheftError: ROS does not take a robot's name, or the run is secure and credentials are missing.
+    """
+    names = [config.agent.name for config in configs]
+    check_ros_names(names)
+    keys, inbox = Keys(configs[0].run), Inbox()
+    with ExitStack() as stack:
+        node = stack.enter_context(open_node(_NODE, endpoint, domain))
+        team = Team(node, inbox, tell)
+        for config in configs:
+            guard = guard_server_for_robot(_credentials(config, SERVER), keys, config.agent.name)
+            session = stack.enter_context(open_session(listen=[config.server], guard=guard))
+            team.add(config, session, guard)
+        guard = guard_observer(_credentials(configs[0], "observer"), keys, "observer", names)
+        observer = stack.enter_context(open_session(connect=[config.observe for config in configs], guard=guard))
+        team.observe(observer, keys)
+        try:
+            team.wait_until_ready()
+            start = round(epoch * 1e9) if epoch is not None else team.first_stamp()
+            tell(f"block 0 begins at {start / 1e9:.3f} s; Ctrl-C ends it")
+            team.go_on(start)
+        finally:
+            team.stop("the driver has ended")
+
+
+def _credentials(config: AgentProcessConfig, name: str) -> Credentials | None:
+    """Somebody's credentials, from the folder that holds the agent's own."""
+    return None if config.security is None else credentials_in(Path(config.security.authority).parent, name)

@@ -1,0 +1,108 @@
+"""How ROS 2 nodes on rmw_zenoh name things on Zenoh: keys of topics, tokens of the graph, attachments of messages.
+
+As rmw_zenoh's design.md and sources have it from version 0.2.4 (Jazzy) and 0.6.0 (Kilted) on; before, attachments
+were different.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+from coheft.errors import CoheftError
+
+_TOKEN = re.compile(r"[A-Za-z]([A-Za-z0-9]|_(?!_))*")
+_ATTACHMENT = struct.Struct("<qqB16s")
+GID_SIZE = 16
+
+Endpoint = Literal["MP", "MS"]
+"""A publisher, or a subscription."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of one type.
+
+    Attributes:
+        name: Such as ``/r3/payload``.
+        kind: Such as ``geometry_msgs/msg/InertiaStamped``.
+        type_hash: Of the type's definition, ``RIHS01_`` and 64 hexadecimal digits.
+        latched: Whoever comes late gets the last message (transient local durability).
+    """
+
+    name: str
+    kind: str
+    type_hash: str
+    latched: bool = False
+
+    def key(self, domain: int) -> str:
+        """Under which its messages are said."""
+        return f"{domain}/{self.name.strip('/')}/{self._dds_type}/{self.type_hash}"
+
+    @property
+    def _dds_type(self) -> str:
+        package, _, name = self.kind.split("/")
+        return f"{package}::msg::dds_::{name}_"
+
+    @property
+    def quality(self) -> str:
+        """Quality of service, as far as it is not the default: durability; depth of the history."""
+        return ":1:,1:,:,:,," if self.latched else "::,10:,:,:,,"
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node without namespace, the only one of its session.
+
+    Attributes:
+        domain: Number of the ROS domain.
+        session: Identity of the session.
+        name: The node's.
+    """
+
+    domain: int
+    session: str
+    name: str
+
+    def token(self) -> str:
+        """By which others see that the node is there."""
+        return f"{self._prefix}/0/NN/%/%/{self.name}"
+
+    def endpoint_token(self, number: int, kind: Endpoint, topic: Topic) -> str:
+        """By which others see that the node publishes a topic, or listens to it; ``number`` is of this session."""
+        mangled = topic.name.replace("/", "%")
+        # The parts of a topic's key that follow its name follow here, too.
+        typed = topic.key(self.domain).split("/")[-2:]
+        return "/".join([f"{self._prefix}/{number}/{kind}/%/%/{self.name}", mangled, *typed, topic.quality])
+
+    @property
+    def _prefix(self) -> str:
+        return f"@ros2_lv/{self.domain}/{self.session}/0"
+
+
+def attachment(sequence: int, time: int, gid: bytes) -> bytes:
+    """What goes with each message.
+
+    Args:
+        sequence: Number of the message among the publisher's, from 1.
+        time: When it is sent [ns].
+        gid: The publisher's identity, 16 bytes.
+    """
+    return _ATTACHMENT.pack(sequence, time, GID_SIZE, gid)
+
+
+def check_ros_names(robots: Iterable[str]) -> None:
+    """Check that robots' names can be parts of topics'.
+
+    Raises:
+        CoheftError: ROS does not take one.
+    """
+    for name in robots:
+        if not _TOKEN.fullmatch(name) or name.endswith("_"):
+            raise CoheftError(
+                f"robot {name!r} cannot be in the name of a ROS topic: expected letters, digits and single '_', a "
+                "letter first and no '_' last; rename it in the scenario"
+            )

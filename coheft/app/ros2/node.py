@@ -1,0 +1,144 @@
+"""A ROS 2 node on rmw_zenoh, as far as it publishes and listens."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import zenoh
+import zenoh.ext
+
+from coheft.app.recording import ros
+from coheft.app.ros2.names import GID_SIZE, Node, Topic, attachment
+from coheft.errors import LinkError
+from coheft.wire.transport import session_id
+
+_HEARTBEAT = 1.0
+
+
+class RosNode:
+    """Publishes and hears stock messages, see ``open_node``.
+
+    Attributes:
+        topics: Those that it publishes, by name.
+        published: Number of messages that somebody has heard.
+    """
+
+    def __init__(self, session: zenoh.Session, domain: int, name: str) -> None:
+        self.topics: dict[str, Publisher] = {}
+        self.published = 0
+        self._session = session
+        self._node = Node(domain, session_id(session), name)
+        self._kept: list[Any] = []  # tokens and subscribers that nobody holds are gone
+        self._announce(self._node.token())
+
+    @property
+    def has_router(self) -> bool:
+        """Whether the link with the router stands."""
+        return bool(self._session.info.routers_zid())
+
+    def publish(self, topic: str, message: ros.RosMessage, *, latched: bool = False) -> None:
+        """Publish a message; all of a topic must be of one type.
+
+        Args:
+            topic: Its name, such as ``/r3/payload``.
+            message: The message.
+            latched: Keep it for those who come later.
+        """
+        if topic not in self.topics:
+            typed = _typed(topic, message.__msgtype__, latched=latched)
+            self.topics[topic] = Publisher(self._session, typed.key(self._node.domain), latched=latched)
+            self._announce(self._node.endpoint_token(len(self._kept), "MP", typed))
+        self.published += self.topics[topic].publish(message)
+
+    def listen(self, topic: str, kind: str, hear: Callable[[bytes], None]) -> None:
+        """Hear the messages of a topic, as CDR, in a thread of Zenoh's.
+
+        Args:
+            topic: Its name.
+            kind: Type of its messages, such as ``geometry_msgs/msg/WrenchStamped``.
+            hear: Called with each.
+        """
+        typed = _typed(topic, kind)
+        handler: Any = zenoh.handlers.Callback(lambda sample: hear(sample.payload.to_bytes()), indirect=False)
+        self._kept.append(self._session.declare_subscriber(typed.key(self._node.domain), handler))
+        self._announce(self._node.endpoint_token(len(self._kept), "MS", typed))
+
+    def _announce(self, token: str) -> None:
+        self._kept.append(self._session.liveliness().declare_token(token))
+
+
+class Publisher:
+    """One topic's.
+
+    Args:
+        session: Where.
+        key: The topic's.
+        latched: Keep the last message for those who come later.
+    """
+
+    def __init__(self, session: zenoh.Session, key: str, *, latched: bool) -> None:
+        options: dict[str, Any] = {"congestion_control": zenoh.CongestionControl.DROP, "express": True}
+        self._latched = latched
+        self._publisher: Any
+        if latched:
+            self._publisher = zenoh.ext.declare_advanced_publisher(
+                session,
+                key,
+                cache=zenoh.ext.CacheConfig(1),
+                publisher_detection=True,
+                sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT),
+                **options,
+            )
+        else:
+            self._publisher = session.declare_publisher(key, **options)
+        self._gid = os.urandom(GID_SIZE)
+        self._sequence = 0
+
+    def publish(self, message: ros.RosMessage) -> bool:
+        """Publish it, if anybody listens or may ask later, and whether it was."""
+        if not (self._latched or self._publisher.matching_status.matching):
+            return False
+        self._sequence += 1
+        extra = attachment(self._sequence, time.time_ns(), self._gid)
+        self._publisher.put(bytes(ros.to_cdr(message)), attachment=extra)
+        return True
+
+
+@contextmanager
+def open_node(name: str, endpoint: str, domain: int) -> Iterator[RosNode]:
+    """A node that is linked with a router of ROS 2, and by it with all other nodes; it goes with the context.
+
+    A router that goes is dialled again in the background.
+
+    Args:
+        name: The node's.
+        endpoint: The router's.
+        domain: Number of the ROS domain.
+
+    Raises:
+        LinkError: No router listens there.
+    """
+    settings = {
+        "mode": "client",
+        "connect": {"endpoints": [endpoint]},
+        "scouting": {"multicast": {"enabled": False}},
+        "timestamping": {"enabled": True},  # what is kept for those who come later is sorted by time
+    }
+    try:
+        session = zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
+    except zenoh.ZError as error:
+        raise LinkError(
+            f"no router of ROS 2 at {endpoint}: start one with 'ros2 run rmw_zenoh_cpp rmw_zenohd', "
+            f"or say where it is: --endpoint tcp/HOST:7447"
+        ) from error
+    with session:
+        yield RosNode(session, domain, name)
+
+
+def _typed(topic: str, kind: str, *, latched: bool = False) -> Topic:
+    return Topic(topic, kind, ros.type_hash(kind), latched)

@@ -1,0 +1,105 @@
+"""One robot's measurements from ROS 2: three streams of stock messages, put together to blocks by their stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.app.recording import ros
+from coheft.errors import MessageError
+from coheft.estimation.measurement import ACCELERATION, SAMPLE_SIZE, TWIST, WRENCH
+from coheft.estimation.spatial import Array
+
+_OPEN = 8
+"""Blocks that may wait for what they miss."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """What one kind of sensor measures.
+
+    Attributes:
+        kind: Type of its messages.
+        columns: Its part of a sample.
+    """
+
+    kind: str
+    columns: slice
+
+
+STREAMS = {
+    "wrench": Stream("geometry_msgs/msg/WrenchStamped", WRENCH),
+    "twist": Stream("geometry_msgs/msg/TwistStamped", TWIST),
+    "acceleration": Stream("geometry_msgs/msg/AccelStamped", ACCELERATION),
+}
+"""By the last part of the topic's name."""
+
+
+def read(stream: str, cdr: bytes) -> tuple[int, Array]:
+    """When it was measured [ns], and what: as many numbers as the stream's columns.
+
+    Raises:
+        MessageError: It is no such message, or not all numbers are finite.
+    """
+    message = ros.from_cdr(cdr, STREAMS[stream].kind)
+    match stream:
+        case "wrench":
+            parts = [message.wrench.force, message.wrench.torque]
+        case "twist":
+            parts = [message.twist.angular, message.twist.linear]
+        case _:
+            parts = [message.accel.linear]
+    values = np.concatenate([ros.vector(part) for part in parts])
+    if not np.isfinite(values).all():
+        raise MessageError(f"{stream} holds {int((~np.isfinite(values)).sum())} numbers that are not finite")
+    return ros.time_of(message), values
+
+
+class BlockBuilder:
+    """Puts measurements of one robot together.
+
+    The time since the epoch is cut into samples of equal length; a measurement belongs to the sample whose time is
+    nearest to its stamp. A block is complete when each of its samples has a measurement of each stream. One that still
+    misses some when a later one is complete is given up: an agent can do without a block, not with half of one.
+
+    Args:
+        rate: Samples per second.
+        block: Samples per block.
+        epoch: When sample 0 of block 0 is taken [ns].
+
+    Attributes:
+        given_up: Blocks that were never complete.
+        counts: Measurements that have come since the last complete block, by stream.
+    """
+
+    def __init__(self, rate: int, block: int, epoch: int) -> None:
+        self.given_up = 0
+        self.counts = dict.fromkeys(STREAMS, 0)
+        self._rate, self._block, self._epoch = rate, block, epoch
+        self._open: dict[int, Array] = {}
+        self._newest = -1
+
+    def add(self, stream: str, time: int, values: Array) -> tuple[int, Array] | None:
+        """Add a measurement, and get the block that it completes: its number, and the samples (B, 15)."""
+        self.counts[stream] += 1
+        sample = (2 * (time - self._epoch) * self._rate + 10**9) // (2 * 10**9)
+        number, row = divmod(sample, self._block)
+        if number <= self._newest:
+            return None
+        samples = self._open.setdefault(number, np.full((self._block, SAMPLE_SIZE), np.nan))
+        samples[row, STREAMS[stream].columns] = values
+        if np.isnan(samples).any():
+            self._give_up(list(self._open)[:-_OPEN])  # the first to be opened: a wrong stamp may lie far ahead
+            return None
+        self._newest = number
+        self.counts = dict.fromkeys(STREAMS, 0)
+        del self._open[number]
+        self._give_up([other for other in self._open if other < number])
+        return number, samples
+
+    def _give_up(self, numbers: Sequence[int]) -> None:
+        for number in numbers:
+            del self._open[number]
+        self.given_up += len(numbers)

@@ -1,0 +1,230 @@
+"""The robots that one process drives: what is handed on between their nodes and their agents."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from queue import Empty, SimpleQueue
+from typing import NamedTuple, NoReturn
+
+import numpy as np
+import zenoh
+
+from coheft.app.heard import check_estimate
+from coheft.app.recording import ros
+from coheft.app.ros2.bridge import Bridge
+from coheft.app.ros2.node import RosNode
+from coheft.app.ros2.samples import STREAMS, BlockBuilder, read
+from coheft.errors import MessageError, one_line
+from coheft.estimation.spatial import Array, quaternion_from_rotation, rotation_exp
+from coheft.wire.config import AgentConfig, AgentProcessConfig
+from coheft.wire.inbox import Inbox, LinkChange, Received, Refused
+from coheft.wire.messages import Estimate, Measurements, Message, Problem, Reference
+from coheft.wire.robot_link import RobotLink
+from coheft.wire.security import Guard
+from coheft.wire.transport import Keys
+
+_POLL = 0.02
+_SILENCE = 5.0
+_ROOM = 2**16
+"""Measurements that may wait; where more come than can be read, the newest are lost."""
+_AT_ONCE = 1024
+"""So much is read before agents are heard: somebody may measure faster than can be read."""
+_LINES = 20
+"""Different complaints that are told."""
+
+
+class Reading(NamedTuple):
+    """What a robot's sensors have measured, and when [ns]."""
+
+    robot: str
+    stream: str
+    stamp: int
+    values: Array
+
+
+class Team:
+    """Robots whose sensors and arms are in ROS 2.
+
+    Args:
+        node: Where their nodes are heard, and hear.
+        inbox: Where their agents are heard.
+        tell: Called with a line for the user, now and then.
+    """
+
+    def __init__(self, node: RosNode, inbox: Inbox, tell: Callable[[str], None]) -> None:
+        self._node = node
+        self._inbox = inbox
+        self._tell = tell
+        self._told: set[str] = set()
+        self._links: dict[str, RobotLink] = {}
+        self._configs: dict[str, AgentConfig] = {}
+        self._next: dict[str, int] = {}
+        self._measured: SimpleQueue[tuple[str, str, bytes]] = SimpleQueue()
+        self._held: Reading | None = None
+        self._epoch = 0
+        self._bridge = Bridge(node)
+
+    def add(self, config: AgentProcessConfig, session: zenoh.Session, guard: Guard | None) -> None:
+        """Add a robot, whose agent dials a session."""
+        agent, name = config.agent, config.agent.name
+        self._configs[name] = agent
+        self._next[name] = 0
+        self._links[name] = RobotLink(
+            name,
+            session,
+            self._inbox,
+            Keys(config.run),
+            world=time.time_ns(),
+            lag=agent.lag,
+            block=agent.block,
+            excess=_excess,
+        )
+        self._inbox.watch_links(session, name, guard)
+        self._inbox.watch_strangers(session, guard)
+        for stream, what in STREAMS.items():
+            self._node.listen(f"/{name}/{stream}", what.kind, self._queue(name, stream))
+
+    def observe(self, session: zenoh.Session, keys: Keys) -> None:
+        """Hear what the agents believe, on a session of an observer."""
+        for name in self._links:
+            estimate, problem = (keys.observe_agent(name, topic) for topic in ("estimate", "problem"))
+            self._inbox.listen(session, name, {estimate: Estimate, problem: Problem})
+
+    def wait_until_ready(self) -> None:
+        """Wait until every agent asks for measurements and misses none of its neighbours."""
+        next_word = time.monotonic() + _SILENCE
+        while waited_for := {name for name, link in self._links.items() if not link.is_settled}:
+            self._hear_agents(_POLL)
+            if time.monotonic() > next_word:
+                missing = {other for link in self._links.values() for other in link.missing}
+                self._tell(f"waiting for the agents of {', '.join(sorted(waited_for | missing))}")
+                next_word += _SILENCE
+
+    def first_stamp(self) -> int:
+        """The stamp of the next measurement that comes [ns]; those before are forgotten, that one is not."""
+        while not self._measured.empty():
+            self._measured.get()
+        topics = ", ".join(f"/{name}/{stream}" for name in self._links for stream in STREAMS)
+        self._tell(f"all agents are ready; waiting for measurements on {topics}")
+        while True:
+            for reading in self._read(_POLL):
+                self._held = reading
+                return reading.stamp
+            self._hear_agents(0.0)
+
+    def go_on(self, epoch: int) -> NoReturn:
+        """Hand everything on, block 0 beginning at ``epoch`` [ns]; say so when an agent gets nothing for a while."""
+        self._epoch = epoch
+        self._bridge = Bridge(self._node, epoch)
+        builders = {name: BlockBuilder(agent.rate, agent.block, epoch) for name, agent in self._configs.items()}
+        fed_at = dict.fromkeys(builders, time.monotonic())
+        while True:
+            for robot, stream, stamp, values in self._read(_POLL):
+                block = builders[robot].add(stream, stamp, values)
+                if block is not None:
+                    self._feed(robot, *block)
+                    fed_at[robot] = time.monotonic()
+            self._hear_agents(0.0)
+            for name, moment in fed_at.items():
+                if time.monotonic() > moment + _SILENCE:
+                    fed_at[name] = time.monotonic()
+                    came = ", ".join(f"{count} of {stream}" for stream, count in builders[name].counts.items())
+                    self._tell(f"{name}: no complete block for {_SILENCE:g} s; since the last one there came {came}")
+
+    def stop(self, reason: str) -> None:
+        """Tell all agents that the run is over."""
+        for link in self._links.values():
+            link.send_stop(reason)
+
+    def _queue(self, robot: str, stream: str) -> Callable[[bytes], None]:
+        def put(cdr: bytes) -> None:
+            if self._measured.qsize() < _ROOM:
+                self._measured.put((robot, stream, cdr))
+
+        return put
+
+    def _read(self, seconds: float) -> Iterator[Reading]:
+        """What has been measured and makes sense; if there is nothing, wait that long for it."""
+        if self._held is not None:
+            held, self._held = self._held, None
+            yield held
+        try:
+            robot, stream, cdr = self._measured.get(timeout=seconds)
+            for _ in range(_AT_ONCE):
+                try:
+                    yield Reading(robot, stream, *read(stream, cdr))
+                except MessageError as error:
+                    self._complain(f"refused from /{robot}/{stream}: {error}")
+                robot, stream, cdr = self._measured.get_nowait()
+        except Empty:
+            return
+
+    def _feed(self, robot: str, block: int, samples: Array) -> None:
+        link = self._links[robot]
+        self._next[robot] = block + 1
+        if link.is_ready:
+            link.send_measurements(Measurements(robot=robot, block=block, samples=samples))
+
+    def _hear_agents(self, seconds: float) -> None:
+        """Take in what agents have said; if there is nothing, wait that long for it."""
+        event = self._inbox.receive(seconds)
+        while event is not None:
+            match event:
+                case Received(name, message):
+                    try:
+                        self._take(name, message)
+                    except MessageError as error:
+                        self._complain(f"refused from {name}: {error}")
+                case Refused(name, error):
+                    self._complain(f"refused from {name}: {error}")
+                case LinkChange(name, count):
+                    self._links[name].note_links(count)
+                case _:
+                    pass
+            event = self._inbox.receive(0.0)
+
+    def _take(self, name: str, message: Message) -> None:
+        """Hand on what an agent has said.
+
+        Raises:
+            MessageError: It makes no sense here and now.
+        """
+        link, config = self._links[name], self._configs[name]
+        match message:
+            case Estimate():
+                check_estimate(message, name, {name, *config.neighbours})
+                self._bridge.hear_robot(message)
+            case Problem():
+                self._bridge.hear_robot(Problem(source=name, text=one_line(message.text)))
+            case _:
+                was_ready = link.is_ready
+                link.take(message)
+                if link.is_ready and not was_ready:
+                    link.join(self._next[name])
+                if isinstance(message, Reference) and link.take_reference(message.block) is not None:
+                    self._publish(config, message)
+
+    def _publish(self, config: AgentConfig, reference: Reference) -> None:
+        """Say what an agent wants its arm to do at each sample of a block."""
+        name = config.name
+        first = reference.block * config.block
+        for row, motion in enumerate(reference.motion):
+            stamp = self._epoch + (first + row) * 10**9 // config.rate
+            turn = quaternion_from_rotation(rotation_exp(motion[:3]))
+            self._node.publish(f"/{name}/reference/pose", ros.pose(stamp, f"{name}_home", motion[3:6], turn))
+            self._node.publish(f"/{name}/reference/twist", ros.twist(stamp, f"{name}_home", motion[6:]))
+        stamp = self._epoch + first * 10**9 // config.rate
+        self._node.publish(f"/{name}/reference/wrench", ros.wrench(stamp, name, reference.wrench))
+
+    def _complain(self, text: str) -> None:
+        if text not in self._told and len(self._told) < _LINES:
+            self._told.add(text)
+            self._tell(text)
+
+
+def _excess(reference: Reference) -> str | None:
+    """What no arm can do."""
+    if np.isfinite(reference.motion).all() and np.isfinite(reference.wrench).all():
+        return None
+    return f"the reference of block {reference.block} is not finite"

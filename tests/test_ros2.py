@@ -1,0 +1,133 @@
+"""What ROS 2 hears and says: names on Zenoh, and measurements that are put together by their stamps."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from coheft.app.recording import ros
+from coheft.app.ros2.names import Node, Topic, attachment, check_ros_names
+from coheft.app.ros2.samples import STREAMS, BlockBuilder, read
+from coheft.errors import CoheftError, MessageError
+
+RATE, BLOCK = 500, 4
+EPOCH = 1_790_000_000_000_000_000
+PERIOD = 10**9 // RATE
+LOG = Topic(
+    "/rosout",
+    "rcl_interfaces/msg/Log",
+    "RIHS01_e28ce254ca8abc06abf92773b74602cdbf116ed34fbaf294fb9f81da9f318eac",
+)
+
+
+def test_keys_and_tokens_are_those_that_a_node_on_rmw_zenoh_shows() -> None:
+    typed = f"rcl_interfaces::msg::dds_::Log_/{LOG.type_hash}"
+    assert LOG.key(7) == f"7/rosout/{typed}"
+    node = Node(7, "943f9ebc32acd3e072bfda12ce8c7ed2", "talker")
+    start = "@ros2_lv/7/943f9ebc32acd3e072bfda12ce8c7ed2/0"
+    assert node.token() == f"{start}/0/NN/%/%/talker"
+    assert node.endpoint_token(1, "MP", LOG) == f"{start}/1/MP/%/%/talker/%rosout/{typed}/::,10:,:,:,,"
+    nested = Topic("/r3/poses/r1", LOG.kind, LOG.type_hash, latched=True)
+    assert nested.key(0) == f"0/r3/poses/r1/{typed}"
+    assert node.endpoint_token(2, "MS", nested) == f"{start}/2/MS/%/%/talker/%r3%poses%r1/{typed}/:1:,1:,:,:,,"
+
+
+def test_the_types_hash_is_that_of_ros() -> None:
+    assert ros.type_hash(LOG.kind) == LOG.type_hash
+
+
+def test_an_attachment_is_three_numbers_and_sixteen_bytes() -> None:
+    data = attachment(3, 5, bytes(range(16)))
+    assert len(data) == 33
+    assert struct.unpack("<qqB16s", data) == (3, 5, 16, bytes(range(16)))
+
+
+@pytest.mark.parametrize("name", ["r1", "left_arm", "R2D2"])
+def test_names_that_ros_takes(name: str) -> None:
+    check_ros_names([name])
+
+
+@pytest.mark.parametrize("name", ["1r", "left-arm", "a__b", "a_", "", "a/b", "ä"])
+def test_names_that_ros_does_not_take(name: str) -> None:
+    with pytest.raises(CoheftError, match="rename it"):
+        check_ros_names(["r1", name])
+
+
+def message(stream: str, time: int, sample: np.ndarray) -> bytes:
+    columns = sample[STREAMS[stream].columns]
+    made = {"wrench": ros.wrench, "twist": ros.twist, "acceleration": ros.acceleration}[stream](time, "r1", columns)
+    return bytes(ros.to_cdr(made))
+
+
+def add(builder: BlockBuilder, number: int, sample: np.ndarray, late: int = 0, streams: tuple[str, ...] = ()) -> list:
+    """Sample ``number``, stamped so much late [ns]; the blocks that it completes."""
+    found = []
+    for stream in streams or STREAMS:
+        block = builder.add(stream, *read(stream, message(stream, EPOCH + number * PERIOD + late, sample)))
+        if block is not None:
+            found.append(block)
+    return found
+
+
+@given(st.lists(st.integers(-PERIOD // 2 + 1, PERIOD // 2 - 1), min_size=3 * BLOCK, max_size=3 * BLOCK))
+def test_measurements_come_to_lie_where_their_stamps_say(lateness: list[int]) -> None:
+    samples = np.random.default_rng(1).normal(size=(len(lateness), 15))
+    builder = BlockBuilder(RATE, BLOCK, EPOCH)
+    found = [b for number, late in enumerate(lateness) for b in add(builder, number, samples[number], late)]
+    assert [number for number, _ in found] == [0, 1, 2]
+    np.testing.assert_array_equal(np.concatenate([block for _, block in found]), samples)
+    assert builder.given_up == 0
+
+
+def test_streams_need_not_keep_step() -> None:
+    samples = np.random.default_rng(1).normal(size=(2 * BLOCK, 15))
+    builder = BlockBuilder(RATE, BLOCK, EPOCH)
+    for stream in ("twist", "acceleration"):
+        for number, sample in enumerate(samples):
+            assert not add(builder, number, sample, streams=(stream,))
+    found = [b for number, sample in enumerate(samples) for b in add(builder, number, sample, streams=("wrench",))]
+    np.testing.assert_array_equal([block for _, block in found], samples.reshape(2, BLOCK, 15))
+
+
+def test_a_block_that_misses_a_measurement_is_given_up_and_the_next_is_not() -> None:
+    sample = np.ones(15)
+    builder = BlockBuilder(RATE, BLOCK, EPOCH)
+    found = [b for number in range(3 * BLOCK) if number != 5 for b in add(builder, number, sample)]
+    assert [number for number, _ in found] == [0, 2]
+    assert builder.given_up == 1
+    assert not add(builder, 5, sample)  # too late
+
+
+def test_what_was_measured_before_the_epoch_is_left_out() -> None:
+    builder = BlockBuilder(RATE, BLOCK, EPOCH)
+    assert [b for number in range(-BLOCK, 0) for b in add(builder, number, np.ones(15))] == []
+    assert len([b for number in range(BLOCK) for b in add(builder, number, np.ones(15))]) == 1
+
+
+def test_wrong_stamps_do_no_lasting_harm() -> None:
+    builder = BlockBuilder(RATE, BLOCK, EPOCH)
+    for glitch in range(50):
+        add(builder, 10**6 + glitch * BLOCK, np.ones(15))
+    found = [b for number in range(4 * BLOCK) for b in add(builder, number, np.ones(15))]
+    assert [number for number, _ in found] == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("stream", STREAMS)
+def test_numbers_that_are_not_finite_are_refused(stream: str) -> None:
+    with pytest.raises(MessageError, match="not finite"):
+        read(stream, message(stream, EPOCH, np.full(15, np.inf)))
+
+
+@given(st.sampled_from(list(STREAMS)), st.binary(max_size=8), st.integers(0, 100), st.integers(0, 120))
+def test_bytes_that_are_no_message_are_refused(stream: str, damage: bytes, at: int, length: int) -> None:
+    data = bytearray(message(stream, EPOCH, np.ones(15)))
+    data[at : at + len(damage)] = damage
+    try:
+        _, values = read(stream, bytes(data[:length]))
+    except MessageError:
+        return
+    assert np.isfinite(values).all()
