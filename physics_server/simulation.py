@@ -99,6 +99,8 @@ class Simulation:
             rotations=np.array([grasp.rotation for grasp in grasps]),
             translations=np.array([grasp.translation for grasp in grasps]),
             neighbours={name: list(others) for name, others in (neighbours or {}).items()},
+            boxes=scenario.payload.boxes,
+            home=_vector(PAYLOAD_HOME.translation),
         )
         self.block = 0
         self.model = build_model(scenario, grasps)
@@ -321,3 +323,8 @@ class Simulation:
             f"unlike each other, a load too heavy or too far out, or damping too strong for so light a payload at "
             f"{PHYSICS_RATE} steps a second"
         )
+
+
+def _vector(array: Array) -> Vector:
+    x, y, z = array.tolist()
+    return x, y, z

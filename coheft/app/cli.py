@@ -12,7 +12,17 @@ from typing import Annotated
 import cyclopts
 from cyclopts import Parameter
 
-from coheft.app import cli_cart, cli_control, cli_faults, cli_identify, cli_keys, cli_mocobots, cli_recover, cli_study
+from coheft.app import (
+    cli_cart,
+    cli_control,
+    cli_faults,
+    cli_identify,
+    cli_keys,
+    cli_mocobots,
+    cli_recover,
+    cli_study,
+    cli_view,
+)
 from coheft.app.cli_base import (
     EXIT_CONVERGED,
     EXIT_ERROR,
@@ -239,5 +249,6 @@ __all__ = [
     "cli_mocobots",
     "cli_recover",
     "cli_study",
+    "cli_view",
     "run_command_line",
 ]

@@ -7,6 +7,8 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
+from coheft.wire.scenario import Box, Vector
+
 PROTOCOL_VERSION = 4
 
 
@@ -208,6 +210,7 @@ class Estimate(Message, frozen=True):
             poses are the last valid ones.
         reasons: Why it is not valid, in words, for instance "r3 is silent since 12.34 s".
         valid_block: Block to which payload and poses belong, the last valid one when stale; -1 if there is none.
+        silent: Neighbours that it does not hear.
     """
 
     robot: str
@@ -226,6 +229,7 @@ class Estimate(Message, frozen=True):
     status: Literal["starting", "valid", "stale"] = "starting"
     reasons: list[str] = []
     valid_block: int = -1
+    silent: list[str] = []
 
 
 class Problem(Message, frozen=True):
@@ -288,12 +292,23 @@ class Truth(Message, frozen=True):
 
 
 class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What does not change during a run: who holds the payload, and the true pose of each ``F_i`` in the payload."""
+    """What does not change during a run: what is held, and by whom.
+
+    Attributes:
+        robots: Who holds the payload.
+        rotations: Of the true pose of each robot's ``F_i`` in the payload's frame, (N, 3, 3).
+        translations: Of the same, (N, 3) [m].
+        neighbours: Who talks with whom.
+        boxes: What the payload is made of; empty if no more is known of it than its mass properties.
+        home: Where the payload's frame was in the world when the robots took hold, its axes along the world's [m].
+    """
 
     robots: list[str]
     rotations: np.ndarray[Any, Any]
     translations: np.ndarray[Any, Any]
     neighbours: dict[str, list[str]]
+    boxes: tuple[Box, ...] = ()
+    home: Vector = (0.0, 0.0, 0.0)
 
 
 # --- queries to the server, on the observer plane ----------------------------------------------------------------

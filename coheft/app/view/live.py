@@ -1,0 +1,63 @@
+"""The view of a run that goes on."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from coheft.app.observer import Observer, observe
+from coheft.app.run_folder import find_run
+from coheft.app.view import words
+from coheft.app.view.model import ViewModel
+from coheft.app.view.page import FRAME, Page, open_server
+from coheft.wire.messages import Status, StatusRequest
+
+_STATUS_EVERY = 0.5
+_ENDED = "the run has ended; this is its last picture"
+
+
+def view_run(folder: Path | None, host: str, port: int | None, tell: Callable[[str], None]) -> None:
+    """Show a run until Ctrl-C; when it ends, its last picture stays.
+
+    Args:
+        folder: Of the run; None: the newest one that goes on.
+        host: Where browsers may dial in.
+        port: Where; None: any that is free.
+        tell: Is told where the view is.
+
+    Raises:
+        CoheftError: There is no such run, or it does not answer, or the port is taken.
+        KeyboardInterrupt: Ctrl-C.
+    """
+    run_file = find_run(folder)
+    with open_server(host, port) as server:
+        with observe(run_file) as observer:
+            model = ViewModel(observer.ask(StatusRequest()))
+            page = Page(server, model)
+            tell(f"http://{server.get_host()}:{server.get_port()}")
+            _follow(observer, model, page)
+        while True:
+            page.draw(model, _ENDED)
+            time.sleep(FRAME)
+
+
+def _follow(observer: Observer, model: ViewModel, page: Page) -> None:
+    """Show what comes, until the run's server is gone."""
+    asked_at = -1.0
+    drawn_at = -1.0
+    while True:
+        for news in observer.collect(model.scene, FRAME):
+            model.hear(news)
+        if (now := time.monotonic()) > asked_at + _STATUS_EVERY:
+            asked_at = now
+            status: Status | None = observer.status()
+            if status is None:
+                while left := observer.collect(model.scene, 0.0):  # a view that was slow may have fallen behind
+                    for news in left:
+                        model.hear(news)
+                return
+            model.note_status(status)
+        if (now := time.monotonic()) > drawn_at + FRAME:
+            drawn_at = now
+            page.draw(model, words.waiting_note(model.status))
