@@ -369,6 +369,35 @@ class Status(Message, frozen=True):
 
 
 class Refusal(Message, frozen=True):
-    """The server's answer to a request that it did not carry out, and why."""
+    """The answer to a request that was not carried out, and why."""
 
     reason: str
+
+
+# --- queries to an agent, on the observer plane ------------------------------------------------------------------
+
+
+class LinkRequest(Message, frozen=True):
+    """Hang up on a neighbour, and dial it no more until the opposite is asked.
+
+    Only the one of the two that dials can do so; to both it is as if the wire between them were cut.
+
+    Attributes:
+        neighbour: The other end.
+        cut: Whether to cut the link, or to mend it.
+    """
+
+    neighbour: str
+    cut: bool
+
+
+class CutLinks(Message, frozen=True):
+    """An agent's answer to a request that it carried out.
+
+    Attributes:
+        robot: Who answers.
+        neighbours: On whom it has hung up.
+    """
+
+    robot: str
+    neighbours: list[str]

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from coheft.app.observer import Observer, observe
-from coheft.app.run_folder import find_run
+from coheft.app.run_folder import locate_run
 from coheft.app.view import words
+from coheft.app.view.controls import Controls
 from coheft.app.view.model import ViewModel
 from coheft.app.view.page import FRAME, Page, open_server
 from coheft.wire.messages import Status, StatusRequest
@@ -30,19 +31,21 @@ def view_run(folder: Path | None, host: str, port: int | None, tell: Callable[[s
         CoheftError: There is no such run, or it does not answer, or the port is taken.
         KeyboardInterrupt: Ctrl-C.
     """
-    run_file = find_run(folder)
+    folder, run_file = locate_run(folder)
     with open_server(host, port) as server:
         with observe(run_file) as observer:
             model = ViewModel(observer.ask(StatusRequest()))
             page = Page(server, model)
+            controls = Controls(page, model, run_file, folder)
             tell(f"http://{server.get_host()}:{server.get_port()}")
-            _follow(observer, model, page)
+            _follow(observer, model, page, controls)
+        controls.end()
         while True:
             page.draw(model, _ENDED)
             time.sleep(FRAME)
 
 
-def _follow(observer: Observer, model: ViewModel, page: Page) -> None:
+def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls) -> None:
     """Show what comes, until the run's server is gone."""
     asked_at = -1.0
     drawn_at = -1.0
@@ -58,6 +61,7 @@ def _follow(observer: Observer, model: ViewModel, page: Page) -> None:
                         model.hear(news)
                 return
             model.note_status(status)
+            controls.update()
         if (now := time.monotonic()) > drawn_at + FRAME:
             drawn_at = now
             page.draw(model, words.waiting_note(model.status))

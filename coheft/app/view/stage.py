@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,22 @@ import trimesh
 import viser
 
 from coheft.app.view import colours
-from coheft.app.view.geometry import box_edges, ellipsoid, equivalent_box, extent, payload_boxes, rotation_to, stands
+from coheft.app.view.geometry import (
+    box_edges,
+    ellipsoid,
+    equivalent_box,
+    extent,
+    payload_boxes,
+    place_under_ray,
+    rotation_to,
+    stands,
+)
 from coheft.app.view.model import ViewModel
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
 from coheft.wire.messages import Estimate, LoadState, Truth
-from coheft.wire.scenario import pose_of
+from coheft.wire.scenario import Vector, pose_of
 
 _NO_LINES = np.zeros((1, 2, 3))
 _FORCE_LENGTH = 0.15
@@ -42,7 +52,7 @@ class Stage:
         self._rotations = model.scene.rotations
         self._index = {name: index for index, name in enumerate(model.scene.robots)}
         self._stands = stands(model.scene)
-        self._boxes = payload_boxes(model.scene)
+        self.boxes = payload_boxes(model.scene)
         self._loads: dict[int, tuple[LoadState, list[Any]]] = {}
         self._newton: float | None = None
         self._drawn: dict[str, object] = {}
@@ -112,12 +122,12 @@ class Stage:
     def _add_payload(self) -> None:
         size = self._size
         self._frame = self._scene.add_frame("/payload", show_axes=False)
-        self.boxes = []
+        self._bodies = []
         edges = []
-        for index, box in enumerate(self._boxes):
+        for index, box in enumerate(self.boxes):
             pose = pose_of(box.position, box.rotation_deg)
             edges.append(box_edges(pose, np.array(box.size)))
-            self.boxes.append(
+            self._bodies.append(
                 self._scene.add_box(
                     f"/payload/boxes/{index}",
                     color=colours.PAYLOAD,
@@ -135,6 +145,7 @@ class Stage:
             axes_length=0.16 * size,
             axes_radius=0.007 * size,
         )
+        self._place = self._lines("/payload/place", _NO_LINES, colours.LOAD, 1.5)
         self._forces = self._add_arrows("/payload/forces", colours.FORCE)
         self._torques = self._add_arrows("/payload/torques", colours.TORQUE)
 
@@ -185,7 +196,7 @@ class Stage:
         self._draw_robots(model, chosen)
         for edge, lines in self._links.items():
             health = model.link(edge)
-            self._once(f"link {edge}", health, lambda lines=lines, health=health: _paint(lines, colours.LINK[health]))
+            self._once(f"link {edge}", health, partial(_paint, lines, colours.LINK[health]))
 
     def _once(self, what: str, value: object, act: Callable[[], None]) -> None:
         """Do it if its value is another one than last time."""
@@ -195,6 +206,7 @@ class Stage:
 
     def _move(self, payload: Pose) -> None:
         """Put the payload, and all arms that hold it, where they are now."""
+        self._payload = payload
         self._frame.position = payload.translation
         self._frame.wxyz = quaternion_from_rotation(payload.rotation)
         hands = payload.apply(self._translations)
@@ -230,7 +242,7 @@ class Stage:
             elif self._loads[number][0].mass != load.mass:
                 handles = self._loads[number][1]
                 self._loads[number] = load, handles
-                self._once(f"load {number}", f"{load.mass:.1f} kg", lambda h=handles, m=load.mass: _tell(h[1], m))
+                self._once(f"load {number}", f"{load.mass:.1f}", partial(_tell, handles[1], load.mass))
 
     def _add_load(self, load: LoadState) -> list[Any]:
         box = self._scene.add_box(
@@ -286,10 +298,23 @@ class Stage:
         self._once("hands", statuses, paint_hands)
         self._once("chosen", chosen, paint_arms)
 
-    def payload_ray(self, origin: Array, direction: Array, payload: Pose | None) -> tuple[Array, Array]:
-        """A ray in the world, seen from the payload's frame."""
-        pose = (payload or self._home).inverse()
-        return pose.apply(origin), pose.rotation @ direction
+    def on_payload_click(self, act: Callable[[Array], None]) -> None:
+        """Let ``act`` know of clicks onto the payload: where, (3,) in its frame [m]."""
+
+        def clicked(event: Any) -> None:
+            pose = self._payload.inverse()
+            hit = place_under_ray(
+                self.boxes, pose.apply(event.ray_origin), pose.rotation @ np.array(event.ray_direction)
+            )
+            if hit is not None:
+                act(hit)
+
+        for body in self._bodies:
+            body.on_click(clicked)
+
+    def show_place(self, place: Vector, edge: float) -> None:
+        """Show where a load would come to lie: centre in the payload's frame and edge length [m]."""
+        self._place.points = box_edges(Pose(np.eye(3), np.array(place)), np.full(3, edge))
 
 
 def _paint(lines: Any, colour: colours.Colour) -> None:

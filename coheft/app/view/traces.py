@@ -44,7 +44,7 @@ class Curves:
         usual = 3.0 * float(np.nanmedian(self.band))
         recent = [np.abs(values[..., -10:]) for values in (self.errors, self.band)]
         known = np.concatenate([values[np.isfinite(values)] for values in recent])
-        return 1.15 * max([usual, *known.tolist()])
+        return 1.15 * float(np.max([usual, *known.tolist()]))
 
 
 class Trace:

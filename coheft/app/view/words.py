@@ -139,8 +139,8 @@ def _rows(
 ) -> list[str]:
     result = []
     for index, axis in enumerate(axes):
-        values = [[scale * values[index]] if values is not None else [] for values in (truth, estimate, std)]
-        result.append(_row(f"{name if index == 0 else ''}", f"{axis} {unit}", *values, digits))
+        cells = [[scale * values[index]] if values is not None else [] for values in (truth, estimate, std)]
+        result.append(_row(name if index == 0 else "", f"{axis} {unit}", cells[0], cells[1], cells[2], digits))
     return result
 
 

@@ -1,0 +1,152 @@
+"""The view as people meet it: real runs, in a real browser without a window."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from coheft.app.hosts import free_ports
+from coheft.app.run_folder import RUN_FILE, RunFile
+
+pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
+sync_api = pytest.importorskip("playwright.sync_api", reason="browser tests need playwright")
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+BROWSER = next((path for path in map(shutil.which, _BROWSERS) if path is not None), None)
+
+pytestmark = [
+    pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX"),
+    pytest.mark.skipif(BROWSER is None, reason=f"there is no browser: none of {', '.join(_BROWSERS)}"),
+    pytest.mark.timeout(400),
+]
+
+PATIENCE = 90.0
+"""Software draws the scene, and slowly [s]."""
+
+
+def wait_for(condition: Callable[[], Any], what: str) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, f"waited {PATIENCE:g} s in vain: {what}"
+        time.sleep(0.1)
+
+
+@contextmanager
+def command(output: Path, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """``coheft`` with some arguments; ended by Ctrl-C if it has not ended by itself."""
+    with output.open("wb") as file:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "coheft", *arguments], stdout=file, stderr=subprocess.STDOUT, start_new_session=True
+        )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            process.wait(PATIENCE)
+
+
+def run_file(folder: Path) -> RunFile:
+    return msgspec.json.decode((folder / RUN_FILE).read_bytes(), type=RunFile)
+
+
+def ask(folder: Path, *arguments: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "coheft", *arguments, "--run", str(folder)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=BROWSER, args=["--enable-unsafe-swiftshader", "--no-sandbox"]
+        )
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def looking_at(browser: Any, url: str) -> Iterator[Any]:
+    """A page with little to draw, and room for all panels."""
+    page = browser.new_page(viewport={"width": 900, "height": 1100})
+    page.set_default_timeout(1e3 * PATIENCE)
+    failures: list[str] = []
+    page.on("pageerror", lambda error: failures.append(str(error)))
+    page.goto(url)
+    yield page
+    assert not failures
+    page.close()
+
+
+def text_of(page: Any) -> str:
+    return str(page.locator("body").inner_text())
+
+
+def inputs(page: Any) -> list[str]:
+    """What all fields and lists say."""
+    values: list[str] = page.locator("input").evaluate_all("fields => fields.map(field => field.value)")
+    return values
+
+
+def click(page: Any, button: str) -> None:
+    page.get_by_role("button", name=button, exact=True).first.click(force=True)
+
+
+@contextmanager
+def viewed_run(folder: Path, *arguments: str) -> Iterator[str]:
+    """A run of three robots in real time, and the address of its view."""
+    port = free_ports(1)[0]
+    with command(folder.with_suffix(".out"), "run", "ring3", "--realtime", "--logs", str(folder), *arguments):
+        wait_for(lambda: (folder / RUN_FILE).exists(), "the run to begin")
+        output = folder.with_suffix(".view")
+        with command(output, "view", str(folder), "--port", str(port)) as view:
+            wait_for(lambda: "http" in output.read_text() or view.poll() is not None, "the view to begin")
+            assert view.poll() is None, output.read_text()
+            yield f"http://127.0.0.1:{port}"
+        assert "Traceback" not in output.read_text()
+
+
+def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_report(tmp_path, browser):
+    folder, report = tmp_path / "run", tmp_path / "report.json"
+    with viewed_run(folder, "--duration", "1000", "--json", str(report)) as url, looking_at(browser, url) as page:
+        page.get_by_text("ring3", exact=True).wait_for()
+        page.get_by_text("true mass", exact=False).first.wait_for()
+
+        click(page, "Drop 3 kg")
+        page.get_by_text("dropped 3 kg").wait_for()
+        wait_for(lambda: "#1 of 3.0 kg" in inputs(page), "the load")
+
+        before = run_file(folder).pids["r1"]
+        click(page, "Kill the chosen robot's agent")
+        wait_for(lambda: run_file(folder).pids["r1"] != before, "the agent to come back")
+
+        click(page, "Cut")
+        wait_for(lambda: "silent" in text_of(page), "the cut to be noticed")
+        click(page, "Mend")
+        click(page, "Stop the run")
+        page.get_by_text("the run has ended").wait_for()
+        wait_for(report.exists, "the report")
+        told = json.loads(report.read_text())
+        robot = told["robots"]["r1"]
+        assert [change["truth"]["mass"] for change in told["load_changes"]][-1] == pytest.approx(
+            robot["mass"]["truth"]
+        )
+        shown = text_of(page)
+        assert f"{robot['mass']['truth']:.3f}" in shown
+        assert f"{told['duration_s']:.1f} of 1000 s" in shown
+        if robot["com"]["estimate"] is not None:
+            for number in robot["com"]["estimate"]:
+                assert f"{1e3 * number:.1f}" in shown
