@@ -79,6 +79,7 @@ def run(
     quiet: Flag = False,
     save_data: DataTarget = None,
     record: RecordingTarget = None,
+    view: Flag = False,
     logs: Path | None = None,
     secure: Flag = False,
     keys: Path | None = None,
@@ -119,6 +120,8 @@ def run(
         Save what all robots measured, for 'coheft identify': an .npz file, or, without suffix, a folder of CSV files.
     record:
         Record the run to this new .mcap file, for 'coheft view', Foxglove and PlotJuggler, see docs/recording.md.
+    view:
+        Show the run in the browser, in real time; the last picture stays until Ctrl-C. See docs/view.md.
     logs:
         Folder for the processes' logs, instead of a new one among your runs.
     secure:
@@ -135,7 +138,8 @@ def run(
     from rich.console import Console
 
     from coheft.app.final_table import print_report
-    from coheft.app.hosts import load_hosts
+    from coheft.app.follower import Follower
+    from coheft.app.hosts import LOOPBACK, load_hosts
     from coheft.app.launch import launch
     from coheft.app.overrides import override
     from coheft.app.plan import make_plan, new_run_name
@@ -152,10 +156,12 @@ def run(
         estimator=estimator,
         sensor_rate=sensor_rate,
     )
+    if write_configs is not None and (record is not None or view):
+        raise ScenarioError(f"{'--view' if view else '--record'} needs a run, but --write-configs makes none")
     if record is not None:
-        if write_configs is not None:
-            raise ScenarioError("--record needs a run, but --write-configs makes none")
         from coheft.app.recording.recorder import Recorder
+    if view:
+        from coheft.app.view.process import ViewBeside
     if hosts is not None and write_configs is None:
         raise ScenarioError("--hosts needs --write-configs: each part is to be started on its own host")
     places = load_hosts(hosts, chosen) if hosts is not None else None
@@ -169,7 +175,7 @@ def run(
             make_keys(keys, chosen, places)
         check_keys(keys, chosen, places)
     plan = make_plan(
-        chosen, "realtime" if realtime else "lockstep", run=name, hosts=places, keys=keys, save_data=save_data
+        chosen, "realtime" if realtime or view else "lockstep", run=name, hosts=places, keys=keys, save_data=save_data
     )
     if write_configs is not None:
         for path in plan.write(write_configs):
@@ -178,7 +184,13 @@ def run(
     console = Console(stderr=json == "-")
     display = make_display(console, quiet=quiet)
     with ExitStack() as stack:
-        followers = []
+        followers: list[Follower] = []
+        viewer = None
+        if view:
+            viewer = stack.enter_context(
+                ViewBeside(folder, LOOPBACK, None, lambda url: console.print(f"the view is at {url}"))
+            )
+            followers.append(viewer)
         if record is not None:
             followers.append(stack.enter_context(Recorder(record, chosen)))
         report = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
@@ -186,6 +198,10 @@ def run(
             write_report(report, json)
         if not quiet:
             print_report(console, report, folder)
+        if viewer is not None:
+            if not quiet:
+                console.print(f"The view stays at {viewer.url} until Ctrl-C.")
+            viewer.wait()
     return EXIT_CONVERGED if report.converged else EXIT_NOT_CONVERGED
 
 

@@ -11,7 +11,7 @@ from coheft.app.run_folder import locate_run
 from coheft.app.view import words
 from coheft.app.view.controls import Controls
 from coheft.app.view.model import ViewModel
-from coheft.app.view.page import FRAME, Page, open_server
+from coheft.app.view.page import FRAME, Page, open_server, url_of
 from coheft.wire.messages import Status, StatusRequest
 
 _STATUS_EVERY = 0.5
@@ -37,7 +37,7 @@ def view_run(folder: Path | None, host: str, port: int | None, tell: Callable[[s
             model = ViewModel(observer.ask(StatusRequest()))
             page = Page(server, model)
             controls = Controls(page, model, run_file, folder)
-            tell(f"http://{server.get_host()}:{server.get_port()}")
+            tell(url_of(server))
             _follow(observer, model, page, controls)
         controls.end()
         while True:

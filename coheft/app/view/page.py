@@ -13,11 +13,9 @@ import viser
 from coheft.app.view import words
 from coheft.app.view.model import ViewModel
 from coheft.app.view.plots import Plots
+from coheft.app.view.ports import choose_port
 from coheft.app.view.stage import Stage
-from coheft.errors import LinkError
 
-PORT = 8010
-"""Where the view is, unless that port is taken."""
 FRAME = 0.05
 """Time between two pictures at least [s]."""
 _TEXT_EVERY = 0.2
@@ -30,22 +28,24 @@ def open_server(host: str, port: int | None) -> Iterator[viser.ViserServer]:
 
     Args:
         host: Where it listens.
-        port: On this port; None: on ``PORT`` or the next free one.
+        port: On this port; None: any that is free.
 
     Raises:
         LinkError: It cannot listen there.
     """
+    port = choose_port(host, port)
     with contextlib.redirect_stdout(io.StringIO()):  # it would print a banner of its own
-        try:
-            server = viser.ViserServer(host=host, port=PORT if port is None else port, verbose=False)
-        except OSError as error:
-            raise LinkError(f"cannot listen at {host}:{port}: {error}") from error
+        server = viser.ViserServer(host=host, port=port, verbose=False)
     try:
-        if port is not None and server.get_port() != port:
-            raise LinkError(f"port {port} is taken; leave --port out to get a free one")
         yield server
     finally:
-        server.stop()
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()
+
+
+def url_of(server: viser.ViserServer) -> str:
+    """Where browsers find it."""
+    return f"http://{server.get_host()}:{server.get_port()}"
 
 
 class Page:

@@ -1,0 +1,102 @@
+"""The view in a process of its own beside a run: however slow a browser is, the run does not wait for it.
+
+``python -m coheft.app.view.process`` reads a ``ViewConfig`` from stdin.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import NoReturn, Self
+
+import msgspec
+
+from coheft.app.heard import News
+from coheft.app.processes import Processes
+from coheft.app.view.ports import choose_port
+from coheft.wire.messages import Status
+from coheft.wire.supervised import supervised_main
+
+_LOOK_EVERY = 0.2
+
+
+class ViewConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the view's process is told.
+
+    Attributes:
+        folder: Of the run.
+        host: Where browsers may dial in.
+        port: Where.
+    """
+
+    folder: str
+    host: str
+    port: int
+
+
+class ViewBeside:
+    """A follower that starts the view of a run when it has begun. Leaving the context ends the view.
+
+    Args:
+        folder: Of the run.
+        host: Where browsers may dial in.
+        port: Where; None: any that is free.
+        tell: Is told where the view is.
+
+    Raises:
+        LinkError: The port is taken.
+    """
+
+    def __init__(self, folder: Path, host: str, port: int | None, tell: Callable[[str], None]) -> None:
+        self._config = ViewConfig(str(folder), host, choose_port(host, port))
+        self._tell = tell
+        self._processes = Processes(folder)
+
+    @property
+    def url(self) -> str:
+        """Where the view is."""
+        return f"http://{self._config.host}:{self._config.port}"
+
+    def begin(self, status: Status) -> None:
+        """Start the view."""
+        self._processes.start("view", "coheft.app.view.process", self._config)
+        self._tell(self.url)
+
+    def hear(self, news: News) -> None:
+        """The view hears for itself."""
+
+    def end(self, status: Status) -> None:
+        """The last picture stays until the context ends."""
+
+    def wait(self) -> None:
+        """Let people look until Ctrl-C."""
+        try:
+            while not self._processes.ended("view"):
+                time.sleep(_LOOK_EVERY)
+        except KeyboardInterrupt:
+            return
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._processes.stop()
+
+
+def _view(config: ViewConfig) -> None:
+    from coheft.app.view.live import view_run  # viser takes a second, and whoever starts this process needs none of it
+
+    view_run(Path(config.folder), config.host, config.port, lambda url: print(f"the view is at {url}", flush=True))
+
+
+def main() -> NoReturn:
+    """Show the run whose folder comes on stdin."""
+    supervised_main(ViewConfig, _view)
+
+
+if __name__ == "__main__":
+    main()
