@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from coheft.app.keys import make_keys
 from coheft.app.observer import observe, set_link
 from coheft.errors import CoheftError, LinkError
 from coheft.wire.messages import CutLinks, Estimate, LinkRequest, StatusRequest, StopRequest
+from coheft.wire.planes import guard_observer
+from coheft.wire.security import credentials_in
 from coheft.wire.transport import ask_for, open_session
 
 from .team import running_team, small_scenario, wait_until
@@ -14,6 +17,7 @@ from .team import running_team, small_scenario, wait_until
 
 def test_a_link_that_is_cut_is_silent_at_both_ends_until_it_is_mended(tmp_path):
     with running_team(small_scenario(3, "line"), tmp_path) as team:
+        team.wait_for_block(10)
         run_file = team.plan.run_file()
         scene = team.ask(StatusRequest()).scene
         with observe(run_file) as observer:
@@ -54,3 +58,22 @@ def test_a_link_that_is_cut_is_silent_at_both_ends_until_it_is_mended(tmp_path):
         assert all(team.exit_status(name) == 0 for name in team.plan.agents)
         assert "the operator has cut the link with r1" in team.log("r2")
         assert "the operator has mended the link with r1" in team.log("r2")
+
+
+def test_in_a_secure_run_only_the_operator_cuts_links(tmp_path):
+    scenario = small_scenario(2, "line")
+    make_keys(tmp_path / "keys", scenario)
+    with running_team(scenario, tmp_path, keys_folder=tmp_path / "keys") as team:
+        team.wait_for_block(10)
+        run_file = team.plan.run_file()
+        scene = team.ask(StatusRequest()).scene
+        guard = guard_observer(credentials_in(tmp_path / "keys", "observer"), team.keys, "observer", ["r2"])
+        with (
+            open_session(connect=[run_file.agents["r2"]], guard=guard) as session,
+            pytest.raises(LinkError, match="no answer"),
+        ):
+            ask_for(CutLinks, session, team.keys.request_agent("r2"), LinkRequest(neighbour="r1", cut=True))
+        set_link(run_file, scene, "r1", "r2", cut=True)
+        wait_until(lambda: "the operator has cut the link with r1" in team.log("r2"), "the link to be cut")
+        assert team.log("r2").count("the operator has cut") == 1
+        team.ask(StopRequest())

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -18,7 +19,9 @@ import msgspec
 import pytest
 
 from coheft.app.hosts import free_ports
+from coheft.app.observer import ask_server
 from coheft.app.run_folder import RUN_FILE, RunFile
+from coheft.wire.messages import Status, StatusRequest
 
 pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
 sync_api = pytest.importorskip("playwright.sync_api", reason="browser tests need playwright")
@@ -61,11 +64,8 @@ def run_file(folder: Path) -> RunFile:
     return msgspec.json.decode((folder / RUN_FILE).read_bytes(), type=RunFile)
 
 
-def ask(folder: Path, *arguments: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "coheft", *arguments, "--run", str(folder)], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
+def status(folder: Path) -> Status:
+    return ask_server(run_file(folder), StatusRequest())
 
 
 @pytest.fixture(scope="module")
@@ -125,17 +125,21 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
     with viewed_run(folder, "--duration", "1000", "--json", str(report)) as url, looking_at(browser, url) as page:
         wait_for(lambda: "true mass" in text_of(page), "the numbers")
 
+        click(page, "Pause")  # and the machine has time for the browser
+        wait_for(lambda: "paused: Resume goes on" in text_of(page), "time to stand still")
         click(page, "Drop 3 kg")
-        wait_for(lambda: "dropped 3 kg" in text_of(page), "the answer")
-        wait_for(lambda: "#1 of 3.0 kg" in inputs(page), "the load")
-
+        wait_for(lambda: [load.mass for load in status(folder).loads] == [3.0], "the load")
         before = run_file(folder).pids["r1"]
         click(page, "Kill the chosen robot's agent")
         wait_for(lambda: run_file(folder).pids["r1"] != before, "the agent to come back")
-
         click(page, "Cut")
-        wait_for(lambda: "silent" in text_of(page), "the cut to be noticed")
+        wait_for(lambda: "cut the link r1-r2" in text_of(page), "the link to be cut")
+
+        click(page, "Resume")
+        wait_for(lambda: "#1 of 3.0 kg" in inputs(page), "the load to be shown")
+        wait_for(lambda: "r2 is silent" in text_of(page), "the cut to be noticed")
         click(page, "Mend")
+        wait_for(lambda: "mended the link r1-r2" in text_of(page), "the link to be mended")
         click(page, "Stop the run")
         wait_for(lambda: "the run has ended" in text_of(page), "the end")
         wait_for(report.exists, "the report")
@@ -148,3 +152,43 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
         if robot["com"]["estimate"] is not None:
             for number in robot["com"]["estimate"]:
                 assert f"{1e3 * number:.1f}" in shown
+
+
+def test_a_recording_plays_to_its_end_with_the_numbers_of_the_report(tmp_path, browser):
+    recording, report = tmp_path / "run.mcap", tmp_path / "report.json"
+    arguments = "ring3", "--duration", "6", "--logs", str(tmp_path / "run")
+    with command(tmp_path / "out", "run", *arguments, "--record", str(recording), "--json", str(report)) as run:
+        assert run.wait(PATIENCE) in (0, 3), (tmp_path / "out").read_text()
+    told = json.loads(report.read_text())
+    output = tmp_path / "view"
+    with command(output, "view", str(recording), "--port", str(free_ports(1)[0])):
+        wait_for(lambda: "http" in output.read_text(), "the view to begin")
+        with looking_at(browser, output.read_text().split()[4].rstrip(";")) as page:
+            wait_for(lambda: "a recording: run.mcap" in text_of(page), "the recording")
+            wait_for(lambda: "6.0 of 6 s" in text_of(page), "the end")
+            wait_for(lambda: "finished" in text_of(page), "the player to stop")
+            shown = text_of(page)
+            assert f"{told['robots']['r1']['mass']['truth']:.3f}" in shown
+            for number in told["robots"]["r1"]["com"]["estimate"] or []:
+                assert f"{1e3 * number:.1f}" in shown
+            click(page, "Play")
+            wait_for(lambda: "6.0 of 6 s" not in text_of(page), "it to begin anew")
+            click(page, "Pause")
+            wait_for(lambda: "paused" in text_of(page), "it to pause")
+
+
+def test_a_view_that_is_started_with_a_run_stays_until_it_is_interrupted(tmp_path, browser):
+    folder, output = tmp_path / "run", tmp_path / "out"
+    with command(output, "run", "ring3", "--duration", "4", "--view", "--logs", str(folder)) as run:
+        wait_for(lambda: "http" in output.read_text(), "the view to begin")
+        url = next(word for word in output.read_text().split() if word.startswith("http"))
+        with looking_at(browser, url) as page:
+            wait_for(lambda: "until Ctrl-C" in output.read_text(), "the run to end")
+            wait_for(lambda: "the run has ended" in text_of(page), "the last picture")
+        assert run.poll() is None
+        run.send_signal(signal.SIGINT)
+        assert run.wait(PATIENCE) in (0, 3), output.read_text()
+    log = (folder / "view.log").read_text()
+    assert "Traceback" not in log
+    with pytest.raises(OSError, match=r"refused|timed out"):
+        socket.create_connection(("127.0.0.1", int(url.rpartition(":")[2])), timeout=1.0)

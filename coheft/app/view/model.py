@@ -34,7 +34,7 @@ class ViewModel:
         edges: Who talks with whom, each edge once.
         truth: The newest one.
         problems: With the time at which they were heard [s].
-        changes: Counts whatever was heard: who has drawn a picture need not draw it again while this stays.
+        changes: Counts news: who has drawn a picture need not draw it again while this stays.
     """
 
     def __init__(self, status: Status) -> None:
@@ -76,7 +76,6 @@ class ViewModel:
 
     def note_status(self, status: Status) -> None:
         """Take in how the run is."""
-        self.changes += 1
         self.status = status
 
     def _compare(self, name: str) -> None:

@@ -72,6 +72,8 @@ class Page:
         self._belief = gui.add_html(words.belief(None, None))
         self._plots = Plots(server)
         self._texts_at = self._plots_at = 0.0
+        self._drawn: object = None
+        self._plotted: object = None
         side = gui.add_panel()
         side.dock_left()
         side.set_width(290)
@@ -98,13 +100,18 @@ class Page:
             return
         now = time.monotonic()
         with self.server.atomic():
-            self.stage.draw(model, self.chosen)
+            picture = model, model.changes, self.chosen, self.stage.doubt_scale
+            if picture != self._drawn:
+                self._drawn = picture
+                self.stage.draw(model, self.chosen)
             if now > self._texts_at + _TEXT_EVERY:
                 self._texts_at = now
                 self._draw_texts(model, note)
             if now > self._plots_at + _PLOT_EVERY:
                 self._plots_at = now
-                self._plots.draw(model.trace(self.chosen), model.time)
+                if picture != self._plotted:
+                    self._plotted = picture
+                    self._plots.draw(model.trace(self.chosen), model.time)
 
     def _draw_texts(self, model: ViewModel, note: str) -> None:
         for handle, text in (
