@@ -50,7 +50,7 @@ def _add_plot(server: viser.ViserServer, name: str) -> Any:
         title=_TITLES[name],
         bands=({"series": (1, 2), "fill": _BAND, "dir": -1},),
         scales=_scales(nothing, 0.0),
-        axes=({**axis, "size": 24}, {**axis, "size": 52}),
+        axes=({**axis, "size": 24}, {**axis, "size": 52, "space": 18}),
         legend={"show": False},
         cursor={"show": False},
         height=_HEIGHT,

@@ -69,9 +69,10 @@ class Stage:
         size, home = self._size, self._home.translation
         server.scene.set_up_direction("+z")
         server.scene.configure_environment_map("studio", environment_intensity=0.6)
+        server.scene.configure_default_lights(cast_shadow=False)  # hardly seen on dark ground, and dear without a GPU
         camera = server.initial_camera
-        camera.look_at = home + np.array([0.0, 0.0, -0.4 * size])
-        camera.position = home + size * np.array([2.9, -3.8, 2.3])
+        camera.look_at = home + np.array([0.0, 0.0, -0.5 * size])
+        camera.position = home + size * np.array([3.2, -4.3, 2.5])
         camera.fov = np.radians(42.0)
         server.scene.add_grid(
             "/ground",
@@ -81,7 +82,6 @@ class Stage:
             cell_color=(45, 55, 72),
             section_color=(71, 85, 105),
             fade_distance=14.0 * size,
-            shadow_opacity=0.35,
         )
 
     def _add_robots(self, model: ViewModel) -> None:
