@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 from coheft.app.cli_base import Port, app
@@ -25,11 +26,12 @@ def view(what: Path | None = None, *, host: str = "127.0.0.1", port: Port = None
     def tell(url: str) -> None:
         print(f"the view is at {url}; Ctrl-C ends it", flush=True)
 
-    if what is not None and what.suffix == ".mcap":
-        from coheft.app.view.replay import view_recording
+    with suppress(KeyboardInterrupt):  # there is no other way to end it
+        if what is not None and what.suffix == ".mcap":
+            from coheft.app.view.replay import view_recording
 
-        view_recording(what, host, port, tell)
-    else:
-        from coheft.app.view.live import view_run
+            view_recording(what, host, port, tell)
+        else:
+            from coheft.app.view.live import view_run
 
-        view_run(what, host, port, tell)
+            view_run(what, host, port, tell)

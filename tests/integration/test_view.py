@@ -31,10 +31,10 @@ BROWSER = next((path for path in map(shutil.which, _BROWSERS) if path is not Non
 pytestmark = [
     pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX"),
     pytest.mark.skipif(BROWSER is None, reason=f"there is no browser: none of {', '.join(_BROWSERS)}"),
-    pytest.mark.timeout(400),
+    pytest.mark.timeout(900),
 ]
 
-PATIENCE = 90.0
+PATIENCE = 180.0
 """Software draws the scene, and slowly [s]."""
 
 
@@ -81,7 +81,7 @@ def browser() -> Iterator[Any]:
 @contextmanager
 def looking_at(browser: Any, url: str) -> Iterator[Any]:
     """A page with little to draw, and room for all panels."""
-    page = browser.new_page(viewport={"width": 900, "height": 1100})
+    page = browser.new_page(viewport={"width": 900, "height": 1100}, device_scale_factor=0.3)
     page.set_default_timeout(1e3 * PATIENCE)
     failures: list[str] = []
     page.on("pageerror", lambda error: failures.append(str(error)))
@@ -146,12 +146,9 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
         told = json.loads(report.read_text())
         robot = told["robots"]["r1"]
         assert [change["truth"]["mass"] for change in told["load_changes"]][-1] == pytest.approx(robot["mass"]["truth"])
-        shown = text_of(page)
-        assert f"{robot['mass']['truth']:.3f}" in shown
-        assert f"{told['duration_s']:.1f} of 1000 s" in shown
-        if robot["com"]["estimate"] is not None:
-            for number in robot["com"]["estimate"]:
-                assert f"{1e3 * number:.1f}" in shown
+        numbers = [f"{told['duration_s']:.1f} of 1000 s", f"{robot['mass']['truth']:.3f}"]
+        numbers += [f"{1e3 * number:.1f}" for number in robot["com"]["estimate"] or []]
+        wait_for(lambda: all(number in text_of(page) for number in numbers), f"{numbers}")
 
 
 def test_a_recording_plays_to_its_end_with_the_numbers_of_the_report(tmp_path, browser):
@@ -167,10 +164,9 @@ def test_a_recording_plays_to_its_end_with_the_numbers_of_the_report(tmp_path, b
             wait_for(lambda: "a recording: run.mcap" in text_of(page), "the recording")
             wait_for(lambda: "6.0 of 6 s" in text_of(page), "the end")
             wait_for(lambda: "finished" in text_of(page), "the player to stop")
-            shown = text_of(page)
-            assert f"{told['robots']['r1']['mass']['truth']:.3f}" in shown
-            for number in told["robots"]["r1"]["com"]["estimate"] or []:
-                assert f"{1e3 * number:.1f}" in shown
+            numbers = [f"{told['robots']['r1']['mass']['truth']:.3f}"]
+            numbers += [f"{1e3 * number:.1f}" for number in told["robots"]["r1"]["com"]["estimate"] or []]
+            wait_for(lambda: all(number in text_of(page) for number in numbers), f"{numbers}")
             click(page, "Play")
             wait_for(lambda: "6.0 of 6 s" not in text_of(page), "it to begin anew")
             click(page, "Pause")

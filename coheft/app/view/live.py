@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +16,8 @@ from coheft.app.view.page import FRAME, Page, open_server, url_of
 from coheft.wire.messages import Status, StatusRequest
 
 _STATUS_EVERY = 0.5
-_ENDED = "the run has ended; this is its last picture"
+_MISSED = 4
+"""Questions in a row to which there is no answer, nor any news, when the server is gone."""
 
 
 def view_run(folder: Path | None, host: str, port: int | None, tell: Callable[[str], None]) -> None:
@@ -41,27 +43,27 @@ def view_run(folder: Path | None, host: str, port: int | None, tell: Callable[[s
             _follow(observer, model, page, controls)
         controls.end()
         while True:
-            page.draw(model, _ENDED)
+            page.draw(model, words.ENDED)
             time.sleep(FRAME)
 
 
 def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls) -> None:
     """Show what comes, until the run's server is gone."""
-    asked_at = -1.0
-    drawn_at = -1.0
-    while True:
+    asked_at = drawn_at = -math.inf
+    missed = 0
+    while missed < _MISSED:
         for news in observer.collect(model.scene, FRAME):
             model.hear(news)
+            missed = 0
         if (now := time.monotonic()) > asked_at + _STATUS_EVERY:
             asked_at = now
             status: Status | None = observer.status()
             if status is None:
-                while left := observer.collect(model.scene, 0.0):  # a view that was slow may have fallen behind
-                    for news in left:
-                        model.hear(news)
-                return
-            model.note_status(status)
-            controls.update()
+                missed += 1
+            else:
+                missed = 0
+                model.note_status(status)
+                controls.update()
         if (now := time.monotonic()) > drawn_at + FRAME:
             drawn_at = now
             page.draw(model, words.waiting_note(model.status))

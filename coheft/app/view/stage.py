@@ -68,8 +68,10 @@ class Stage:
     def _set_up(self, server: viser.ViserServer) -> None:
         size, home = self._size, self._home.translation
         server.scene.set_up_direction("+z")
-        server.scene.configure_environment_map("studio", environment_intensity=0.6)
-        server.scene.configure_default_lights(cast_shadow=False)  # hardly seen on dark ground, and dear without a GPU
+        # No shadows: they are hardly seen on dark ground, and dear without a GPU. Little light, or colours turn white.
+        server.scene.configure_default_lights(enabled=False)
+        server.scene.configure_environment_map("studio", environment_intensity=0.3)
+        server.scene.add_light_directional("/light", intensity=1.3, position=(1.0, -1.5, 3.0))
         camera = server.initial_camera
         camera.look_at = home + np.array([0.0, 0.0, -0.5 * size])
         camera.position = home + size * np.array([3.2, -4.3, 2.5])
@@ -318,7 +320,7 @@ class Stage:
 
 
 def _paint(lines: Any, colour: colours.Colour) -> None:
-    lines.colors = np.tile(np.array(colour, dtype=np.uint8), (*lines.points.shape[:2], 1))
+    lines.colors = np.array(colour, dtype=np.uint8)
 
 
 def _tell(label: Any, mass: float) -> None:

@@ -19,6 +19,7 @@ _MEANING = {
     "stale": "cannot know whether it still holds",
 }
 _PROBLEMS = 4
+ENDED = "the run has ended; this is its last picture"
 
 
 def header(model: ViewModel, note: str = "") -> str:
@@ -43,6 +44,8 @@ def header(model: ViewModel, note: str = "") -> str:
 
 def waiting_note(status: Status) -> str:
     """Why time stands still, if it does."""
+    if status.state == "finished":
+        return ENDED
     if status.state == "paused":
         return "paused: Resume goes on"
     return f"waiting for {', '.join(status.waiting_for)}" if status.waiting_for else ""
