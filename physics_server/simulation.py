@@ -12,7 +12,7 @@ import numpy as np
 from coheft.errors import LoadError, SimulationError
 from coheft.estimation.measurement import ACCELERATION, WRENCH
 from coheft.estimation.spatial import Array
-from coheft.wire.messages import LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
+from coheft.wire.messages import BoxShape, LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
 from coheft.wire.scenario import PHYSICS_RATE, Scenario, Vector
 from physics_server.encoders import Encoders, WristSamples
 from physics_server.impedance import Arms
@@ -99,7 +99,7 @@ class Simulation:
             rotations=np.array([grasp.rotation for grasp in grasps]),
             translations=np.array([grasp.translation for grasp in grasps]),
             neighbours={name: list(others) for name, others in (neighbours or {}).items()},
-            boxes=scenario.payload.boxes,
+            boxes=[BoxShape(box.size, box.position, box.rotation_deg) for box in scenario.payload.boxes],
             home=_vector(PAYLOAD_HOME.translation),
         )
         self.block = 0

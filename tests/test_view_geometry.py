@@ -18,11 +18,11 @@ from coheft.app.view.geometry import (
 )
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Pose, rotation_exp
-from coheft.wire.scenario import Box
+from coheft.wire.messages import BoxShape
 from tests.synthetic_run import SCENE
 
-PLATE = Box(mass=7.0, size=(1.0, 0.7, 0.05))
-TOWER = Box(mass=2.0, size=(0.2, 0.2, 0.4), position=(0.3, 0.1, 0.2), rotation_deg=(0.0, 0.0, 30.0))
+PLATE = BoxShape(size=(1.0, 0.7, 0.05), position=(0.0, 0.0, 0.0))
+TOWER = BoxShape(size=(0.2, 0.2, 0.4), position=(0.3, 0.1, 0.2), rotation_deg=(0.0, 0.0, 30.0))
 
 
 def test_the_box_of_a_boxs_inertia_is_that_box():

@@ -54,7 +54,10 @@ def check_status(status: Status) -> None:
         _check_rotation(rotation, name)
     _check_numbers(scene.translations, (len(scene.robots), 3), "translations")
     check_field("neighbours are of the team", set(scene.neighbours) <= set(scene.robots), True)
-    for value in (*scene.home, *(number for box in scene.boxes for number in (*box.size, *box.position))):
+    for value in (
+        *scene.home,
+        *(number for box in scene.boxes for number in (*box.size, *box.position, *box.rotation_deg)),
+    ):
         _check_number(value, "a number of the scene")
 
 

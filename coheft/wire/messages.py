@@ -7,8 +7,6 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from coheft.wire.scenario import Box, Vector
-
 PROTOCOL_VERSION = 4
 
 
@@ -291,6 +289,20 @@ class Truth(Message, frozen=True):
     samples: np.ndarray[Any, Any]
 
 
+class BoxShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a part of the payload looks like.
+
+    Attributes:
+        size: Its edge lengths [m].
+        position: Of its centre in the payload's frame [m].
+        rotation_deg: Of its edges against the payload's axes, rotation vector [degrees].
+    """
+
+    size: tuple[float, float, float]
+    position: tuple[float, float, float]
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
 class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What does not change during a run: what is held, and by whom.
 
@@ -307,8 +319,8 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rotations: np.ndarray[Any, Any]
     translations: np.ndarray[Any, Any]
     neighbours: dict[str, list[str]]
-    boxes: tuple[Box, ...] = ()
-    home: Vector = (0.0, 0.0, 0.0)
+    boxes: list[BoxShape] = []
+    home: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 # --- queries to the server, on the observer plane ----------------------------------------------------------------

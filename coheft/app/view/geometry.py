@@ -9,8 +9,8 @@ import numpy as np
 
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose, rotation_exp
-from coheft.wire.messages import Scene
-from coheft.wire.scenario import Box, pose_of
+from coheft.wire.messages import BoxShape, Scene
+from coheft.wire.scenario import pose_of
 
 SIGMAS = 3.0
 """Half lengths of an ellipsoid of doubt, in standard deviations."""
@@ -112,17 +112,17 @@ def stands(scene: Scene) -> tuple[Stand, ...]:
     return tuple(result)
 
 
-def payload_boxes(scene: Scene) -> tuple[Box, ...]:
+def payload_boxes(scene: Scene) -> list[BoxShape]:
     """What the payload looks like; a plate between the hands where nobody knows."""
     if scene.boxes:
         return scene.boxes
     low, high = scene.translations.min(axis=0), scene.translations.max(axis=0)
     x, y, z = (low + high) / 2.0
     width, depth, height = np.maximum(high - low, 0.1 * extent(scene)).tolist()
-    return (Box(mass=1.0, size=(width, depth, height), position=(float(x), float(y), float(z))),)
+    return [BoxShape(size=(width, depth, height), position=(float(x), float(y), float(z)))]
 
 
-def place_under_ray(boxes: Sequence[Box], origin: Array, direction: Array) -> Array | None:
+def place_under_ray(boxes: Sequence[BoxShape], origin: Array, direction: Array) -> Array | None:
     """Where a ray first hits one of the boxes, all in the payload's frame; None if it misses.
 
     Args:
@@ -147,7 +147,7 @@ def place_under_ray(boxes: Sequence[Box], origin: Array, direction: Array) -> Ar
     return result
 
 
-def resting_place(boxes: Sequence[Box], hit: Array, height: float) -> tuple[float, float, float]:
+def resting_place(boxes: Sequence[BoxShape], hit: Array, height: float) -> tuple[float, float, float]:
     """Centre of a load of that height [m] that lies on top of what is straight above a place that was hit.
 
     Args:

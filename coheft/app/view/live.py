@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from coheft.app.heard import check_status
 from coheft.app.observer import Observer, observe
 from coheft.app.run_folder import locate_run
 from coheft.app.view import words
@@ -36,7 +37,9 @@ def view_run(folder: Path | None, host: str, port: int | None, tell: Callable[[s
     folder, run_file = locate_run(folder)
     with open_server(host, port) as server:
         with observe(run_file) as observer:
-            model = ViewModel(observer.ask(StatusRequest()))
+            status = observer.ask(StatusRequest())
+            check_status(status)
+            model = ViewModel(status)
             page = Page(server, model)
             controls = Controls(page, model, run_file, folder)
             tell(url_of(server))
