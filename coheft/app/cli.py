@@ -198,7 +198,7 @@ def run(
             write_report(report, json)
         if not quiet:
             print_report(console, report, folder)
-        if viewer is not None:
+        if viewer is not None and viewer.is_there:
             if not quiet:
                 console.print(f"The view stays at {viewer.url} until Ctrl-C.")
             viewer.wait()

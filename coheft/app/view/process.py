@@ -15,7 +15,9 @@ import msgspec
 
 from coheft.app.heard import News
 from coheft.app.processes import Processes
+from coheft.app.run_folder import find_run
 from coheft.app.view.ports import choose_port
+from coheft.errors import CoheftError
 from coheft.wire.messages import Status
 from coheft.wire.supervised import supervised_main
 
@@ -37,7 +39,7 @@ class ViewConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ViewBeside:
-    """A follower that starts the view of a run when it has begun. Leaving the context ends the view.
+    """A follower with the view of a run beside it. The view gets ready while the run does; leaving the context ends it.
 
     Args:
         folder: Of the run.
@@ -60,8 +62,7 @@ class ViewBeside:
         return f"http://{self._config.host}:{self._config.port}"
 
     def begin(self, status: Status) -> None:
-        """Start the view."""
-        self._processes.start("view", "coheft.app.view.process", self._config)
+        """Tell where the view is."""
         self._tell(self.url)
 
     def hear(self, news: News) -> None:
@@ -70,15 +71,21 @@ class ViewBeside:
     def end(self, status: Status) -> None:
         """The last picture stays until the context ends."""
 
+    @property
+    def is_there(self) -> bool:
+        """Whether it runs."""
+        return not self._processes.ended("view")
+
     def wait(self) -> None:
         """Let people look until Ctrl-C."""
         try:
-            while not self._processes.ended("view"):
+            while self.is_there:
                 time.sleep(_LOOK_EVERY)
         except KeyboardInterrupt:
             return
 
     def __enter__(self) -> Self:
+        self._processes.start("view", "coheft.app.view.process", self._config)
         return self
 
     def __exit__(
@@ -90,7 +97,18 @@ class ViewBeside:
 def _view(config: ViewConfig) -> None:
     from coheft.app.view.live import view_run  # viser takes a second, and whoever starts this process needs none of it
 
-    view_run(Path(config.folder), config.host, config.port, lambda url: print(f"the view is at {url}", flush=True))
+    folder = Path(config.folder)
+    while not _goes_on(folder):
+        time.sleep(_LOOK_EVERY)
+    view_run(folder, config.host, config.port, lambda url: print(f"the view is at {url}", flush=True))
+
+
+def _goes_on(folder: Path) -> bool:
+    try:
+        find_run(folder)
+    except CoheftError:
+        return False
+    return True
 
 
 def main() -> NoReturn:
