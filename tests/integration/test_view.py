@@ -167,10 +167,6 @@ def test_a_recording_plays_to_its_end_with_the_numbers_of_the_report(tmp_path, b
             numbers = [f"{told['robots']['r1']['mass']['truth']:.3f}"]
             numbers += [f"{1e3 * number:.1f}" for number in told["robots"]["r1"]["com"]["estimate"] or []]
             wait_for(lambda: all(number in text_of(page) for number in numbers), f"{numbers}")
-            click(page, "Play")
-            wait_for(lambda: "6.0 of 6 s" not in text_of(page), "it to begin anew")
-            click(page, "Pause")
-            wait_for(lambda: "paused" in text_of(page), "it to pause")
 
 
 def test_a_view_that_is_started_with_a_run_stays_until_it_is_interrupted(tmp_path, browser):
