@@ -172,7 +172,7 @@ def test_a_recording_plays_to_its_end_with_the_numbers_of_the_report(tmp_path, b
 def test_a_view_that_is_started_with_a_run_stays_until_it_is_interrupted(tmp_path, browser):
     folder, output = tmp_path / "run", tmp_path / "out"
     with command(output, "run", "ring3", "--duration", "4", "--view", "--logs", str(folder)) as run:
-        wait_for(lambda: "http" in output.read_text(), "the view to begin")
+        wait_for(lambda: "http" in output.read_text() or run.poll() is not None, "the view to begin")
         url = next(word for word in output.read_text().split() if word.startswith("http"))
         with looking_at(browser, url) as page:
             wait_for(lambda: "until Ctrl-C" in output.read_text(), "the run to end")

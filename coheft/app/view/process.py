@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
@@ -55,6 +57,8 @@ class ViewBeside:
         self._config = ViewConfig(str(folder), host, choose_port(host, port))
         self._tell = tell
         self._processes = Processes(folder)
+        self._is_told = False
+        self._look_at = 0.0
 
     @property
     def url(self) -> str:
@@ -62,11 +66,16 @@ class ViewBeside:
         return f"http://{self._config.host}:{self._config.port}"
 
     def begin(self, status: Status) -> None:
-        """Tell where the view is."""
-        self._tell(self.url)
+        """The view asks for itself."""
 
     def hear(self, news: News) -> None:
-        """The view hears for itself."""
+        """The view hears for itself; tell where it is as soon as it can be looked at."""
+        if self._is_told or (now := time.monotonic()) < self._look_at:
+            return
+        self._look_at = now + _LOOK_EVERY
+        with suppress(OSError), socket.create_connection((self._config.host, self._config.port), timeout=0.1):
+            self._is_told = True
+            self._tell(self.url)
 
     def end(self, status: Status) -> None:
         """The last picture stays until the context ends."""
