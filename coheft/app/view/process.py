@@ -5,10 +5,8 @@
 
 from __future__ import annotations
 
-import socket
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
@@ -73,7 +71,7 @@ class ViewBeside:
         if self._is_told or (now := time.monotonic()) < self._look_at:
             return
         self._look_at = now + _LOOK_EVERY
-        with suppress(OSError), socket.create_connection((self._config.host, self._config.port), timeout=0.1):
+        if any(self.url in line for child in self._processes.children for line in child.lines):
             self._is_told = True
             self._tell(self.url)
 
