@@ -133,18 +133,22 @@ class Agent:
             return None
         belief = self._estimator.belief()
         graph = self._gossip.graph
-        estimate = self._status.report(index, belief, doubts, 0 if graph is None else len(graph))
+        members = 0 if graph is None else len(graph)
+        estimate = self._status.report(index, belief, doubts, members, self._silent(index))
         if self._carrier is not None:
             self._carrier.learn(index, estimate, belief.grasps)
         return estimate
 
+    def _silent(self, index: int) -> list[str]:
+        """Neighbours that are not heard."""
+        return [name for name in self.config.neighbours if index - self._inbox.last_heard(name) >= _SILENT]
+
     def _doubts(self, index: int) -> Iterator[str]:
         if self._sensors.fault is not None:
             yield f"own sensors: {self._sensors.fault}"
-        for name in self.config.neighbours:
-            last = self._inbox.last_heard(name)
-            if index - last >= _SILENT:
-                yield f"{name} is silent since {(last + 1) * self.config.block / self.config.rate:.2f} s"
+        for name in self._silent(index):
+            since = self._inbox.last_heard(name) + 1
+            yield f"{name} is silent since {since * self.config.block / self.config.rate:.2f} s"
         yield from self._estimator.doubts()
         if not self._gossip.own.holding:
             yield "the robot does not hold the load"

@@ -11,9 +11,9 @@ from coheft.errors import MessageError
 from coheft.wire.cart import CartAgentProcessConfig
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.dialled import DialledLink
-from coheft.wire.inbox import Event, Inbox, LinkChange, Presence, Received, Refused
+from coheft.wire.inbox import Event, Inbox, LinkChange, Presence, Question, Received, Refused
 from coheft.wire.message_size import LEAST_LIMIT
-from coheft.wire.messages import Hello, Message, Stop
+from coheft.wire.messages import CutLinks, Hello, LinkRequest, Message, Refusal, Stop
 from coheft.wire.planes import guard_agent_for_observers, guard_neighbours, guard_robot
 from coheft.wire.problem_log import ProblemLog
 from coheft.wire.security import Credentials
@@ -98,10 +98,13 @@ class AgentLinks:
         self.message.attach(dialled_in)
         self._dialled_in = session_id(dialled_in)
         self._neighbours = {other: dial(dial_neighbour(other, endpoint)) for other, endpoint in dialled.items()}
+        self._cut: set[str] = set()
 
         guard = guard_agent_for_observers(security, keys, name)
         observers = stack.enter_context(open_session(listen=[config.observe], guard=guard))
         inbox.watch_strangers(observers, guard)
+        inbox.serve(observers, {keys.request_agent(name): "operator"}, LinkRequest)
+        self._name = name
         self.estimate = Sender(observers, keys.observe_agent(name, "estimate"), may_drop=True)
         self.problems = ProblemLog(name, Sender(observers, keys.observe_agent(name, "problem"), may_drop=True))
 
@@ -133,7 +136,29 @@ class AgentLinks:
                 return event
             case Presence() if event.session == self._session_with(event.source):
                 return event
+            case Question(_, LinkRequest() as request):
+                return self._answer(event, request)
         return None
+
+    def _answer(self, question: Question, request: LinkRequest) -> Presence | None:
+        """Cut a link, or mend it; one that is cut looks as if the neighbour had gone."""
+        other = request.neighbour
+        if other not in self._neighbours:
+            dialled = ", ".join(self._neighbours) or "nobody"
+            question.answer(Refusal(reason=f"{self._name} dials {dialled}: only who dials {other} can cut that link"))
+            return None
+        has_changed = request.cut != (other in self._cut)
+        if has_changed and request.cut:
+            self._cut.add(other)
+            self._neighbours[other].hang_up()
+        elif has_changed:
+            self._cut.discard(other)
+            self._neighbours[other].renew()
+        question.answer(CutLinks(robot=self._name, neighbours=sorted(self._cut)))
+        if not has_changed:
+            return None
+        self.problems.tell(f"the operator has {'cut' if request.cut else 'mended'} the link with {other}")
+        return Presence(other, False) if request.cut else None
 
     def _session_with(self, neighbour: str) -> str:
         link = self._neighbours.get(neighbour)
@@ -141,8 +166,8 @@ class AgentLinks:
 
     @property
     def dialled(self) -> frozenset[str]:
-        """Neighbours that we dial."""
-        return frozenset(self._neighbours)
+        """Neighbours that we dial, unless the operator has cut the link."""
+        return frozenset(self._neighbours) - self._cut
 
     def redial(self, party: str) -> None:
         """Begin the link with the server, or with a neighbour that we dial, anew."""

@@ -33,7 +33,9 @@ class StatusKeeper:
         """Whether to report after this block: at times that are the same for all agents, and when doubts come or go."""
         return (index + 1) % self._every == 0 or bool(doubts) != self._doubted
 
-    def report(self, index: int, belief: Belief, doubts: Sequence[str], members: int) -> Estimate:
+    def report(
+        self, index: int, belief: Belief, doubts: Sequence[str], members: int, silent: Sequence[str] = ()
+    ) -> Estimate:
         """A report.
 
         Args:
@@ -41,6 +43,7 @@ class StatusKeeper:
             belief: What its estimator believes.
             doubts: All that speaks against its being true now.
             members: Size of the team, 0 while unknown.
+            silent: Neighbours that are not heard.
         """
         self._doubted = bool(doubts)
         self._reasons = list(doubts)
@@ -71,4 +74,5 @@ class StatusKeeper:
             status=self._status,
             reasons=self._reasons,
             valid_block=told.learned_block,
+            silent=list(silent),
         )

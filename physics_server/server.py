@@ -28,7 +28,6 @@ from coheft.wire.messages import (
     PauseRequest,
     Refusal,
     RemoveRequest,
-    Request,
     Status,
     StatusRequest,
     StopRequest,
@@ -268,7 +267,7 @@ class Server:
             self._absences.begin(name)
             self._problems.tell(f"lost the link with {name}, which had answered block {answered}")
 
-    def _answer(self, role: Role, request: Request) -> Status | Refusal:
+    def _answer(self, role: Role, request: Message) -> Status | Refusal:
         """Do what was asked, if it can be done and whoever asks may have it done; the log tells what was done."""
         try:
             if not isinstance(request, StatusRequest):
@@ -284,7 +283,7 @@ class Server:
         if role != "operator":
             raise CoheftError(f"only the operator may change a run, not the {role}")
 
-    def _carry_out(self, request: Request) -> None:
+    def _carry_out(self, request: Message) -> None:
         """Do what was asked.
 
         Raises:

@@ -12,7 +12,7 @@ import numpy as np
 from coheft.errors import LoadError, SimulationError
 from coheft.estimation.measurement import ACCELERATION, WRENCH
 from coheft.estimation.spatial import Array
-from coheft.wire.messages import LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
+from coheft.wire.messages import BoxShape, LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
 from coheft.wire.scenario import PHYSICS_RATE, Scenario, Vector
 from physics_server.encoders import Encoders, WristSamples
 from physics_server.impedance import Arms
@@ -102,6 +102,8 @@ class Simulation:
             rotations=np.array([grasp.rotation for grasp in grasps]),
             translations=np.array([grasp.translation for grasp in grasps]),
             neighbours={name: list(others) for name, others in (neighbours or {}).items()},
+            boxes=[BoxShape(box.size, box.position, box.rotation_deg) for box in scenario.payload.boxes],
+            home=_vector(PAYLOAD_HOME.translation),
         )
         self.block = 0
         self.model = build_model(scenario, grasps)
@@ -325,3 +327,8 @@ class Simulation:
             f"unlike each other, a load too heavy or too far out, or damping too strong for so light a payload at "
             f"{PHYSICS_RATE} steps a second"
         )
+
+
+def _vector(array: Array) -> Vector:
+    x, y, z = array.tolist()
+    return x, y, z

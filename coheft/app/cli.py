@@ -24,6 +24,7 @@ from coheft.app import (
     cli_ros2,
     cli_shell,
     cli_study,
+    cli_view,
 )
 from coheft.app.cli_base import (
     EXIT_CONVERGED,
@@ -89,6 +90,7 @@ def run(
     quiet: Flag = False,
     save_data: DataTarget = None,
     record: RecordingTarget = None,
+    view: Flag = False,
     logs: Path | None = None,
     secure: Flag = False,
     keys: Path | None = None,
@@ -132,6 +134,8 @@ def run(
         Save what all robots measured, for 'coheft identify': an .npz file, or, without suffix, a folder of CSV files.
     record:
         Record the run to this new .mcap file, for 'coheft view', Foxglove and PlotJuggler, see docs/recording.md.
+    view:
+        Show the run in the browser, in real time; the last picture stays until Ctrl-C. See docs/view.md.
     logs:
         Folder for the processes' logs, instead of a new one among your runs.
     secure:
@@ -152,7 +156,7 @@ def run(
 
     from coheft.app.final_table import print_report
     from coheft.app.follower import Follower
-    from coheft.app.hosts import load_hosts
+    from coheft.app.hosts import LOOPBACK, load_hosts
     from coheft.app.launch import launch
     from coheft.app.overrides import override
     from coheft.app.plan import make_plan, new_run_name
@@ -174,10 +178,12 @@ def run(
         sensor_rate=sensor_rate,
         feedforward=feedforward,
     )
+    if write_configs is not None and (record is not None or view):
+        raise ScenarioError(f"{'--view' if view else '--record'} needs a run, but --write-configs makes none")
     if record is not None:
-        if write_configs is not None:
-            raise ScenarioError("--record needs a run, but --write-configs makes none")
         from coheft.app.recording.recorder import Recorder
+    if view:
+        from coheft.app.view.process import ViewBeside
     if hosts is not None and write_configs is None:
         raise ScenarioError("--hosts needs --write-configs: each part is to be started on its own host")
     places = load_hosts(hosts, chosen) if hosts is not None else None
@@ -191,7 +197,7 @@ def run(
             make_keys(keys, chosen, places)
         check_keys(keys, chosen, places)
     plan = make_plan(
-        chosen, "realtime" if realtime else "lockstep", run=name, hosts=places, keys=keys, save_data=save_data
+        chosen, "realtime" if realtime or view else "lockstep", run=name, hosts=places, keys=keys, save_data=save_data
     )
     if write_configs is not None:
         for path in plan.write(write_configs):
@@ -207,6 +213,12 @@ def run(
         carried = CarryRecord(chosen)
     with ExitStack() as stack:
         followers: list[Follower] = [] if over_time is None else [over_time]
+        viewer = None
+        if view:
+            viewer = stack.enter_context(
+                ViewBeside(folder, LOOPBACK, None, lambda url: console.print(f"the view is at {url}"))
+            )
+            followers.append(viewer)
         if record is not None:
             followers.append(stack.enter_context(Recorder(record, chosen)))
         if carried is not None:
@@ -218,10 +230,14 @@ def run(
             write_report(found, json)
         if not quiet:
             print_report(console, found, folder)
-    if report is not None and over_time is not None:
-        page = write_folder(report, chosen, plan.server.clock, over_time.series, found)
-        if not quiet:
-            console.print(f"Report: {page}", markup=False, highlight=False, soft_wrap=True)
+        if report is not None and over_time is not None:
+            page = write_folder(report, chosen, plan.server.clock, over_time.series, found)
+            if not quiet:
+                console.print(f"Report: {page}", markup=False, highlight=False, soft_wrap=True)
+        if viewer is not None and viewer.is_there:
+            if not quiet:
+                console.print(f"The view stays at {viewer.url} until Ctrl-C.")
+            viewer.wait()
     return EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED
 
 
@@ -287,5 +303,6 @@ __all__ = [
     "cli_ros2",
     "cli_shell",
     "cli_study",
+    "cli_view",
     "run_command_line",
 ]

@@ -74,6 +74,7 @@ def _is_new_recording(kind: object, value: Path | None) -> None:
 Count = Annotated[int, Parameter(validator=Number(gte=1))]
 NotNegative = Annotated[int, Parameter(validator=Number(gte=0))]
 Positive = Annotated[float, Parameter(validator=Number(gt=0))]
+Port = Annotated[int | None, Parameter(validator=Number(gte=1, lte=65535))]
 ReportTarget = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_is_target)]
 DataTarget = Annotated[Path | None, Parameter(validator=_has_folder)]
 RecordingTarget = Annotated[Path | None, Parameter(validator=_is_new_recording)]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from coheft.app.cli_base import CONTROL, RunFolder, Vector, app
 
 
@@ -145,3 +147,46 @@ def watch(*, run: RunFolder = None) -> None:
     from coheft.app.terminal import make_display
 
     watch_run(find_run(run), make_display(Console()))
+
+
+@app.command(group=CONTROL)
+def cut(one: str, other: str, *, run: RunFolder = None) -> None:
+    """Cut the link between two neighbours of a run that goes on: each falls silent to the other.
+
+    Parameters
+    ----------
+    one:
+        A robot, for instance r1.
+    other:
+        Its neighbour.
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    _set_link(run, one, other, cut=True)
+    print(f"{one} and {other} do not hear each other any more; 'coheft mend {one} {other}' links them again")
+
+
+@app.command(group=CONTROL)
+def mend(one: str, other: str, *, run: RunFolder = None) -> None:
+    """Mend a link that was cut.
+
+    Parameters
+    ----------
+    one:
+        A robot, for instance r1.
+    other:
+        Its neighbour.
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    _set_link(run, one, other, cut=False)
+    print(f"{one} and {other} may hear each other again")
+
+
+def _set_link(folder: Path | None, one: str, other: str, *, cut: bool) -> None:
+    from coheft.app.observer import ask_server, set_link
+    from coheft.app.run_folder import find_run
+    from coheft.wire.messages import StatusRequest
+
+    run_file = find_run(folder)
+    set_link(run_file, ask_server(run_file, StatusRequest()).scene, one, other, cut=cut)

@@ -8,14 +8,14 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from coheft.app.cli_base import RunFolder, app
+from coheft.app.cli_base import PARTS, RunFolder, app
 
 ROUTER = "tcp/127.0.0.1:7447"
 Time = Annotated[float, Parameter(validator=Number(gte=0))]
 Domain = Annotated[int, Parameter(validator=Number(gte=0, lte=232))]
 
 
-@app.command
+@app.command(group=PARTS)
 def ros2_bridge(run: RunFolder = None, *, domain: Domain = 0, endpoint: str = ROUTER) -> None:
     """Publish what a run that goes on says as stock ROS 2 messages, for nodes on rmw_zenoh; see docs/ros2.md.
 
@@ -34,7 +34,7 @@ def ros2_bridge(run: RunFolder = None, *, domain: Domain = 0, endpoint: str = RO
     bridge_run(find_run(run), endpoint, domain, lambda line: print(line, flush=True))
 
 
-@app.command
+@app.command(group=PARTS)
 def ros2_driver(*configs: Path, domain: Domain = 0, endpoint: str = ROUTER, epoch: Time | None = None) -> None:
     """Feed agents with what robots measure in ROS 2, in place of the physics server; see docs/ros2.md.
 

@@ -55,6 +55,11 @@ def check_status(status: Status) -> None:
         _check_rotation(rotation, name)
     _check_numbers(scene.translations, (len(scene.robots), 3), "translations")
     check_field("neighbours are of the team", set(scene.neighbours) <= set(scene.robots), True)
+    for value in (
+        *scene.home,
+        *(number for box in scene.boxes for number in (*box.size, *box.position, *box.rotation_deg)),
+    ):
+        _check_number(value, "a number of the scene")
 
 
 def check_truth(truth: Truth, scene: Scene) -> None:
@@ -106,6 +111,8 @@ def check_estimate(estimate: Estimate, source: str, robots: Collection[str]) -> 
         _check_pose(pose, name)
     for notice in estimate.load_changes:
         _check_number(notice.noticed_at, "noticed_at")
+    for name in estimate.silent:
+        check_field(f"{name!r} is in the team", name in scene.robots, True)
     for text in (*estimate.reasons, *estimate.not_observable):
         check_field("text in one line", text, one_line(text))
 

@@ -13,10 +13,21 @@ from coheft.app.heard import News, check_news
 from coheft.app.run_folder import RunFile, find_run
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.inbox import Inbox, Received, Refused
-from coheft.wire.messages import Estimate, Problem, Refusal, Request, Scene, Status, StatusRequest, Truth
+from coheft.wire.messages import (
+    CutLinks,
+    Estimate,
+    LinkRequest,
+    Problem,
+    Refusal,
+    Request,
+    Scene,
+    Status,
+    StatusRequest,
+    Truth,
+)
 from coheft.wire.planes import guard_observer
 from coheft.wire.security import Guard, credentials_in
-from coheft.wire.transport import Keys, Role, ask, open_session
+from coheft.wire.transport import Keys, Role, ask, ask_for, open_session
 
 _RETRY_EVERY = 0.02
 _ANSWER_LIMIT = 5.0
@@ -103,13 +114,54 @@ def observe(run_file: RunFile) -> Iterator[Observer]:
         yield Observer(run_file, session, "observer")
 
 
+def set_link(run_file: RunFile, scene: Scene, one: str, other: str, *, cut: bool) -> None:
+    """Cut the link between two neighbours, or mend it, as the operator.
+
+    Args:
+        run_file: How to reach the run.
+        scene: Who talks with whom.
+        one: One end.
+        other: The other one.
+        cut: Whether to cut it.
+
+    Raises:
+        CoheftError: They are no neighbours, or the run is secure and there are no keys of the operator.
+        LinkError: The one that dials does not answer.
+    """
+    if other not in scene.neighbours.get(one, ()):
+        links = ", ".join(f"{a}-{b}" for a in scene.robots for b in scene.neighbours[a] if a < b)
+        raise CoheftError(f"there is no link {one}-{other}; the links are {links}")
+    listens, dials = sorted((one, other), key=scene.robots.index)  # see ``coheft.app.plan.link_neighbours``
+    key = Keys(run_file.run).request_agent(dials)
+    with open_session(connect=[run_file.agents[dials]], guard=_guard(run_file, "operator")) as session:
+        deadline = time.monotonic() + _ANSWER_LIMIT
+        while True:
+            try:
+                answer = ask_for(CutLinks, session, key, LinkRequest(neighbour=listens, cut=cut), timeout=0.5)
+                break
+            except LinkError:  # the link to it may not stand yet
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(_RETRY_EVERY)
+    if isinstance(answer, Refusal):
+        raise CoheftError(f"refused: {answer.reason}")
+
+
 def ask_run(request: Request, folder: Path | None) -> Status:
     """Ask the server of the run in a folder, or else of the newest run, as the operator.
 
     Raises:
         CoheftError: There is no such run, or it refuses, or it is secure and there are no keys of the operator.
     """
-    run_file = find_run(folder)
+    return ask_server(find_run(folder), request)
+
+
+def ask_server(run_file: RunFile, request: Request) -> Status:
+    """Ask the server of a run, as the operator.
+
+    Raises:
+        CoheftError: It refuses, or it is secure and there are no keys of the operator.
+    """
     with open_session(connect=[run_file.server], guard=_guard(run_file, "operator")) as session:
         return Observer(run_file, session, "operator").ask(request)
 

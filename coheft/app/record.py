@@ -64,13 +64,7 @@ class Record:
     @property
     def beliefs(self) -> dict[str, Estimate]:
         """The newest estimate of each robot, in the scene's order; stale where the robot has fallen silent."""
-        return {name: self._as_of_now(self.latest[name]) for name in self.scene.robots if name in self.latest}
-
-    def _as_of_now(self, estimate: Estimate) -> Estimate:
-        if self.truth is None or self.truth.block - estimate.block <= SILENT:
-            return estimate
-        reason = f"{estimate.robot} has said nothing since {estimate.time:.2f} s"
-        return msgspec.structs.replace(estimate, status="stale", reasons=[reason])
+        return {name: as_of_now(self.latest[name], self.truth) for name in self.scene.robots if name in self.latest}
 
     @property
     def complete(self) -> bool:
@@ -110,3 +104,11 @@ class Record:
 def load_ids(truth: Truth) -> list[int]:
     """What lies on the payload; a load that leaks stays the same load."""
     return [load.id for load in truth.loads]
+
+
+def as_of_now(estimate: Estimate, truth: Truth | None) -> Estimate:
+    """The newest estimate of a robot, stale if it has said nothing for long; ``truth`` is the newest there is."""
+    if truth is None or truth.block - estimate.block <= SILENT:
+        return estimate
+    reason = f"{estimate.robot} has said nothing since {estimate.time:.2f} s"
+    return msgspec.structs.replace(estimate, status="stale", reasons=[reason])

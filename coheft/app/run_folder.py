@@ -101,15 +101,24 @@ def find_run(folder: Path | None = None) -> RunFile:
     Raises:
         CoheftError: There is none.
     """
+    return locate_run(folder)[1]
+
+
+def locate_run(folder: Path | None = None) -> tuple[Path, RunFile]:
+    """Like ``find_run``, and the folder in which it is.
+
+    Raises:
+        CoheftError: There is none.
+    """
     if folder is not None:
         run_file = _read(folder)
         if run_file is None or not _answers(run_file.server):
             raise CoheftError(f"no run goes on in {folder}")
-        return run_file
+        return folder, run_file
     for path in sorted(runs_folder().glob(f"*/{RUN_FILE}"), key=_written_at, reverse=True):
         run_file = _read(path.parent)
         if run_file is not None and _answers(run_file.server):
-            return run_file
+            return path.parent, run_file
     raise CoheftError(
         "no run goes on; start one with 'coheft run', or name its folder if it has one of its own: --run DIR"
     )

@@ -31,9 +31,14 @@ class DialledLink:
         senders: What speaks.
         largest: Messages that are larger are dropped [B].
 
+    Attributes:
+        session: Identity of the present session; empty after hanging up.
+
     Raises:
         LinkError: The endpoint is malformed.
     """
+
+    session: str
 
     def __init__(
         self,
@@ -61,23 +66,26 @@ class DialledLink:
             for sender in self._senders:
                 sender.attach(self._session)
             self._open = stack.pop_all()
+        self.session = session_id(self._session)
 
-    @property
-    def session(self) -> str:
-        """Identity of the present session."""
-        return session_id(self._session)
+    def hang_up(self) -> None:
+        """Hear and say nothing more, until the link is renewed.
 
-    def renew(self) -> None:
-        """Dial anew, with a new identity.
-
-        The old session is closed in the background, because that takes seconds when nobody is at the other end.
+        The session is closed in the background, because that takes seconds when nobody is at the other end.
         """
+        if not self.session:
+            return
+        self.session = ""
         self._inbox.forget(self._session)
         for sender in self._senders:
             sender.detach(self._session)
         Thread(target=self._open.close, daemon=True).start()
+
+    def renew(self) -> None:
+        """Dial anew, with a new identity."""
+        self.hang_up()
         self._dial()
 
     def close(self) -> None:
-        """Hang up."""
+        """End the link, and wait until it has ended."""
         self._open.close()

@@ -12,7 +12,7 @@ import zenoh
 
 from coheft.errors import MessageError
 from coheft.wire.codec import decode, encode
-from coheft.wire.messages import Message, Refusal, Request, Status
+from coheft.wire.messages import Message, Refusal, Request
 from coheft.wire.security import Guard
 from coheft.wire.transport import Role, session_id
 
@@ -75,10 +75,10 @@ class Question:
     """A request that waits for its answer, and the role in which it was asked."""
 
     role: Role
-    request: Request
+    request: Message
     _query: zenoh.Query
 
-    def answer(self, message: Status | Refusal) -> None:
+    def answer(self, message: Message) -> None:
         """Answer it, once."""
         _answer(self._query, message)
 
@@ -157,7 +157,7 @@ class Inbox:
         self._turns: SimpleQueue[_Backlog] = SimpleQueue()
         self._backlogs: dict[str, _Backlog] = {}
         self._kinds: dict[str, tuple[str, type[Message]]] = {}
-        self._roles: dict[str, Role] = {}
+        self._roles: dict[str, tuple[Role, Any]] = {}
         self._kept: dict[str, list[Any]] = {}  # by session; a subscriber that nobody holds goes silent
 
     def listen(self, session: zenoh.Session, source: str, kinds: dict[str, type[Message]]) -> None:
@@ -233,10 +233,16 @@ class Inbox:
 
         self._keep(session, session.info.declare_link_events_listener(put, history=True))
 
-    def serve(self, session: zenoh.Session, roles: dict[str, Role]) -> None:
-        """Hear questions; ``roles`` tells by the key in which role they are asked."""
-        self._roles |= roles
+    def serve(self, session: zenoh.Session, roles: dict[str, Role], kind: Any = Request) -> None:
+        """Hear questions.
+
+        Args:
+            session: Where.
+            roles: In which role they are asked, by key.
+            kind: What is asked: a message, or a union of tagged ones.
+        """
         for key, role in roles.items():
+            self._roles[key] = role, kind
             self._keep(session, session.declare_queryable(key, self._handler(role), complete=True))
 
     def forget(self, session: zenoh.Session) -> None:
@@ -285,13 +291,14 @@ class Inbox:
         try:
             if key not in self._roles:
                 raise MessageError(f"nothing is answered under the key '{key}'")
-            return Question(self._roles[key], decode(payload, cast(type[Request], Request), key), query)
+            role, kind = self._roles[key]
+            return Question(role, decode(payload, kind, key), query)
         except MessageError as error:
             _answer(query, Refusal(reason=str(error)))
             return Refused(f"the {source}", error)
 
 
-def _answer(query: zenoh.Query, message: Status | Refusal) -> None:
+def _answer(query: zenoh.Query, message: Message) -> None:
     data = encode(message, str(query.key_expr))
     with query:
         if isinstance(message, Refusal):

@@ -208,6 +208,7 @@ class Estimate(Message, frozen=True):
             poses are the last valid ones.
         reasons: Why it is not valid, in words, for instance "r3 is silent since 12.34 s".
         valid_block: Block to which payload and poses belong, the last valid one when stale; -1 if there is none.
+        silent: Neighbours that it does not hear.
     """
 
     robot: str
@@ -226,6 +227,7 @@ class Estimate(Message, frozen=True):
     status: Literal["starting", "valid", "stale"] = "starting"
     reasons: list[str] = []
     valid_block: int = -1
+    silent: list[str] = []
 
 
 class Problem(Message, frozen=True):
@@ -287,13 +289,38 @@ class Truth(Message, frozen=True):
     samples: np.ndarray[Any, Any]
 
 
+class BoxShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a part of the payload looks like.
+
+    Attributes:
+        size: Its edge lengths [m].
+        position: Of its centre in the payload's frame [m].
+        rotation_deg: Of its edges against the payload's axes, rotation vector [degrees].
+    """
+
+    size: tuple[float, float, float]
+    position: tuple[float, float, float]
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
 class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What does not change during a run: who holds the payload, and the true pose of each ``F_i`` in the payload."""
+    """What does not change during a run: what is held, and by whom.
+
+    Attributes:
+        robots: Who holds the payload.
+        rotations: Of the true pose of each robot's ``F_i`` in the payload's frame, (N, 3, 3).
+        translations: Of the same, (N, 3) [m].
+        neighbours: Who talks with whom.
+        boxes: What the payload is made of; empty if no more is known of it than its mass properties.
+        home: Where the payload's frame was in the world when the robots took hold, its axes along the world's [m].
+    """
 
     robots: list[str]
     rotations: np.ndarray[Any, Any]
     translations: np.ndarray[Any, Any]
     neighbours: dict[str, list[str]]
+    boxes: list[BoxShape] = []
+    home: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 # --- queries to the server, on the observer plane ----------------------------------------------------------------
@@ -354,6 +381,35 @@ class Status(Message, frozen=True):
 
 
 class Refusal(Message, frozen=True):
-    """The server's answer to a request that it did not carry out, and why."""
+    """The answer to a request that was not carried out, and why."""
 
     reason: str
+
+
+# --- queries to an agent, on the observer plane ------------------------------------------------------------------
+
+
+class LinkRequest(Message, frozen=True):
+    """Hang up on a neighbour, and dial it no more until the opposite is asked.
+
+    Only the one of the two that dials can do so; to both it is as if the wire between them were cut.
+
+    Attributes:
+        neighbour: The other end.
+        cut: Whether to cut the link, or to mend it.
+    """
+
+    neighbour: str
+    cut: bool
+
+
+class CutLinks(Message, frozen=True):
+    """An agent's answer to a request that it carried out.
+
+    Attributes:
+        robot: Who answers.
+        neighbours: On whom it has hung up.
+    """
+
+    robot: str
+    neighbours: list[str]

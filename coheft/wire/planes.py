@@ -44,14 +44,22 @@ def guard_server_for_observers(credentials: Credentials | None, keys: Keys) -> G
 
 
 def guard_agent_for_observers(credentials: Credentials | None, keys: Keys, agent: str) -> Guard | None:
-    """Observer plane, an agent's end."""
-    return _guard(credentials, [Party(role, hears=_of_agent(keys, agent)) for role in ROLES])
+    """Observer plane, an agent's end: only the operator may ask it for anything."""
+    return _guard(
+        credentials, [Party(role, hears=_of_agent(keys, agent), asks=_asked(keys, agent, role)) for role in ROLES]
+    )
 
 
 def guard_observer(credentials: Credentials | None, keys: Keys, role: Role, agents: Iterable[str]) -> Guard | None:
     """Observer plane, the observer's end: no agent can pass for another one, or for the server."""
     server = Party(SERVER, says=_of_server(keys), answers=(keys.request(role),))
-    return _guard(credentials, [server, *(Party(agent, says=_of_agent(keys, agent)) for agent in agents)])
+    return _guard(
+        credentials,
+        [
+            server,
+            *(Party(agent, says=_of_agent(keys, agent), answers=_asked(keys, agent, role)) for agent in agents),
+        ],
+    )
 
 
 def _guard(credentials: Credentials | None, parties: Iterable[Party]) -> Guard | None:
@@ -68,6 +76,10 @@ def _down(keys: Keys, robot: str) -> tuple[str, ...]:
 
 def _of_server(keys: Keys) -> tuple[str, ...]:
     return keys.observe_server("truth"), keys.observe_server("problem")
+
+
+def _asked(keys: Keys, agent: str, role: Role) -> tuple[str, ...]:
+    return (keys.request_agent(agent),) if role == "operator" else ()
 
 
 def _of_agent(keys: Keys, agent: str) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Lock
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 # Few threads for all of Zenoh's work: fewer switches between threads per message. Not one, because each listener that
 # freezes takes a thread until its link is cut, and with none left all other links fall silent and are cut too.
@@ -33,6 +33,8 @@ from coheft.wire.security import Guard
 Role = Literal["observer", "operator"]
 """As what somebody asks the server: an observer may only ask how the run is."""
 ROLES: tuple[Role, ...] = get_args(Role)
+
+M = TypeVar("M", bound=Message)
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
@@ -151,6 +153,10 @@ class Keys:
         """Where the server answers those who ask in a role."""
         return f"{self.run}/server/request/{role}"
 
+    def request_agent(self, name: str) -> str:
+        """Where an agent answers the operator."""
+        return f"{self.run}/request/agent/{check_name(name)}"
+
 
 class Sender:
     """Says messages of one kind under one key, from any thread.
@@ -197,7 +203,19 @@ class Sender:
 
 
 def ask(session: zenoh.Session, key: str, request: Request, timeout: float = 2.0) -> Status | Refusal:
-    """Ask the server.
+    """Ask the server, see ``ask_for``."""
+    return ask_for(Status, session, key, request, timeout)
+
+
+def ask_for(kind: type[M], session: zenoh.Session, key: str, request: Message, timeout: float = 2.0) -> M | Refusal:
+    """Ask whoever answers under a key.
+
+    Args:
+        kind: Of the answer.
+        session: Where to ask.
+        key: Under which the request is answered.
+        request: What is asked.
+        timeout: How long to wait [s].
 
     Raises:
         LinkError: There is no answer within ``timeout`` [s].
@@ -205,7 +223,7 @@ def ask(session: zenoh.Session, key: str, request: Request, timeout: float = 2.0
     """
     for reply in session.get(key, payload=encode(request, key), timeout=timeout):
         if reply.ok is not None:
-            return decode(reply.ok.payload.to_bytes(), Status, key)
+            return decode(reply.ok.payload.to_bytes(), kind, key)
         if reply.err is not None and reply.err.payload:
             try:
                 return decode(reply.err.payload.to_bytes(), Refusal, key)

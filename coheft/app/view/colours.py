@@ -1,0 +1,31 @@
+"""Colours, each with one meaning, for the scene and the panel."""
+
+from __future__ import annotations
+
+Colour = tuple[int, int, int]
+
+ACCENT: Colour = (56, 189, 248)
+"""The chosen robot, and what it believes."""
+TRUTH: Colour = (236, 240, 245)
+"""What is true, and no robot knows."""
+GOOD: Colour = (52, 211, 153)
+"""Valid estimates, links that carry."""
+WAITING: Colour = (148, 163, 184)
+"""Nothing known yet."""
+BAD: Colour = (248, 113, 113)
+"""Stale estimates, links that do not carry."""
+LOAD: Colour = (251, 191, 36)
+FORCE: Colour = (250, 204, 21)
+TORQUE: Colour = (192, 132, 252)
+PAYLOAD: Colour = (100, 116, 139)
+ARM: Colour = (203, 213, 225)
+JOINT: Colour = (71, 85, 105)
+STAND: Colour = (51, 65, 85)
+
+STATUS: dict[str, Colour] = {"starting": WAITING, "valid": GOOD, "stale": BAD}
+LINK: dict[str, Colour] = {"up": GOOD, "silent": BAD, "unknown": WAITING}
+
+
+def css(colour: Colour) -> str:
+    """The colour for HTML."""
+    return "#{:02x}{:02x}{:02x}".format(*colour)

@@ -1,0 +1,181 @@
+"""Buttons that act on the run: everything here is done as the operator, and said in a note when it is done."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import viser
+
+from coheft.app.observer import ask_server, set_link
+from coheft.app.run_folder import RunFile, find_run
+from coheft.app.view.geometry import resting_place
+from coheft.app.view.model import Edge, ViewModel
+from coheft.app.view.page import Page
+from coheft.errors import CoheftError
+from coheft.wire.messages import InjectRequest, PauseRequest, RemoveRequest, Request, StopRequest
+
+_NOTE_SECONDS = 6.0
+_NO_LOAD = "nothing on it"
+_MASSES = (0.1, 10.0, 0.1, 3.0)
+"""Least, most, step and first choice [kg]."""
+
+
+class Controls:
+    """The panel with the buttons.
+
+    Browsers' callbacks run in threads of viser's own; one lock lets one act at a time.
+
+    Args:
+        page: Where they are shown.
+        model: What is shown there.
+        run_file: How to reach the run.
+        folder: Of the run.
+    """
+
+    def __init__(self, page: Page, model: ViewModel, run_file: RunFile, folder: Path) -> None:
+        self._page = page
+        self._model = model
+        self._run_file = run_file
+        self._folder = folder
+        self._lock = threading.Lock()
+        self._place = resting_place(page.stage.boxes, model.scene.translations.mean(axis=0), _edge(_MASSES[3]))
+        self._has_hit = False
+        gui = page.server.gui
+        with page.controls:
+            with gui.add_folder("Load"):
+                self._add_load_controls(gui)
+            with gui.add_folder("Run"):
+                self._add_run_controls(gui)
+            with gui.add_folder("Robots and links"):
+                self._add_team_controls(gui)
+
+    def _add_load_controls(self, gui: viser.GuiApi) -> None:
+        least, most, step, first = _MASSES
+        self._mass = gui.add_slider("Mass, kg", least, most, step, first)
+        self._where = gui.add_html("")
+        self._drop = gui.add_button(f"Drop {first:g} kg", icon=viser.Icon.DOWNLOAD, color="yellow")
+        self._loads = gui.add_dropdown("Loads", (_NO_LOAD,))
+        self._remove = gui.add_button("Take it away", icon=viser.Icon.UPLOAD, disabled=True)
+        self._tell_place()
+
+        @self._mass.on_update
+        def _(_: object) -> None:
+            self._drop.label = f"Drop {self._mass.value:g} kg"
+            self._settle_place()
+
+        @self._drop.on_click
+        def _(event: Any) -> None:
+            size = _edge(self._mass.value)
+            request = InjectRequest(mass=float(self._mass.value), position=self._place, size=(size, size, size))
+            self._ask(event, request, f"dropped {request.mass:g} kg")
+
+        @self._remove.on_click
+        def _(event: Any) -> None:
+            number = int(self._loads.value.split()[0].lstrip("#"))
+            self._ask(event, RemoveRequest(load=number), f"took load {number} away")
+
+        @self._page.stage.on_payload_click
+        def _(hit: Any) -> None:
+            self._place = hit[0], hit[1], hit[2]
+            self._has_hit = True
+            self._settle_place()
+
+    def _add_run_controls(self, gui: viser.GuiApi) -> None:
+        self._pause = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
+        stop = gui.add_button("Stop the run", icon=viser.Icon.PLAYER_STOP, color="red")
+
+        @self._pause.on_click
+        def _(event: Any) -> None:
+            pause = self._model.status.state != "paused"
+            self._ask(event, PauseRequest(paused=pause), "paused" if pause else "goes on")
+
+        @stop.on_click
+        def _(event: Any) -> None:
+            self._ask(event, StopRequest(), "stopped; whoever started the run gets its report")
+
+    def _add_team_controls(self, gui: viser.GuiApi) -> None:
+        kill = gui.add_button(
+            "Kill the chosen robot's agent",
+            icon=viser.Icon.SKULL,
+            color="red",
+            disabled=not self._run_file.pids,
+            hint="Whoever supervises the run starts it again, with an empty memory",
+        )
+        names = ["-".join(edge) for edge in self._model.edges]
+        link = gui.add_dropdown("Link", names or ["none"])
+        change = gui.add_button_group("", ("Cut", "Mend"), disabled=not names)
+
+        @kill.on_click
+        def _(event: Any) -> None:
+            self._act(event, self._kill, self._page.chosen)
+
+        @change.on_click
+        def _(event: Any) -> None:
+            edge = self._model.edges[names.index(link.value)]
+            self._act(event, self._set_link, edge, change.value == "Cut")
+
+    def update(self) -> None:
+        """Show what can be done now."""
+        status = self._model.status
+        self._pause.label = "Resume" if status.state == "paused" else "Pause"
+        loads = self._model.truth.loads if self._model.truth is not None else status.loads
+        options = tuple(f"#{load.id} of {load.mass:.1f} kg" for load in loads) or (_NO_LOAD,)
+        if self._loads.options != options:
+            self._loads.options = options
+            self._remove.disabled = not loads
+
+    def end(self) -> None:
+        """The run is over: nothing can be done any more."""
+        self._page.controls.remove()
+
+    def _settle_place(self) -> None:
+        """Let the load lie on top of the place that was clicked, whatever its size."""
+        self._place = resting_place(self._page.stage.boxes, np.array(self._place), _edge(self._mass.value))
+        self._tell_place()
+
+    def _tell_place(self) -> None:
+        x, y, z = self._place
+        hint = "" if self._has_hit else " · click on the payload to choose another place"
+        self._where.content = (
+            f'<div style="font-size:12px;padding:0 10px;opacity:.7">at {x:.2f} {y:.2f} {z:.2f} m{hint}</div>'
+        )
+        self._page.stage.show_place(self._place, _edge(self._mass.value))
+
+    def _ask(self, event: Any, request: Request, done: str) -> None:
+        def ask() -> str:
+            self._model.note_status(ask_server(self._run_file, request))
+            return done
+
+        self._act(event, ask)
+
+    def _kill(self, robot: str) -> str:
+        pid = find_run(self._folder).pids.get(robot)  # it may have been started again since
+        if pid is None:
+            raise CoheftError(f"{robot} was started by hand, perhaps elsewhere: nobody here knows its process")
+        os.kill(pid, signal.SIGKILL)
+        return f"killed {robot}'s agent; it will be started again"
+
+    def _set_link(self, edge: Edge, cut: bool) -> str:
+        set_link(self._run_file, self._model.scene, *edge, cut=cut)
+        return f"{'cut' if cut else 'mended'} the link {edge[0]}-{edge[1]}"
+
+    def _act(self, event: Any, act: Callable[..., str], *arguments: Any) -> None:
+        """Do something, and tell who clicked what came of it."""
+        with self._lock:
+            try:
+                title, text, colour = "Done", act(*arguments), "teal"
+            except (CoheftError, OSError) as error:
+                title, text, colour = "Not done", str(error), "red"
+        if event.client is not None:
+            event.client.add_notification(title, text, auto_close_seconds=_NOTE_SECONDS, color=colour)
+
+
+def _edge(mass: float) -> float:
+    """Edge of a load that is about as dense as water [m], so that one sees what is heavy."""
+    return float(round((mass / 1000.0) ** (1.0 / 3.0), 3))

@@ -1,0 +1,72 @@
+"""The view of a run that goes on."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from coheft.app.heard import check_status
+from coheft.app.observer import Observer, observe
+from coheft.app.run_folder import locate_run
+from coheft.app.view import words
+from coheft.app.view.controls import Controls
+from coheft.app.view.model import ViewModel
+from coheft.app.view.page import FRAME, Page, open_server, url_of
+from coheft.wire.messages import Status, StatusRequest
+
+_STATUS_EVERY = 0.5
+_MISSED = 4
+"""Questions in a row to which there is no answer, nor any news, when the server is gone."""
+
+
+def view_run(folder: Path | None, host: str, port: int | None, tell: Callable[[str], None]) -> None:
+    """Show a run until Ctrl-C; when it ends, its last picture stays.
+
+    Args:
+        folder: Of the run; None: the newest one that goes on.
+        host: Where browsers may dial in.
+        port: Where; None: any that is free.
+        tell: Is told where the view is.
+
+    Raises:
+        CoheftError: There is no such run, or it does not answer, or the port is taken.
+        KeyboardInterrupt: Ctrl-C.
+    """
+    folder, run_file = locate_run(folder)
+    with open_server(host, port) as server:
+        with observe(run_file) as observer:
+            status = observer.ask(StatusRequest())
+            check_status(status)
+            model = ViewModel(status)
+            page = Page(server, model)
+            controls = Controls(page, model, run_file, folder)
+            tell(url_of(server))
+            _follow(observer, model, page, controls)
+        controls.end()
+        while True:
+            page.draw(model, words.ENDED)
+            time.sleep(FRAME)
+
+
+def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls) -> None:
+    """Show what comes, until the run's server is gone."""
+    asked_at = drawn_at = -math.inf
+    missed = 0
+    while missed < _MISSED:
+        for news in observer.collect(model.scene, FRAME):
+            model.hear(news)
+            missed = 0
+        if (now := time.monotonic()) > asked_at + _STATUS_EVERY:
+            asked_at = now
+            status: Status | None = observer.status()
+            if status is None:
+                missed += 1
+            else:
+                missed = 0
+                model.note_status(status)
+                controls.update()
+        if (now := time.monotonic()) > drawn_at + FRAME:
+            drawn_at = now
+            page.draw(model, words.waiting_note(model.status))

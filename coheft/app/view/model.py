@@ -1,0 +1,127 @@
+"""What there is to show of a run: news in, answers out. Live and in replay alike, and without any browser."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Literal
+
+import msgspec
+
+from coheft.app.heard import News
+from coheft.app.judge import Judge, RobotReport
+from coheft.app.record import REMEMBERED, SILENT, as_of_now
+from coheft.app.view.traces import Trace
+from coheft.estimation.rigid_body import Inertia
+from coheft.wire.messages import Estimate, Problem, Status, Truth
+
+LinkHealth = Literal["up", "silent", "unknown"]
+_PROBLEMS = 100
+"""Kept, newest last."""
+
+Edge = tuple[str, str]
+"""Two neighbours, in the order of the scene."""
+
+
+class ViewModel:
+    """A run as far as it has been heard of.
+
+    Args:
+        status: How the run is; what does not change comes with it.
+
+    Attributes:
+        status: The newest one.
+        scene: What does not change.
+        edges: Who talks with whom, each edge once.
+        truth: The newest one.
+        problems: With the time at which they were heard [s].
+        changes: Counts news: who has drawn a picture need not draw it again while this stays.
+    """
+
+    def __init__(self, status: Status) -> None:
+        self.status = status
+        self.scene = status.scene
+        order = {name: index for index, name in enumerate(self.scene.robots)}
+        self.edges: list[Edge] = sorted(
+            {
+                (name, other) if order[name] < order[other] else (other, name)
+                for name, others in self.scene.neighbours.items()
+                for other in others
+            },
+            key=lambda edge: (order[edge[0]], order[edge[1]]),
+        )
+        self._judge = Judge(self.scene)
+        self.truth: Truth | None = None
+        self._latest: dict[str, Estimate] = {}
+        self._waiting: dict[str, deque[Estimate]] = {name: deque(maxlen=REMEMBERED) for name in order}
+        self._reports: dict[str, RobotReport] = {}
+        self._traces = {name: Trace() for name in order}
+        self.problems: deque[tuple[float, Problem]] = deque(maxlen=_PROBLEMS)
+        self.changes = 0
+
+    def hear(self, news: News) -> None:
+        """Take in what an observer has heard."""
+        self.changes += 1
+        match news:
+            case Truth():
+                self.truth = news
+                self._judge.add(news, remember=REMEMBERED)
+                for name in self.scene.robots:
+                    self._compare(name)
+            case Estimate():
+                self._latest[news.robot] = news
+                self._waiting[news.robot].append(news)
+                self._compare(news.robot)
+            case Problem():
+                self.problems.append((self.time, news))
+
+    def note_status(self, status: Status) -> None:
+        """Take in how the run is."""
+        self.status = status
+
+    def _compare(self, name: str) -> None:
+        """Compare estimates with the truth of their block, once it has come."""
+        waiting = self._waiting[name]
+        while waiting and self.truth is not None and waiting[0].block <= self.truth.block:
+            report = self._judge.robot([waiting.popleft()])
+            self._reports[name] = report
+            self._traces[name].add(report)
+
+    @property
+    def time(self) -> float:
+        """Simulated time that has been heard of [s]."""
+        return 0.0 if self.truth is None else self.truth.time
+
+    @property
+    def beliefs(self) -> dict[str, Estimate]:
+        """The newest estimate of each robot, in the scene's order; stale where the robot has fallen silent."""
+        return {name: as_of_now(self._latest[name], self.truth) for name in self.scene.robots if name in self._latest}
+
+    def report(self, robot: str) -> RobotReport | None:
+        """A robot's newest belief against the truth, as the run's report tells it; None if there is none yet."""
+        report = self._reports.get(robot)
+        if report is None:
+            return None
+        belief = as_of_now(self._latest[robot], self.truth)
+        return msgspec.structs.replace(report, status=belief.status, reasons=belief.reasons)
+
+    def trace(self, robot: str) -> Trace:
+        """A robot's errors over time."""
+        return self._traces[robot]
+
+    def believed_payload(self, robot: str) -> Inertia | None:
+        """What a robot takes the payload for, in the payload's own frame; None as long as it does not know all."""
+        estimate = self._latest.get(robot)
+        payload = estimate.payload if estimate is not None else None
+        if payload is None or payload.com is None or payload.tensor is None:
+            return None
+        pose_robot_in_payload = self._judge.pose_payload_in[robot].inverse()
+        return Inertia(payload.mass, payload.com, payload.tensor).carried(pose_robot_in_payload)
+
+    def link(self, edge: Edge) -> LinkHealth:
+        """How a link is, as the robots at its ends say."""
+        ends = [self._latest.get(name) for name in edge]
+        if any(end is not None and other in end.silent for end, other in zip(ends, reversed(edge), strict=True)):
+            return "silent"
+        if any(end is None or (self.truth is not None and self.truth.block - end.block > SILENT) for end in ends):
+            return "unknown"
+        return "up"

@@ -1,0 +1,124 @@
+"""The page in the browser: scene, numbers, plots; what it shows comes from a view model."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import viser
+
+from coheft.app.view import words
+from coheft.app.view.model import ViewModel
+from coheft.app.view.plots import Plots
+from coheft.app.view.ports import choose_port
+from coheft.app.view.stage import Stage
+
+FRAME = 0.05
+"""Time between two pictures at least [s]."""
+_TEXT_EVERY = 0.2
+_PLOT_EVERY = 0.25
+
+
+@contextmanager
+def open_server(host: str, port: int | None) -> Iterator[viser.ViserServer]:
+    """A server for browsers.
+
+    Args:
+        host: Where it listens.
+        port: On this port; None: any that is free.
+
+    Raises:
+        LinkError: It cannot listen there.
+    """
+    port = choose_port(host, port)
+    with contextlib.redirect_stdout(io.StringIO()):  # it would print a banner of its own
+        server = viser.ViserServer(host=host, port=port, verbose=False)
+    try:
+        yield server
+    finally:
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()
+
+
+def url_of(server: viser.ViserServer) -> str:
+    """Where browsers find it."""
+    return f"http://{server.get_host()}:{server.get_port()}"
+
+
+class Page:
+    """Everything that is shown; ``draw`` is called again and again.
+
+    Args:
+        server: Where browsers dial in.
+        model: What there is to show.
+
+    Attributes:
+        chosen: The robot whose beliefs are shown.
+    """
+
+    def __init__(self, server: viser.ViserServer, model: ViewModel) -> None:
+        server.gui.configure_theme(
+            dark_mode=True, control_layout="fixed", control_width="large", show_logo=False, show_share_button=False
+        )
+        server.gui.set_panel_label("coheft")
+        self.server = server
+        self.stage = Stage(server, model)
+        gui = server.gui
+        self._header = gui.add_html(words.header(model))
+        self._choice = gui.add_dropdown("Robot", model.scene.robots, hint="Whose beliefs are shown")
+        self._belief = gui.add_html(words.belief(None, None))
+        self._plots = Plots(server)
+        self._texts_at = self._plots_at = 0.0
+        self._drawn: object = None
+        self._plotted: object = None
+        side = gui.add_panel()
+        side.dock_left()
+        side.set_width(290)
+        self.controls = side.add_tab("Controls")
+        with side.add_tab("Team"):
+            self._team = gui.add_html("")
+            self._problems = gui.add_html("")
+            doubt = gui.add_dropdown("Ellipsoid", ("1 ×", "10 ×", "100 ×"), initial_value="10 ×")
+            self._legend = gui.add_html(words.legend(self.stage.doubt_scale))
+
+        @doubt.on_update
+        def _(_: object) -> None:
+            self.stage.doubt_scale = float(doubt.value.split()[0])
+            self._legend.content = words.legend(self.stage.doubt_scale)
+
+    @property
+    def chosen(self) -> str:
+        """The robot whose beliefs are shown."""
+        return str(self._choice.value)
+
+    def draw(self, model: ViewModel, note: str = "") -> None:
+        """Show what is known now: the scene each time, texts and plots less often."""
+        if not self.server.get_clients():
+            return
+        now = time.monotonic()
+        with self.server.atomic():
+            picture = model, model.changes, self.chosen, self.stage.doubt_scale
+            if picture != self._drawn:
+                self._drawn = picture
+                self.stage.draw(model, self.chosen)
+            if now > self._texts_at + _TEXT_EVERY:
+                self._texts_at = now
+                self._draw_texts(model, note)
+            if now > self._plots_at + _PLOT_EVERY:
+                self._plots_at = now
+                if picture != self._plotted:
+                    self._plotted = picture
+                    self._plots.draw(model.trace(self.chosen), model.time)
+
+    def _draw_texts(self, model: ViewModel, note: str) -> None:
+        for handle, text in (
+            (self._header, words.header(model, note)),
+            (self._belief, words.belief(model.report(self.chosen), model.beliefs.get(self.chosen))),
+            (self._team, words.team(model, self.chosen)),
+            (self._problems, words.problems(model)),
+        ):
+            if handle.content != text:
+                handle.content = text

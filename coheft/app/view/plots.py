@@ -1,0 +1,71 @@
+"""Live plots: how far off a robot is, inside the band in which it says that it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import viser
+from viser import uplot
+
+from coheft.app.view.colours import ACCENT, FORCE, TORQUE, css
+from coheft.app.view.traces import WINDOW, Curves, Trace
+from coheft.estimation.spatial import Array
+
+_TITLES = {"mass": "mass error, kg", "com": "centre of mass error, mm", "inertia": "inertia error, kg·m²"}
+_AXES = {"mass": ("mass",), "com": ("x", "y", "z"), "inertia": ("xx", "yy", "zz")}
+_LINES = (ACCENT, FORCE, TORQUE)
+_BAND = "rgba(148,163,184,0.18)"
+_BAND_EDGE = "rgba(148,163,184,0.55)"
+_GRID: uplot.Axis_Grid = {"stroke": "rgba(148,163,184,0.14)", "width": 1}
+_INK = "#94a3b8"
+_HEIGHT = 105
+
+
+class Plots:
+    """One plot for each quantity of the chosen robot."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._plots = {name: _add_plot(server, name) for name in _TITLES}
+
+    def draw(self, trace: Trace, time: float) -> None:
+        """Draw a robot's curves; ``time`` is the present [s]."""
+        for name, curves in trace.curves().items():
+            plot = self._plots[name]
+            plot.data = _data(curves)
+            plot.scales = _scales(curves, time)
+
+
+def _add_plot(server: viser.ViserServer, name: str) -> Any:
+    nothing = Curves(np.empty(0), np.empty((len(_AXES[name]), 0)), np.empty(0))
+    edge: uplot.Series = {"stroke": _BAND_EDGE, "width": 1, "points": {"show": False}}
+    lines: list[uplot.Series] = [
+        {"label": axis, "stroke": css(colour), "width": 1.5, "points": {"show": False}}
+        for axis, colour in zip(_AXES[name], _LINES, strict=False)
+    ]
+    axis: uplot.Axis = {"stroke": _INK, "grid": _GRID, "ticks": {"show": False}, "font": "11px sans-serif"}
+    return server.gui.add_uplot(
+        _data(nothing),
+        ({"label": "t"}, {**edge, "label": "+3σ"}, {**edge, "label": "-3σ"}, *lines),
+        title=_TITLES[name],
+        bands=({"series": (1, 2), "fill": _BAND, "dir": -1},),
+        scales=_scales(nothing, 0.0),
+        axes=({**axis, "size": 24}, {**axis, "size": 52, "space": 18}),
+        legend={"show": False},
+        cursor={"show": False},
+        height=_HEIGHT,
+        padding=(4, 10, 0, 0),
+    )
+
+
+def _data(curves: Curves) -> tuple[Array, ...]:
+    return curves.times, curves.band, -curves.band, *curves.errors
+
+
+def _scales(curves: Curves, time: float) -> dict[str, uplot.Scale]:
+    end = max(time, WINDOW)
+    # Without "time": False the browser would take seconds of the run for a time of day.
+    return {
+        "x": {"time": False, "range": (end - WINDOW, end)},
+        "y": {"range": (-curves.limit, curves.limit)},
+    }

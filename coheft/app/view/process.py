@@ -1,0 +1,127 @@
+"""The view in a process of its own beside a run: however slow a browser is, the run does not wait for it.
+
+``python -m coheft.app.view.process`` reads a ``ViewConfig`` from stdin.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import NoReturn, Self
+
+import msgspec
+
+from coheft.app.heard import News
+from coheft.app.processes import Processes
+from coheft.app.run_folder import find_run
+from coheft.app.view.ports import choose_port
+from coheft.errors import CoheftError
+from coheft.wire.messages import Status
+from coheft.wire.supervised import supervised_main
+
+_LOOK_EVERY = 0.2
+
+
+class ViewConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the view's process is told.
+
+    Attributes:
+        folder: Of the run.
+        host: Where browsers may dial in.
+        port: Where.
+    """
+
+    folder: str
+    host: str
+    port: int
+
+
+class ViewBeside:
+    """A follower with the view of a run beside it. The view gets ready while the run does; leaving the context ends it.
+
+    Args:
+        folder: Of the run.
+        host: Where browsers may dial in.
+        port: Where; None: any that is free.
+        tell: Is told where the view is.
+
+    Raises:
+        LinkError: The port is taken.
+    """
+
+    def __init__(self, folder: Path, host: str, port: int | None, tell: Callable[[str], None]) -> None:
+        self._config = ViewConfig(str(folder), host, choose_port(host, port))
+        self._tell = tell
+        self._processes = Processes(folder)
+        self._is_told = False
+        self._look_at = 0.0
+
+    @property
+    def url(self) -> str:
+        """Where the view is."""
+        return f"http://{self._config.host}:{self._config.port}"
+
+    def begin(self, status: Status) -> None:
+        """The view asks for itself."""
+
+    def hear(self, news: News) -> None:
+        """The view hears for itself; tell where it is as soon as it can be looked at."""
+        if self._is_told or (now := time.monotonic()) < self._look_at:
+            return
+        self._look_at = now + _LOOK_EVERY
+        if any(self.url in line for child in self._processes.children for line in child.lines):
+            self._is_told = True
+            self._tell(self.url)
+
+    def end(self, status: Status) -> None:
+        """The last picture stays until the context ends."""
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it runs."""
+        return not self._processes.ended("view")
+
+    def wait(self) -> None:
+        """Let people look until Ctrl-C."""
+        try:
+            while self.is_there:
+                time.sleep(_LOOK_EVERY)
+        except KeyboardInterrupt:
+            return
+
+    def __enter__(self) -> Self:
+        self._processes.start("view", "coheft.app.view.process", self._config)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._processes.stop()
+
+
+def _view(config: ViewConfig) -> None:
+    from coheft.app.view.live import view_run  # viser takes a second, and whoever starts this process needs none of it
+
+    folder = Path(config.folder)
+    while not _goes_on(folder):
+        time.sleep(_LOOK_EVERY)
+    view_run(folder, config.host, config.port, lambda url: print(f"the view is at {url}", flush=True))
+
+
+def _goes_on(folder: Path) -> bool:
+    try:
+        find_run(folder)
+    except CoheftError:
+        return False
+    return True
+
+
+def main() -> NoReturn:
+    """Show the run whose folder comes on stdin."""
+    supervised_main(ViewConfig, _view)
+
+
+if __name__ == "__main__":
+    main()

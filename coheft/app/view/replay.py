@@ -1,0 +1,97 @@
+"""The view of a recording, with a time slider."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import viser
+
+from coheft.app.recording.reader import read_recording
+from coheft.app.view.page import FRAME, Page, open_server, url_of
+from coheft.app.view.timeline import Timeline
+
+_SPEEDS = ("0.1 ×", "0.25 ×", "0.5 ×", "1 ×", "2 ×", "5 ×", "10 ×")
+_STEP = 0.05
+"""Of the time slider [s]."""
+
+
+def view_recording(path: Path, host: str, port: int | None, tell: Callable[[str], None]) -> None:
+    """Show a recording until Ctrl-C.
+
+    Args:
+        path: What 'coheft run --record' wrote.
+        host: Where browsers may dial in.
+        port: Where; None: any that is free.
+        tell: Is told where the view is.
+
+    Raises:
+        RecordingError: It cannot be read.
+        LinkError: The port is taken.
+        KeyboardInterrupt: Ctrl-C.
+    """
+    recording = read_recording(path)
+    timeline = Timeline(recording.begin, recording.news)
+    with open_server(host, port) as server:
+        page = Page(server, timeline.model)
+        player = Player(page, timeline.end)
+        tell(url_of(server))
+        before = time.monotonic()
+        while True:
+            now = time.monotonic()
+            timeline.seek(player.advance(now - before))
+            before = now
+            timeline.note_playing(player.is_playing)
+            page.draw(timeline.model, f"a recording: {path.name}")
+            time.sleep(max(0.0, FRAME - (time.monotonic() - now)))
+
+
+class Player:
+    """Buttons of a player, and the time at which it is.
+
+    Args:
+        page: Where they are shown.
+        end: Of the recording [s].
+    """
+
+    def __init__(self, page: Page, end: float) -> None:
+        self._end = end
+        self._time = 0.0
+        self._lock = threading.Lock()
+        self.is_playing = True
+        gui = page.server.gui
+        with page.controls:
+            self._slider: Any = gui.add_slider("Time, s", 0.0, max(end, _STEP), _STEP, 0.0)
+            self._button = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
+            self._speed = gui.add_dropdown("Speed", _SPEEDS, initial_value="1 ×")
+
+        @self._slider.on_update
+        def _(event: Any) -> None:
+            if event.client is not None:  # not when it follows the time
+                with self._lock:
+                    self._time = float(self._slider.value)
+
+        @self._button.on_click
+        def _(_: object) -> None:
+            with self._lock:
+                if not self.is_playing and self._time >= self._end:
+                    self._time = 0.0
+                self._set_playing(not self.is_playing)
+
+    def advance(self, seconds: float) -> float:
+        """Let so much wall time go by, and return the time in the recording [s]."""
+        with self._lock:
+            if self.is_playing:
+                self._time = min(self._end, self._time + seconds * float(self._speed.value.split()[0]))
+                self._slider.value = round(self._time / _STEP) * _STEP
+                if self._time >= self._end:
+                    self._set_playing(False)
+            return self._time
+
+    def _set_playing(self, playing: bool) -> None:
+        self.is_playing = playing
+        self._button.label = "Pause" if playing else "Play"
+        self._button.icon = viser.Icon.PLAYER_PAUSE if playing else viser.Icon.PLAYER_PLAY

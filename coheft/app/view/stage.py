@@ -1,0 +1,327 @@
+"""The scene in the browser: payload, robots, what they exert, what one of them believes, and who talks with whom."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import trimesh
+import viser
+
+from coheft.app.view import colours
+from coheft.app.view.geometry import (
+    box_edges,
+    ellipsoid,
+    equivalent_box,
+    extent,
+    payload_boxes,
+    place_under_ray,
+    rotation_to,
+    stands,
+)
+from coheft.app.view.model import ViewModel
+from coheft.estimation.measurement import WRENCH
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
+from coheft.wire.messages import Estimate, LoadState, Truth
+from coheft.wire.scenario import Vector, pose_of
+
+_NO_LINES = np.zeros((1, 2, 3))
+_FORCE_LENGTH = 0.15
+"""Length of the arrow of a robot's share of the weight, relative to the payload's extent."""
+_LONGEST = 1.0
+"""Of an arrow, relative to the extent."""
+_ARC_POINTS = 16
+
+
+class Stage:
+    """Draws a view model with viser; what has not changed is not sent again.
+
+    Args:
+        server: Where to draw.
+        model: What there is to show.
+    """
+
+    def __init__(self, server: viser.ViserServer, model: ViewModel) -> None:
+        self._scene = server.scene
+        self._size = extent(model.scene)
+        self._home = Pose(np.eye(3), np.array(model.scene.home))
+        self._translations = model.scene.translations
+        self._rotations = model.scene.rotations
+        self._index = {name: index for index, name in enumerate(model.scene.robots)}
+        self._stands = stands(model.scene)
+        self.boxes = payload_boxes(model.scene)
+        self._loads: dict[int, tuple[LoadState, list[Any]]] = {}
+        self._newton: float | None = None
+        self._drawn: dict[str, object] = {}
+        self.doubt_scale = 10.0
+        self.wrenches_visible = True
+        self._set_up(server)
+        self._add_robots(model)
+        self._add_payload()
+        self._add_beliefs()
+        self._add_network(model)
+        self._move(self._home)
+
+    def _set_up(self, server: viser.ViserServer) -> None:
+        size, home = self._size, self._home.translation
+        server.scene.set_up_direction("+z")
+        # No shadows: they are hardly seen on dark ground, and dear without a GPU. Little light, or colours turn white.
+        server.scene.configure_default_lights(enabled=False)
+        server.scene.configure_environment_map("studio", environment_intensity=0.3)
+        server.scene.add_light_directional("/light", intensity=1.3, position=(1.0, -1.5, 3.0))
+        camera = server.initial_camera
+        camera.look_at = home + np.array([0.0, 0.0, -0.5 * size])
+        camera.position = home + size * np.array([3.2, -4.3, 2.5])
+        camera.fov = np.radians(42.0)
+        server.scene.add_grid(
+            "/ground",
+            infinite_grid=True,
+            cell_size=0.25,
+            section_size=1.0,
+            cell_color=(45, 55, 72),
+            section_color=(71, 85, 105),
+            fade_distance=14.0 * size,
+        )
+
+    def _add_robots(self, model: ViewModel) -> None:
+        size, count = self._size, len(self._stands)
+        base = trimesh.creation.cylinder(radius=0.15 * size, height=0.04 * size, sections=32)
+        joint = trimesh.creation.icosphere(subdivisions=2, radius=0.065 * size)
+        link = trimesh.creation.cylinder(radius=0.038 * size, height=1.0, sections=20)
+        upright = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+        shoulders = np.array([stand.shoulder for stand in self._stands])
+        feet = shoulders * [1.0, 1.0, 0.0]
+        lengths = np.array([[1.0, 1.0, stand.link] for stand in self._stands])
+
+        def add(name: str, mesh: Any, positions: Array, colour: colours.Colour, scales: Array | None = None) -> Any:
+            return self._scene.add_batched_meshes_simple(
+                name,
+                mesh.vertices,
+                mesh.faces,
+                upright,
+                positions,
+                batched_scales=scales,
+                batched_colors=np.tile(np.array(colour, dtype=np.uint8), (count, 1)),
+                lod="off",
+            )
+
+        column = trimesh.creation.cylinder(radius=0.05 * size, height=1.0, sections=24)
+        heights = np.column_stack([np.ones((count, 2)), shoulders[:, 2]])
+        add("/robots/bases", base, feet + [0.0, 0.0, 0.02 * size], colours.STAND)
+        add("/robots/columns", column, (shoulders + feet) / 2.0, colours.STAND, heights)
+        add("/robots/shoulders", joint, shoulders, colours.JOINT)
+        self._elbows = add("/robots/elbows", joint, shoulders, colours.JOINT)
+        self._upper = add("/robots/upper_arms", link, shoulders, colours.ARM, lengths)
+        self._fore = add("/robots/forearms", link, shoulders, colours.ARM, lengths)
+        self._hands = add("/robots/hands", joint, shoulders, colours.WAITING, np.full((count, 3), 0.75))
+        for name, shoulder in zip(model.scene.robots, shoulders, strict=True):
+            place = shoulder - [0.0, 0.0, 0.12 * size]
+            self._scene.add_label(f"/robots/labels/{name}", name, position=place, anchor="center-center")
+
+    def _add_payload(self) -> None:
+        size = self._size
+        self._frame = self._scene.add_frame("/payload", show_axes=False)
+        self._bodies = []
+        edges = []
+        for index, box in enumerate(self.boxes):
+            pose = pose_of(box.position, box.rotation_deg)
+            edges.append(box_edges(pose, np.array(box.size)))
+            self._bodies.append(
+                self._scene.add_box(
+                    f"/payload/boxes/{index}",
+                    color=colours.PAYLOAD,
+                    dimensions=box.size,
+                    opacity=0.42,
+                    wxyz=quaternion_from_rotation(pose.rotation),
+                    position=pose.translation,
+                )
+            )
+        self._lines("/payload/edges", np.concatenate(edges), (148, 163, 184), 1.2)
+        self._scene.add_batched_axes(
+            "/payload/grasps",
+            np.array([quaternion_from_rotation(rotation) for rotation in self._rotations]),
+            self._translations,
+            axes_length=0.16 * size,
+            axes_radius=0.007 * size,
+        )
+        self._place = self._lines("/payload/place", _NO_LINES, colours.LOAD, 1.5)
+        self._forces = self._add_arrows("/payload/forces", colours.FORCE)
+        self._torques = self._add_arrows("/payload/torques", colours.TORQUE)
+
+    def _add_arrows(self, name: str, colour: colours.Colour) -> Any:
+        size = self._size
+        points = np.zeros((len(self._translations), 2, 3))
+        return self._scene.add_arrows(
+            name,
+            points,
+            colour,
+            shaft_radius=0.012 * size,
+            head_radius=0.032 * size,
+            head_length=0.08 * size,
+        )
+
+    def _add_beliefs(self) -> None:
+        size = self._size
+        self._true_com = self._scene.add_icosphere("/payload/truth/com", 0.03 * size, colours.TRUTH)
+        self._true_box = self._lines("/payload/truth/box", _NO_LINES, colours.TRUTH, 1.5)
+        self._doubt = self._scene.add_icosphere("/payload/belief/doubt", 1.0, colours.ACCENT, opacity=0.65)
+        self._cross = self._lines("/payload/belief/com", _NO_LINES, colours.ACCENT, 3.0)
+        self._belief_box = self._lines("/payload/belief/box", _NO_LINES, colours.ACCENT, 3.0)
+        self._doubt.visible = self._cross.visible = self._belief_box.visible = False
+
+    def _add_network(self, model: ViewModel) -> None:
+        shoulders = {name: stand.shoulder for name, stand in zip(model.scene.robots, self._stands, strict=True)}
+        self._links = {}
+        for edge in model.edges:
+            start, end = (shoulders[name] for name in edge)
+            share = np.linspace(0.0, 1.0, _ARC_POINTS)[:, None]
+            rise = 0.18 * float(np.linalg.norm(end - start)) * (1.0 - (2.0 * share - 1.0) ** 2)
+            arc = (1.0 - share) * start + share * end - rise * np.array([0.0, 0.0, 1.0])
+            lines = np.stack([arc[:-1], arc[1:]], axis=1)
+            self._links[edge] = self._lines(f"/network/{edge[0]}-{edge[1]}", lines, colours.WAITING, 3.0)
+
+    def _lines(self, name: str, points: Array, colour: colours.Colour, thickness: float) -> Any:
+        return self._scene.add_line_segments(name, points, colour, thickness=thickness, thickness_units="screen")
+
+    def draw(self, model: ViewModel, chosen: str) -> None:
+        """Draw what is known now; ``chosen`` is the robot whose beliefs are shown."""
+        truth = model.truth
+        if truth is not None:
+            self._move(Pose(rotation_from_quaternion(truth.quaternion), truth.position))
+            self._draw_wrenches(truth)
+            self._draw_loads(truth.loads)
+            self._draw_truth(truth)
+        self._draw_belief(model.believed_payload(chosen), model.beliefs.get(chosen))
+        self._draw_robots(model, chosen)
+        for edge, lines in self._links.items():
+            health = model.link(edge)
+            self._once(f"link {edge}", health, partial(_paint, lines, colours.LINK[health]))
+
+    def _once(self, what: str, value: object, act: Callable[[], None]) -> None:
+        """Do it if its value is another one than last time."""
+        if self._drawn.get(what, self) != value:
+            self._drawn[what] = value
+            act()
+
+    def _move(self, payload: Pose) -> None:
+        """Put the payload, and all arms that hold it, where they are now."""
+        self._payload = payload
+        self._frame.position = payload.translation
+        self._frame.wxyz = quaternion_from_rotation(payload.rotation)
+        hands = payload.apply(self._translations)
+        elbows = np.array([stand.elbow(hand) for stand, hand in zip(self._stands, hands, strict=True)])
+        shoulders = np.array([stand.shoulder for stand in self._stands])
+        self._elbows.batched_positions = elbows
+        self._hands.batched_positions = hands
+        for links, starts, ends in ((self._upper, shoulders, elbows), (self._fore, elbows, hands)):
+            links.batched_positions = (starts + ends) / 2.0
+            links.batched_wxyzs = np.array([quaternion_from_rotation(rotation_to(way)) for way in ends - starts])
+
+    def _draw_wrenches(self, truth: Truth) -> None:
+        if self._newton is None:
+            share = 9.81 * truth.payload.mass / len(self._translations)
+            self._newton = _FORCE_LENGTH * self._size / share
+        for arrows, part, scale in (
+            (self._forces, slice(0, 3), self._newton),
+            (self._torques, slice(3, 6), self._newton / self._size),
+        ):
+            ways = scale * np.einsum("nij,nj->ni", self._rotations, truth.samples[:, WRENCH][:, part])
+            lengths = np.linalg.norm(ways, axis=1, keepdims=True)
+            ways *= np.minimum(1.0, _LONGEST * self._size / np.maximum(lengths, 1e-9))
+            arrows.points = np.stack([self._translations, self._translations + ways], axis=1)
+
+    def _draw_loads(self, loads: list[LoadState]) -> None:
+        there = {load.id: load for load in loads}
+        for number in [number for number in self._loads if number not in there]:
+            for handle in self._loads.pop(number)[1]:
+                handle.remove()
+        for number, load in there.items():
+            if number not in self._loads:
+                self._loads[number] = load, self._add_load(load)
+            elif self._loads[number][0].mass != load.mass:
+                handles = self._loads[number][1]
+                self._loads[number] = load, handles
+                self._once(f"load {number}", f"{load.mass:.1f}", partial(_tell, handles[1], load.mass))
+
+    def _add_load(self, load: LoadState) -> list[Any]:
+        box = self._scene.add_box(
+            f"/payload/loads/{load.id}", color=colours.LOAD, dimensions=load.size, position=load.position
+        )
+        above = np.array(load.position) + [0.0, 0.0, 0.5 * load.size[2] + 0.06 * self._size]
+        label = self._scene.add_label(
+            f"/payload/loads/{load.id}_label", f"{load.mass:.1f} kg", position=above, anchor="bottom-center"
+        )
+        return [box, label]
+
+    def _draw_truth(self, truth: Truth) -> None:
+        payload = truth.payload
+        known = payload.mass, payload.com.tolist()
+
+        def draw() -> None:
+            self._true_com.position = payload.com
+            self._true_box.points = box_edges(*equivalent_box(Inertia(payload.mass, payload.com, payload.tensor)))
+
+        self._once("truth", known, draw)
+
+    def _draw_belief(self, believed: Inertia | None, estimate: Estimate | None) -> None:
+        for handle in (self._doubt, self._cross, self._belief_box):
+            if handle.visible != (believed is not None):
+                handle.visible = believed is not None
+        if believed is None or estimate is None or estimate.payload is None:
+            return
+        key = estimate.robot, estimate.block, self.doubt_scale
+        if self._drawn.get("belief") == key:
+            return
+        self._drawn["belief"] = key
+        rotation = self._rotations[self._index[estimate.robot]]
+        covariance = rotation @ estimate.payload.covariance[1:4, 1:4] @ rotation.T
+        pose, half = ellipsoid(believed.com, covariance)
+        self._doubt.position, self._doubt.wxyz = pose.translation, quaternion_from_rotation(pose.rotation)
+        self._doubt.scale = tuple(np.clip(self.doubt_scale * half, 1e-4, 4.0 * self._size).tolist())
+        arm = 0.08 * self._size * np.eye(3)
+        self._cross.points = np.stack([believed.com - arm, believed.com + arm], axis=1)
+        self._belief_box.points = box_edges(*equivalent_box(believed))
+
+    def _draw_robots(self, model: ViewModel, chosen: str) -> None:
+        names = model.scene.robots
+        beliefs = model.beliefs
+        statuses = tuple(beliefs[name].status if name in beliefs else "starting" for name in names)
+
+        def paint_hands() -> None:
+            self._hands.batched_colors = np.array([colours.STATUS[status] for status in statuses], dtype=np.uint8)
+
+        def paint_arms() -> None:
+            arms = [colours.ACCENT if name == chosen else colours.ARM for name in names]
+            self._upper.batched_colors = self._fore.batched_colors = np.array(arms, dtype=np.uint8)
+
+        self._once("hands", statuses, paint_hands)
+        self._once("chosen", chosen, paint_arms)
+
+    def on_payload_click(self, act: Callable[[Array], None]) -> None:
+        """Let ``act`` know of clicks onto the payload: where, (3,) in its frame [m]."""
+
+        def clicked(event: Any) -> None:
+            pose = self._payload.inverse()
+            hit = place_under_ray(
+                self.boxes, pose.apply(event.ray_origin), pose.rotation @ np.array(event.ray_direction)
+            )
+            if hit is not None:
+                act(hit)
+
+        for body in self._bodies:
+            body.on_click(clicked)
+
+    def show_place(self, place: Vector, edge: float) -> None:
+        """Show where a load would come to lie: centre in the payload's frame and edge length [m]."""
+        self._place.points = box_edges(Pose(np.eye(3), np.array(place)), np.full(3, edge))
+
+
+def _paint(lines: Any, colour: colours.Colour) -> None:
+    lines.colors = np.array(colour, dtype=np.uint8)
+
+
+def _tell(label: Any, mass: float) -> None:
+    label.text = f"{mass:.1f} kg"

@@ -1,0 +1,186 @@
+"""The view as people meet it: real runs, in a real browser without a window."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from coheft.app.hosts import free_ports
+from coheft.app.observer import ask_server
+from coheft.app.run_folder import RUN_FILE, RunFile
+from coheft.wire.messages import Status, StatusRequest
+
+pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
+sync_api = pytest.importorskip("playwright.sync_api", reason="browser tests need playwright")
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+BROWSER = next((path for path in map(shutil.which, _BROWSERS) if path is not None), None)
+
+pytestmark = [
+    pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX"),
+    pytest.mark.skipif(BROWSER is None, reason=f"there is no browser: none of {', '.join(_BROWSERS)}"),
+    pytest.mark.timeout(900),
+]
+
+PATIENCE = 180.0
+"""Software draws the scene, and slowly [s]."""
+
+
+def wait_for(condition: Callable[[], Any], what: str) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, f"waited {PATIENCE:g} s in vain: {what}"
+        time.sleep(0.1)
+
+
+@contextmanager
+def command(output: Path, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """``coheft`` with some arguments; ended by Ctrl-C if it has not ended by itself."""
+    with output.open("wb") as file:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "coheft", *arguments], stdout=file, stderr=subprocess.STDOUT, start_new_session=True
+        )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            process.wait(PATIENCE)
+
+
+def run_file(folder: Path) -> RunFile:
+    return msgspec.json.decode((folder / RUN_FILE).read_bytes(), type=RunFile)
+
+
+def status(folder: Path) -> Status:
+    return ask_server(run_file(folder), StatusRequest())
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=BROWSER, args=["--enable-unsafe-swiftshader", "--no-sandbox"]
+        )
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def looking_at(browser: Any, url: str) -> Iterator[Any]:
+    """A page with little to draw, and room for all panels."""
+    page = browser.new_page(viewport={"width": 900, "height": 1100}, device_scale_factor=0.3)
+    page.set_default_timeout(1e3 * PATIENCE)
+    failures: list[str] = []
+    page.on("pageerror", lambda error: failures.append(str(error)))
+    page.goto(url)
+    yield page
+    assert not failures
+    page.close()
+
+
+def text_of(page: Any) -> str:
+    return str(page.evaluate("document.body.innerText"))
+
+
+def inputs(page: Any) -> list[str]:
+    """What all fields and lists say."""
+    values: list[str] = page.locator("input").evaluate_all("fields => fields.map(field => field.value)")
+    return values
+
+
+def click(page: Any, button: str) -> None:
+    """By script: where software draws the scene, a mouse has to wait for the next picture, and that can take long."""
+    page.get_by_role("button", name=button, exact=True).first.evaluate("button => button.click()")
+
+
+@contextmanager
+def viewed_run(folder: Path, *arguments: str) -> Iterator[str]:
+    """A run of three robots in real time, and the address of its view."""
+    port = free_ports(1)[0]
+    with command(folder.with_suffix(".out"), "run", "ring3", "--realtime", "--logs", str(folder), *arguments):
+        wait_for(lambda: (folder / RUN_FILE).exists(), "the run to begin")
+        output = folder.with_suffix(".view")
+        with command(output, "view", str(folder), "--port", str(port)) as view:
+            wait_for(lambda: "http" in output.read_text() or view.poll() is not None, "the view to begin")
+            assert view.poll() is None, output.read_text()
+            yield f"http://127.0.0.1:{port}"
+        assert "Traceback" not in output.read_text()
+
+
+def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_report(tmp_path, browser):
+    folder, report = tmp_path / "run", tmp_path / "report.json"
+    with viewed_run(folder, "--duration", "1000", "--json", str(report)) as url, looking_at(browser, url) as page:
+        wait_for(lambda: "true mass" in text_of(page), "the numbers")
+
+        click(page, "Pause")  # and the machine has time for the browser
+        wait_for(lambda: "paused: Resume goes on" in text_of(page), "time to stand still")
+        click(page, "Drop 3 kg")
+        wait_for(lambda: [load.mass for load in status(folder).loads] == [3.0], "the load")
+        before = run_file(folder).pids["r1"]
+        click(page, "Kill the chosen robot's agent")
+        wait_for(lambda: run_file(folder).pids["r1"] != before, "the agent to come back")
+        click(page, "Cut")
+        wait_for(lambda: "cut the link r1-r2" in text_of(page), "the link to be cut")
+
+        click(page, "Resume")
+        wait_for(lambda: "#1 of 3.0 kg" in inputs(page), "the load to be shown")
+        wait_for(lambda: "r2 is silent" in text_of(page), "the cut to be noticed")
+        click(page, "Mend")
+        wait_for(lambda: "mended the link r1-r2" in text_of(page), "the link to be mended")
+        click(page, "Stop the run")
+        wait_for(lambda: "the run has ended" in text_of(page), "the end")
+        wait_for(report.exists, "the report")
+        told = json.loads(report.read_text())
+        robot = told["robots"]["r1"]
+        assert [change["truth"]["mass"] for change in told["load_changes"]][-1] == pytest.approx(robot["mass"]["truth"])
+        numbers = [f"{told['duration_s']:.1f} of 1000 s", f"{robot['mass']['truth']:.3f}"]
+        numbers += [f"{1e3 * number:.1f}" for number in robot["com"]["estimate"] or []]
+        wait_for(lambda: all(number in text_of(page) for number in numbers), f"{numbers}")
+
+
+def test_a_recording_plays_to_its_end_with_the_numbers_of_the_report(tmp_path, browser):
+    recording, report = tmp_path / "run.mcap", tmp_path / "report.json"
+    arguments = "ring3", "--duration", "6", "--logs", str(tmp_path / "run")
+    with command(tmp_path / "out", "run", *arguments, "--record", str(recording), "--json", str(report)) as run:
+        assert run.wait(PATIENCE) in (0, 3), (tmp_path / "out").read_text()
+    told = json.loads(report.read_text())
+    output = tmp_path / "view"
+    with command(output, "view", str(recording), "--port", str(free_ports(1)[0])):
+        wait_for(lambda: "http" in output.read_text(), "the view to begin")
+        with looking_at(browser, output.read_text().split()[4].rstrip(";")) as page:
+            wait_for(lambda: "a recording: run.mcap" in text_of(page), "the recording")
+            wait_for(lambda: "6.0 of 6 s" in text_of(page), "the end")
+            wait_for(lambda: "finished" in text_of(page), "the player to stop")
+            numbers = [f"{told['robots']['r1']['mass']['truth']:.3f}"]
+            numbers += [f"{1e3 * number:.1f}" for number in told["robots"]["r1"]["com"]["estimate"] or []]
+            wait_for(lambda: all(number in text_of(page) for number in numbers), f"{numbers}")
+
+
+def test_a_view_that_is_started_with_a_run_stays_until_it_is_interrupted(tmp_path, browser):
+    folder, output = tmp_path / "run", tmp_path / "out"
+    with command(output, "run", "ring3", "--duration", "4", "--view", "--logs", str(folder)) as run:
+        wait_for(lambda: "http" in output.read_text() or run.poll() is not None, "the view to begin")
+        url = next(word for word in output.read_text().split() if word.startswith("http"))
+        with looking_at(browser, url) as page:
+            wait_for(lambda: "until Ctrl-C" in output.read_text(), "the run to end")
+            wait_for(lambda: "the run has ended" in text_of(page), "the last picture")
+        assert run.poll() is None
+        run.send_signal(signal.SIGINT)
+        assert run.wait(PATIENCE) in (0, 3), output.read_text()
+    log = (folder / "view.log").read_text()
+    assert "Traceback" not in log
+    with pytest.raises(OSError, match=r"refused|timed out"):
+        socket.create_connection(("127.0.0.1", int(url.rpartition(":")[2])), timeout=1.0)

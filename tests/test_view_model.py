@@ -1,0 +1,135 @@
+"""What the view shows, without any browser."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+import pytest
+
+from coheft.app.record import SILENT
+from coheft.app.view import words
+from coheft.app.view.model import ViewModel
+from coheft.app.view.timeline import Timeline
+from coheft.app.view.traces import WINDOW
+from coheft.wire.messages import LoadChangeNotice, Problem, Status
+from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, STD, changing_run, estimate, truth
+
+STATUS = Status(
+    scenario="three",
+    state="running",
+    block=0,
+    time=0.0,
+    duration=4.0,
+    real_time_factor=1.0,
+    late_blocks=0,
+    loads=[],
+    slots_free=4,
+    waiting_for=[],
+    scene=SCENE,
+)
+
+
+def news_of_a_change():
+    truths, estimates = changing_run({"r1": 110, "r2": 120, "r3": 130}, {"r1": 2.1, "r2": 2.2})
+    news = [(t.time, t) for t in truths] + [(e.time, e) for series in estimates.values() for e in series]
+    return sorted(news, key=lambda item: item[0])
+
+
+def test_numbers_are_those_of_the_report():
+    model = ViewModel(STATUS)
+    model.hear(truth(0, LIGHT))
+    model.hear(estimate("r1", 0, HEAVY))
+    report = model.report("r1")
+    assert report is not None
+    assert (report.mass.truth, report.mass.estimate, report.mass.std) == (10.0, pytest.approx(13.0), STD[0])
+    believed = model.believed_payload("r1")
+    assert believed is not None
+    np.testing.assert_allclose(believed.com, HEAVY.com, atol=1e-12)
+    np.testing.assert_allclose(believed.tensor, HEAVY.tensor, atol=1e-12)
+    assert model.report("r2") is None
+    assert model.believed_payload("r2") is None
+
+
+def test_an_estimate_waits_for_its_truth():
+    model = ViewModel(STATUS)
+    model.hear(estimate("r1", 3, HEAVY))
+    assert model.report("r1") is None
+    model.hear(truth(3, HEAVY))
+    report = model.report("r1")
+    assert report is not None
+    assert report.mass.error_pct == pytest.approx(0.0)
+
+
+def test_a_link_is_as_good_as_its_worse_end_says():
+    model = ViewModel(STATUS)
+    assert model.edges == [("r1", "r2"), ("r2", "r3")]
+    assert model.link(("r1", "r2")) == "unknown"
+    for name in ROBOTS:
+        model.hear(estimate(name, 0, None))
+    assert model.link(("r1", "r2")) == "up"
+    model.hear(msgspec.structs.replace(estimate("r2", 1, None), silent=["r1"]))
+    assert model.link(("r1", "r2")) == "silent"
+    assert model.link(("r2", "r3")) == "up"
+    model.hear(truth(SILENT + 2, LIGHT))
+    assert model.link(("r2", "r3")) == "unknown", "nobody has said anything for long"
+    assert model.beliefs["r3"].status == "stale"
+
+
+def test_curves_show_errors_in_their_own_band_and_look_back_so_far():
+    model = ViewModel(STATUS)
+    last = round((WINDOW + 5.0) / BLOCK)
+    for block in range(0, last, 50):
+        model.hear(truth(block, LIGHT))
+        model.hear(estimate("r1", block, HEAVY if block > last / 2 else None))
+    curves = model.trace("r1").curves()
+    assert curves["mass"].times[0] >= model.time - WINDOW
+    assert np.isnan(curves["mass"].errors[0, 0])
+    assert curves["mass"].errors[0, -1] == pytest.approx(3.0)
+    assert curves["mass"].band[-1] == pytest.approx(3.0 * STD[0])
+    assert curves["com"].band[-1] == pytest.approx(3e3 * STD[1:4].max())
+    assert curves["inertia"].band[-1] == pytest.approx(3.0 * STD[4:7].max())
+    assert curves["mass"].limit > 3.0
+    assert model.trace("r2").curves()["mass"].limit == 1.0
+
+
+def test_a_jump_in_a_recording_shows_what_playing_it_shows():
+    played, jumped = Timeline(STATUS, news_of_a_change()), Timeline(STATUS, news_of_a_change())
+    for time in np.arange(0.0, 3.0, 0.1):
+        played.seek(float(time))
+    there = played.seek(3.0)
+    jumped.seek(4.0)
+    back = jumped.seek(3.0)
+    assert back.time == there.time == pytest.approx(3.0)
+    for name in ROBOTS:
+        assert back.report(name) == there.report(name)
+    assert played.end == pytest.approx(4.0)
+
+
+def test_a_recording_knows_whether_it_plays():
+    timeline = Timeline(STATUS, news_of_a_change())
+    timeline.note_playing(True)
+    assert timeline.model.status.state == "running"
+    timeline.note_playing(False)
+    assert timeline.model.status.state == "paused"
+    timeline.seek(timeline.end)
+    timeline.note_playing(False)
+    assert timeline.model.status.state == "finished"
+
+
+def test_texts_tell_numbers_reasons_and_changes_and_let_nobody_write_html():
+    model = ViewModel(STATUS)
+    assert "nothing heard yet" in words.header(model)
+    assert "not said anything" in words.belief(None, None)
+    change = LoadChangeNotice(noticed_at=1.5, changed_at=1.4)
+    said = estimate("r1", 0, HEAVY, changes=[change])
+    model.hear(truth(0, LIGHT))
+    model.hear(msgspec.structs.replace(said, status="stale", reasons=["<b>r2</b> is silent"]))
+    model.hear(Problem(source="r1", text="refused <script>"))
+    text = words.belief(model.report("r1"), model.beliefs["r1"])
+    assert "10.000" in text
+    assert "13.000" in text
+    assert "1.50 s" in text
+    assert "&lt;b&gt;r2" in text
+    assert "&lt;script&gt;" in words.problems(model)
+    assert "stale" in words.team(model, "r1")
+    assert "resume" in words.waiting_note(msgspec.structs.replace(STATUS, state="paused")).lower()
