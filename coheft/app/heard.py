@@ -112,7 +112,7 @@ def check_estimate(estimate: Estimate, source: str, robots: Collection[str]) -> 
     for notice in estimate.load_changes:
         _check_number(notice.noticed_at, "noticed_at")
     for name in estimate.silent:
-        check_field(f"{name!r} is in the team", name in scene.robots, True)
+        check_field(f"{name!r} is in the team", name in robots, True)
     for text in (*estimate.reasons, *estimate.not_observable):
         check_field("text in one line", text, one_line(text))
 

@@ -12,11 +12,32 @@ from coheft.app.report import Report, write_report
 from coheft.app.run_report.data import write_data
 from coheft.app.run_report.page import Drawn, render_page
 from coheft.app.run_report.pictures import Picture, pictures_of
-from coheft.app.run_report.series import Series
+from coheft.app.run_report.series import Series, SeriesFollower
 from coheft.errors import CoheftError, MissingPackageError
 from coheft.wire.scenario import Scenario
 
 PAGE = "report.html"
+
+
+class ReportPage(SeriesFollower):
+    """Follows a run, and then writes everything about it.
+
+    Raises:
+        CoheftError: The folder cannot be made.
+        MissingPackageError: What draws or writes the page is not installed.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        prepare_folder(folder)
+        self._folder = folder
+
+    def write(self, scenario: Scenario, clock: str, report: Report) -> Path:
+        """Write it; return the page.
+
+        Raises:
+            CoheftError: It cannot be written.
+        """
+        return write_folder(self._folder, scenario, clock, self.series, report)
 
 
 def prepare_folder(folder: Path) -> None:

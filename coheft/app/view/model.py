@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from typing import Literal
 
 import msgspec
 
 from coheft.app.heard import News
-from coheft.app.judge import Judge, RobotReport
-from coheft.app.record import REMEMBERED, SILENT, as_of_now
+from coheft.app.judge import RobotReport
+from coheft.app.pairing import Pairing
+from coheft.app.record import SILENT, as_of_now
 from coheft.app.view.traces import Trace
 from coheft.estimation.rigid_body import Inertia
 from coheft.wire.messages import Estimate, Problem, Status, Truth
@@ -49,10 +51,9 @@ class ViewModel:
             },
             key=lambda edge: (order[edge[0]], order[edge[1]]),
         )
-        self._judge = Judge(self.scene)
+        self._pairing = Pairing(self.scene)
         self.truth: Truth | None = None
         self._latest: dict[str, Estimate] = {}
-        self._waiting: dict[str, deque[Estimate]] = {name: deque(maxlen=REMEMBERED) for name in order}
         self._reports: dict[str, RobotReport] = {}
         self._traces = {name: Trace() for name in order}
         self.problems: deque[tuple[float, Problem]] = deque(maxlen=_PROBLEMS)
@@ -64,13 +65,10 @@ class ViewModel:
         match news:
             case Truth():
                 self.truth = news
-                self._judge.add(news, remember=REMEMBERED)
-                for name in self.scene.robots:
-                    self._compare(name)
+                self._compare(self._pairing.add_truth(news))
             case Estimate():
                 self._latest[news.robot] = news
-                self._waiting[news.robot].append(news)
-                self._compare(news.robot)
+                self._compare(self._pairing.add_estimate(news))
             case Problem():
                 self.problems.append((self.time, news))
 
@@ -78,13 +76,12 @@ class ViewModel:
         """Take in how the run is."""
         self.status = status
 
-    def _compare(self, name: str) -> None:
-        """Compare estimates with the truth of their block, once it has come."""
-        waiting = self._waiting[name]
-        while waiting and self.truth is not None and waiting[0].block <= self.truth.block:
-            report = self._judge.robot([waiting.popleft()])
-            self._reports[name] = report
-            self._traces[name].add(report)
+    def _compare(self, estimates: Iterable[Estimate]) -> None:
+        """Compare estimates with the truth of their block."""
+        for estimate in estimates:
+            report = self._pairing.judge.robot([estimate])
+            self._reports[estimate.robot] = report
+            self._traces[estimate.robot].add(report)
 
     @property
     def time(self) -> float:
@@ -114,7 +111,7 @@ class ViewModel:
         payload = estimate.payload if estimate is not None else None
         if payload is None or payload.com is None or payload.tensor is None:
             return None
-        pose_robot_in_payload = self._judge.pose_payload_in[robot].inverse()
+        pose_robot_in_payload = self._pairing.judge.pose_payload_in[robot].inverse()
         return Inertia(payload.mass, payload.com, payload.tensor).carried(pose_robot_in_payload)
 
     def link(self, edge: Edge) -> LinkHealth:

@@ -1,0 +1,222 @@
+"""The command that starts a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from coheft.app.cli_base import (
+    EXIT_CONVERGED,
+    EXIT_NOT_CONVERGED,
+    RUN,
+    DataTarget,
+    Flag,
+    NotNegative,
+    RecordingTarget,
+    ReportTarget,
+    app,
+)
+from coheft.errors import ScenarioError
+
+if TYPE_CHECKING:  # each is loaded by the runs that need it
+    from rich.console import Console
+
+    from coheft.app.carry_record import CarryRecord
+    from coheft.app.hosts import Hosts
+    from coheft.app.plan import Clock
+    from coheft.app.recording.recorder import Recorder
+    from coheft.app.run_report.folder import ReportPage
+    from coheft.app.view.process import ViewBeside
+    from coheft.wire.scenario import Scenario
+
+
+@app.command(group=RUN)
+def run(
+    scenario: str = "ring6",
+    *,
+    change: Annotated[list[str] | None, Parameter(negative=())] = None,
+    duration: float | None = None,
+    seed: int | None = None,
+    estimator: str | None = None,
+    sensor_rate: int | None = None,
+    realtime: Flag = False,
+    restarts: NotNegative = 3,
+    json: ReportTarget = None,
+    history: Flag = False,
+    report: Path | None = None,
+    quiet: Flag = False,
+    save_data: DataTarget = None,
+    record: RecordingTarget = None,
+    view: Flag = False,
+    logs: Path | None = None,
+    secure: Flag = False,
+    keys: Path | None = None,
+    hosts: Path | None = None,
+    write_configs: Path | None = None,
+    feedforward: bool | None = None,
+) -> int:
+    """Start the physics server and one process per robot, and watch them find out what they hold.
+
+    Exit status 0 only if every robot converged and no estimate is stale; 3 if the run ended without.
+
+    Parameters
+    ----------
+    scenario:
+        Name of a shipped scenario (see 'coheft scenarios'), or a path that ends with .toml.
+    change:
+        A change of the load, instead of the scenario's own: t=20,mass=3,at=0.4,0.3,0.1 drops 3 kg at 20 s, at a place
+        in the payload's frame [m], with leak=0.1 it loses 0.1 kg/s from then on; t=30,remove=1 takes the first load
+        away. May be given more than once.
+    duration:
+        Simulated time [s].
+    seed:
+        Of the sensors' noise and the robots' motions.
+    estimator:
+        The robots' method: efficient or seed.
+    sensor_rate:
+        Samples per second: 100, 125, 200, 250, 500 or 1000.
+    realtime:
+        Keep pace with the clock on the wall, instead of going as fast as the slowest robot can.
+    restarts:
+        How often an agent that dies is started again; once more, and the run ends with an error.
+    json:
+        Write the report to this file; - for standard output.
+    history:
+        Add the errors of every second to the report.
+    report:
+        Folder for a page with pictures, the pictures, and the data behind them; takes coheft[report].
+    quiet:
+        Show nothing but errors.
+    save_data:
+        Save what all robots measured, for 'coheft identify': an .npz file, or, without suffix, a folder of CSV files.
+    record:
+        Record the run to this new .mcap file, for 'coheft view', Foxglove and PlotJuggler, see docs/recording.md.
+    view:
+        Show the run in the browser, in real time; the last picture stays until Ctrl-C. See docs/view.md.
+    logs:
+        Folder for the processes' logs, instead of a new one among your runs.
+    secure:
+        Let nobody join who has no certificate, and nobody speak for another.
+    keys:
+        Folder with everybody's certificates, as 'coheft keys' makes it, instead of new ones for this run alone.
+    hosts:
+        File that tells where each part runs, see docs/deployment.md; with --write-configs.
+    write_configs:
+        Do not run: write the processes' configurations into this folder, to start them by hand.
+    feedforward:
+        Where robots carry the load along a common path: whether they push with what they know of it.
+    """
+    from contextlib import ExitStack
+
+    from msgspec import structs
+    from rich.console import Console
+
+    from coheft.app.final_table import print_report
+    from coheft.app.follower import Follower
+    from coheft.app.launch import launch
+    from coheft.app.overrides import override
+    from coheft.app.plan import make_plan, new_run_name
+    from coheft.app.report import write_report
+    from coheft.app.run_folder import make_run_folder
+    from coheft.app.terminal import make_display
+    from coheft.wire.scenario_file import load_scenario
+
+    chosen = override(
+        load_scenario(scenario),
+        changes=change or (),
+        duration=duration,
+        seed=seed,
+        estimator=estimator,
+        sensor_rate=sensor_rate,
+        feedforward=feedforward,
+    )
+    if write_configs is not None and (record is not None or view):
+        raise ScenarioError(f"{'--view' if view else '--record'} needs a run, but --write-configs makes none")
+    if hosts is not None and write_configs is None:
+        raise ScenarioError("--hosts needs --write-configs: each part is to be started on its own host")
+    page = _report_page(report)
+    places = _places(hosts, chosen)
+    name = new_run_name()
+    folder = write_configs if write_configs is not None else make_run_folder(name, logs)
+    if secure or keys is not None:
+        keys = _credentials(keys, folder, chosen, places)
+    clock: Clock = "realtime" if realtime or view else "lockstep"
+    plan = make_plan(chosen, clock, run=name, hosts=places, keys=keys, save_data=save_data)
+    if write_configs is not None:
+        for path in plan.write(write_configs):
+            print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")
+        return EXIT_CONVERGED
+    console = Console(stderr=json == "-")
+    display = make_display(console, quiet=quiet)
+    carried = _carry_record(chosen)
+    with ExitStack() as stack:
+        viewer = stack.enter_context(_view_beside(folder, console)) if view else None
+        recorder = stack.enter_context(_recorder(record, chosen)) if record is not None else None
+        beside: list[Follower | None] = [page, viewer, recorder, carried]
+        followers = [follower for follower in beside if follower is not None]
+        found = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
+        if carried is not None:
+            found = structs.replace(found, carry=carried.report())
+        if json is not None:
+            write_report(found, json)
+        if not quiet:
+            print_report(console, found, folder)
+        if page is not None:
+            written = page.write(chosen, clock, found)
+            if not quiet:
+                console.print(f"Report: {written}", markup=False, highlight=False, soft_wrap=True)
+        if viewer is not None and viewer.is_there:
+            if not quiet:
+                console.print(f"The view stays at {viewer.url} until Ctrl-C.")
+            viewer.wait()
+    return EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED
+
+
+def _report_page(folder: Path | None) -> ReportPage | None:
+    if folder is None:
+        return None
+    from coheft.app.run_report.folder import ReportPage
+
+    return ReportPage(folder)
+
+
+def _places(hosts: Path | None, scenario: Scenario) -> Hosts | None:
+    if hosts is None:
+        return None
+    from coheft.app.hosts import load_hosts
+
+    return load_hosts(hosts, scenario)
+
+
+def _credentials(keys: Path | None, folder: Path, scenario: Scenario, places: Hosts | None) -> Path:
+    """The folder with everybody's certificates: a given one, or a new one for this run."""
+    from coheft.app.keys import check_keys, make_keys
+
+    if keys is None:
+        keys = folder / "keys"
+        make_keys(keys, scenario, places)
+    check_keys(keys, scenario, places)
+    return keys
+
+
+def _carry_record(scenario: Scenario) -> CarryRecord | None:
+    if scenario.carry is None:
+        return None
+    from coheft.app.carry_record import CarryRecord
+
+    return CarryRecord(scenario)
+
+
+def _view_beside(folder: Path, console: Console) -> ViewBeside:
+    from coheft.app.hosts import LOOPBACK
+    from coheft.app.view.process import ViewBeside
+
+    return ViewBeside(folder, LOOPBACK, None, lambda url: console.print(f"the view is at {url}"))
+
+
+def _recorder(target: Path, scenario: Scenario) -> Recorder:
+    from coheft.app.recording.recorder import Recorder
+
+    return Recorder(target, scenario)
