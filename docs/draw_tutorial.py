@@ -143,7 +143,8 @@ def _draw_mass(found: Run) -> None:
                 axes.plot([e.time for e in estimates], given, color=ROBOTS[k], label=name, linewidth=6.0 - 0.9 * k)
             else:  # beside each other
                 shifted = [e.time + 0.009 * (k - 2.5) for e in estimates]
-                axes.plot(shifted, given, "o", color=ROBOTS[k], markersize=3.6)
+                filled = [ROBOTS[k] if e.status == "valid" else "white" for e in estimates]
+                axes.scatter(shifted, given, 14, filled, edgecolors=ROBOTS[k], linewidths=0.9, zorder=3)
         axes.set_xlabel("time, s")
     whole.set_ylabel("mass, kg")
     whole.set_title("What six robots believe")
@@ -171,6 +172,7 @@ def _draw_mass(found: Run) -> None:
     noticed = max(e.load_changes[-1].noticed_at for name in found.scene.robots for e in found.estimates[name][-1:])
     close.axvline(noticed, color=SOFT, linewidth=1.0)
     close.text(noticed + 0.03, low + 0.25, f"noticed after {noticed - found.change:.1f} s", color=SOFT, va="center")
+    close.text(noticed + 0.26, low + 0.62, "hollow: stale", color=SOFT, va="center")
     save(figure, "tutorial-mass.svg")
 
 

@@ -85,6 +85,7 @@ class Reader:
             program = programs / name
             program.write_text(f'#!/bin/sh\nexec {command} "$@"\n')
             program.chmod(0o755)
+        (programs / "activate").write_text("# the PATH is as it should be\n")
         self.environment = {
             **os.environ,
             "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
@@ -127,7 +128,10 @@ class Reader:
             self._start_beside(found.beside)
         text = found.run or command.text
         if found.background:
-            self.beside[text] = self._start(text, f"line{command.number}")[0]
+            process, output = self._start(text, f"line{command.number}")
+            self.beside[text] = process
+            if found.until:
+                self._wait_for(found.until, process, output, text)
             return
         printed = self._run(text, command.number, found)
         if not found.run:
