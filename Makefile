@@ -33,7 +33,7 @@ check: setup ## Check format, lint and types
 	$(BIN)/mypy
 
 docs: setup ## Make the site of the documentation, build/docs/index.html
-	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs build/docs
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet --fresh-env --write-all docs build/docs
 
 format: setup ## Put the code into its format
 	$(BIN)/ruff check --fix
