@@ -12,6 +12,7 @@ _FENCE = re.compile(r"^(?P<ticks>`{3,})(?P<language>[^`\s]*)[^`]*$")
 _FILE_NAME = re.compile(r"^(?:#|//|<!--)\s*(?P<name>[\w./-]+\.[a-z]+)\s*(?:-->)?$")
 _PROGRAMS = re.compile(r"^(?:\.venv/bin/)?(?:coheft|make|python|pip)\s")
 _SHELL = ("sh", "bash", "shell")
+_SCRIPT = re.compile(r"<<|^for |^while ", re.MULTILINE)
 _NUMBER = re.compile(r"[-+−]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
@@ -43,6 +44,11 @@ class Command:
     number: int
     output: list[str] = field(default_factory=list)
 
+    @property
+    def name(self) -> str:
+        """By which it is looked up: itself, or the first line of a script."""
+        return self.text.partition("\n")[0]
+
 
 def blocks(page: Path) -> Iterator[Block]:
     """All fenced blocks of a page, in order; fences may be indented, as in lists."""
@@ -67,10 +73,12 @@ def commands(block: Block) -> list[Command]:
 
     In a block of the language ``sh``, ``bash`` or ``shell`` every line is one; in others, ``console`` among them, those
     behind ``$``, and what follows is their output. Without language, and without ``$``, lines that begin with the name
-    of a program that coheft's users know.
+    of a program that coheft's users know. A block with here-documents or loops is a script: one command of many lines.
     """
     if block.language not in ("", "console", *_SHELL):
         return []
+    if block.language != "console" and _SCRIPT.search(block.text):
+        return [Command(block.text.strip(), block.number)]
     lines = list(_joined(block))
     if any(line.startswith("$ ") for line, _ in lines):
         found: list[Command] = []
@@ -80,6 +88,8 @@ def commands(block: Block) -> list[Command]:
             elif found:
                 found[-1].output.append(line)
         return found
+    if block.language == "console":
+        return []
     if block.language == "":
         lines = [(line, number) for line, number in lines if _PROGRAMS.match(f"{line} ")]
     return [Command(text, number) for line, number in lines if (text := normal(line))]

@@ -29,6 +29,7 @@ PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").g
 TABLE_FILE = Path(__file__).with_name("docs_commands.toml")
 PATIENCE = 400.0
 STOPPED = (0, 3, 130)  # a run that is stopped tells how far it had got
+PLUGINS = ".venv/plugins"  # what pages install is seen by them only
 COPIED = ("configs", "docs", "examples")
 
 pytestmark = [pytest.mark.skipif(os.name != "posix", reason="commands of a POSIX shell")]
@@ -80,6 +81,7 @@ class Reader:
         programs.mkdir(parents=True)
         for name, command in {
             "python": f"'{sys.executable}'",
+            "pip": f"'{sys.executable}' -m pip",
             "coheft": f"'{sys.executable}' -m coheft",
             "make": f"'{shutil.which('make')}' -C '{ROOT}' -o .venv/installed BIN='{programs}'",
         }.items():
@@ -90,7 +92,9 @@ class Reader:
         self.environment = {
             **os.environ,
             "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
-            "PYTHONPATH": os.pathsep.join([str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]),
+            "PYTHONPATH": os.pathsep.join(
+                [str(ROOT), str(self.folder / PLUGINS), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
+            ),
             "XDG_STATE_HOME": str(folder / "state"),  # runs that others have started are not found
             "COLUMNS": "80",
         }
@@ -122,7 +126,7 @@ class Reader:
             self._run(f"python {script.name}", block.number, Way("", ""))
 
     def _carry_out(self, command: Command) -> None:
-        found = BY_COMMAND.get(command.text, Way(command.text, ""))
+        found = BY_COMMAND.get(command.name, Way(command.name, ""))
         if found.skip:
             return
         if found.beside and found.beside not in self.beside:
@@ -143,7 +147,7 @@ class Reader:
         output = self.folder.with_name(f"{name}.out")
         with output.open("wb") as file:
             process = subprocess.Popen(
-                ["bash", "-c", text], cwd=self.folder, env=self.environment, stdin=subprocess.DEVNULL,
+                ["bash", "-e", "-c", text], cwd=self.folder, env=self.environment, stdin=subprocess.DEVNULL,
                 stdout=file, stderr=subprocess.STDOUT, start_new_session=True,
             )  # fmt: skip
         return process, output
@@ -226,7 +230,7 @@ def test_a_reader_can_do_what_the_page_says(reader: Reader) -> None:
 
 
 def test_the_table_is_about_what_pages_say() -> None:
-    said = {command.text for page in PAGES for block in blocks(page) for command in commands(block)}
+    said = {command.name for page in PAGES for block in blocks(page) for command in commands(block)}
     said |= {normal(block.lines[0]) for page in PAGES for block in blocks(page) if block.language == "python"}
     unsaid = sorted(set(BY_COMMAND) - said)
     assert not unsaid, f"{TABLE_FILE.name} is about commands that no page has"
