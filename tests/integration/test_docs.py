@@ -174,7 +174,8 @@ class Reader:
             if status in expected:
                 return printed
             what = f"{self._place(number)}: {text} ended with exit status {status}:\n{printed}"
-            assert how.patient and time.monotonic() < deadline, what
+            assert how.patient, what
+            assert time.monotonic() < deadline, what
             time.sleep(0.5)
 
     def _run_once(self, text: str, number: int, until: str) -> tuple[int, str]:
