@@ -22,7 +22,7 @@ PAGE = Path(__file__).with_name("scenarios.md")
 _INTRODUCTION = """# Scenarios
 
 A scenario says what is held, by whom, how they talk, and what happens. It is a TOML file; `coheft run my.toml` runs it,
-and `coheft scenarios` lists those that come with coheft, in [configs](../configs). Two robots, and a load that is
+and `coheft scenarios` lists those that come with coheft, in the folder `configs`. Two robots, and a load that is
 dropped after five seconds:
 
 ```toml

@@ -26,6 +26,7 @@ _START_LIMIT = 60.0
 _NO_COMMENT = 5.0
 _SILENCE = 2.0
 _LAST_WORDS = 1.0
+_WRITING_LIMIT = 120.0  # the server may have a long recording to write before it answers
 _AGENTS_END = 5.0
 
 
@@ -148,10 +149,11 @@ def _follow(audience: Audience, observer: Observer, processes: Processes, again:
     deadline = time.monotonic() + _LAST_WORDS
     while time.monotonic() < deadline and not audience.record.complete:
         audience.collect(observer)
-    status = observer.status()
-    if status is None:
+    deadline += _WRITING_LIMIT
+    while (status := observer.status()) is None:
         processes.check()
-        raise LinkError("the server did not say how the run ended")
+        if processes.ended("server") or time.monotonic() > deadline:
+            raise LinkError("the server did not say how the run ended")
     return status
 
 

@@ -1,0 +1,39 @@
+"""What the pictures of the documentation share: colours, type, and how they are written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+PICTURES = Path(__file__).with_name("pictures")
+ROBOTS = ("#0b62a4", "#d1610c", "#2a8a57", "#8a4fb0", "#c0314f", "#8a7a1f")
+INK, SOFT, FAINT = "#24292f", "#6b7480", "#d5dae0"
+
+mpl.rcParams.update(
+    {
+        "font.family": "DejaVu Sans",
+        "font.size": 10,
+        "axes.edgecolor": SOFT,
+        "axes.labelcolor": INK,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.titlelocation": "left",
+        "axes.titlesize": 11,
+        "axes.grid": True,
+        "grid.color": "#eceff2",
+        "text.color": INK,
+        "xtick.color": SOFT,
+        "ytick.color": SOFT,
+        "svg.fonttype": "path",  # looks the same wherever it is shown
+        "svg.hashsalt": "coheft",  # and is the same file whenever it is drawn
+        "svg.id": "picture",
+    }
+)
+
+
+def save(figure: Figure, name: str) -> None:
+    """Write a picture, ``name`` with its suffix, without anything that depends on when."""
+    metadata = {"Date": None} if name.endswith(".svg") else {"Software": None}
+    figure.savefig(PICTURES / name, dpi=130, facecolor="white", metadata=metadata)
