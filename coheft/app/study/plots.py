@@ -24,7 +24,8 @@ def plot_ratios(report: StudyReport, path: Path) -> None:
     """
     scales = report.all_scales()
     with figure_to(path, 1.0 + 5.0 * len(scales), 3.6) as figure:
-        for axes, noise in zip(np.atleast_1d(figure.subplots(1, len(scales), sharey=True)), scales, strict=True):
+        row = np.atleast_1d(figure.subplots(1, len(scales), sharey=True))
+        for axes, noise in zip(row, scales, strict=True):
             for k, (estimator, result) in enumerate(noise.results.items()):
                 found: list[Accuracy] = [getattr(result, quantity.name) for quantity in QUANTITIES]
                 ratios = np.array([(a.ratio, a.ratio_low, a.ratio_high) for a in found], dtype=np.float64)
@@ -36,8 +37,9 @@ def plot_ratios(report: StudyReport, path: Path) -> None:
             axes.set_xticks(range(len(QUANTITIES)), [NAMES[q.name][0].replace(" ", "\n", 1) for q in QUANTITIES])
             axes.set_yscale("log")
             axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_formatter("{x:g}")
             axes.set_title(f"noise × {noise.noise_scale:g}")
-        axes.legend()
+        row[0].legend()
         figure.supylabel("RMS error / bound")
 
 
