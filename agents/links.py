@@ -13,9 +13,10 @@ from coheft.wire.config import AgentProcessConfig
 from coheft.wire.dialled import DialledLink
 from coheft.wire.inbox import Event, Inbox, LinkChange, Presence, Question, Received, Refused
 from coheft.wire.message_size import LEAST_LIMIT
-from coheft.wire.messages import CutLinks, Hello, LinkRequest, Message, Refusal, Stop
+from coheft.wire.messages import Hello, Message, Stop
 from coheft.wire.planes import guard_agent_for_observers, guard_neighbours, guard_robot
 from coheft.wire.problem_log import ProblemLog
+from coheft.wire.requests import CutLinks, LinkRequest, Refusal
 from coheft.wire.security import Credentials
 from coheft.wire.transport import Keys, Sender, open_session, session_id
 

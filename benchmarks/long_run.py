@@ -22,7 +22,7 @@ from pathlib import Path
 from coheft.app.observer import ask_run
 from coheft.app.run_folder import find_run
 from coheft.errors import CoheftError
-from coheft.wire.messages import InjectRequest, RemoveRequest, StatusRequest
+from coheft.wire.requests import InjectRequest, RemoveRequest, StatusRequest
 
 SAMPLE_EVERY = 10.0
 CHANGE_EVERY = 60.0

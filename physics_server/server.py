@@ -21,10 +21,12 @@ from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.config import ServerConfig
 from coheft.wire.data_file import write_recording
 from coheft.wire.inbox import Event, Inbox, LinkChange, Question, Received, Refused
-from coheft.wire.messages import (
+from coheft.wire.messages import Message
+from coheft.wire.planes import SERVER, guard_server_for_observers, guard_server_for_robot
+from coheft.wire.problem_log import ProblemLog
+from coheft.wire.requests import (
     HoldRequest,
     InjectRequest,
-    Message,
     PauseRequest,
     Refusal,
     RemoveRequest,
@@ -32,8 +34,6 @@ from coheft.wire.messages import (
     StatusRequest,
     StopRequest,
 )
-from coheft.wire.planes import SERVER, guard_server_for_observers, guard_server_for_robot
-from coheft.wire.problem_log import ProblemLog
 from coheft.wire.robot_link import RobotLink
 from coheft.wire.supervised import supervised_main
 from coheft.wire.transport import ROLES, Keys, Role, Sender, open_session

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from coheft.errors import MessageError
 from coheft.wire import codec
 from coheft.wire.codec import decode, encode, seal
-from coheft.wire.messages import PROTOCOL_VERSION, Hello, Measurements, Message, Request, Stop
+from coheft.wire.messages import PROTOCOL_VERSION, Hello, Measurements, Message, Stop
+from coheft.wire.requests import Request
 from tests.fuzz.any_message import KEY, KINDS, name_of, plain, values
 
 

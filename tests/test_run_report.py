@@ -25,7 +25,8 @@ from coheft.app.run_report.series import Series, SeriesFollower
 from coheft.app.run_report.states import Spans
 from coheft.app.run_report.thinned import Thinned
 from coheft.errors import CoheftError
-from coheft.wire.messages import Problem, Status
+from coheft.wire.messages import Problem
+from coheft.wire.requests import Status
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import parse_scenario
 from consensus.graph import build_graph

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from coheft.app.processes import ProcessError, Processes
-from coheft.wire.messages import StatusRequest
+from coheft.wire.requests import StatusRequest
 
 # Like a server that loses the link with a robot before the robot's process has ended.
 FOLLOWS = """

@@ -15,17 +15,9 @@ from coheft.app.hosts import free_ports
 from coheft.errors import CoheftError, LinkError
 from coheft.wire.codec import encode
 from coheft.wire.inbox import Event, Inbox, LinkChange, Question, Received, Refused
-from coheft.wire.messages import (
-    PROTOCOL_VERSION,
-    Hello,
-    InjectRequest,
-    Measurements,
-    Ready,
-    Refusal,
-    Status,
-    StatusRequest,
-)
+from coheft.wire.messages import PROTOCOL_VERSION, Hello, Measurements, Ready
 from coheft.wire.messages import Scene as SceneMessage
+from coheft.wire.requests import InjectRequest, Refusal, Status, StatusRequest
 from coheft.wire.transport import Keys, Sender, ask, check_name, open_session
 
 LIMIT = 20.0

@@ -11,7 +11,8 @@ from coheft.app.view import words
 from coheft.app.view.model import ViewModel
 from coheft.app.view.timeline import Timeline
 from coheft.app.view.traces import WINDOW
-from coheft.wire.messages import LoadChangeNotice, Problem, Status
+from coheft.wire.messages import LoadChangeNotice, Problem
+from coheft.wire.requests import Status
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, STD, changing_run, estimate, truth
 
 STATUS = Status(

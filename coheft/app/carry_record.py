@@ -13,7 +13,8 @@ from coheft.app.report import CarryPhaseReport, CarryReport, LoadDropReport
 from coheft.estimation.feedforward import internal_wrenches
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.spatial import Array, Pose, rotation_exp, rotation_from_quaternion, rotation_log
-from coheft.wire.messages import Scene, Status, Truth
+from coheft.wire.messages import Scene, Truth
+from coheft.wire.requests import Status
 from coheft.wire.scenario import Scenario
 from physics_server.scene import PAYLOAD_HOME
 

@@ -23,7 +23,7 @@ def inject(*, mass: float, at: Vector, size: Vector = (0.1, 0.1, 0.1), run: RunF
         Folder of the run, if it is not the newest of yours.
     """
     from coheft.app.observer import ask_run
-    from coheft.wire.messages import InjectRequest
+    from coheft.wire.requests import InjectRequest
 
     status = ask_run(InjectRequest(mass=mass, position=at, size=size), run)
     print(f"load {status.loads[-1].id} of {mass:g} kg put on; {status.slots_free} more fit")
@@ -41,7 +41,7 @@ def remove(load: int, *, run: RunFolder = None) -> None:
         Folder of the run, if it is not the newest of yours.
     """
     from coheft.app.observer import ask_run
-    from coheft.wire.messages import RemoveRequest
+    from coheft.wire.requests import RemoveRequest
 
     status = ask_run(RemoveRequest(load=load), run)
     print(f"load {load} taken away; {len(status.loads)} left")
@@ -59,7 +59,7 @@ def release(robot: str, *, run: RunFolder = None) -> None:
         Folder of the run, if it is not the newest of yours.
     """
     from coheft.app.observer import ask_run
-    from coheft.wire.messages import HoldRequest
+    from coheft.wire.requests import HoldRequest
 
     status = ask_run(HoldRequest(robot=robot, holding=False), run)
     print(f"{robot} let go at {status.time:.2f} s; 'coheft grasp {robot}' lets it take hold again")
@@ -77,7 +77,7 @@ def grasp(robot: str, *, run: RunFolder = None) -> None:
         Folder of the run, if it is not the newest of yours.
     """
     from coheft.app.observer import ask_run
-    from coheft.wire.messages import HoldRequest
+    from coheft.wire.requests import HoldRequest
 
     status = ask_run(HoldRequest(robot=robot, holding=True), run)
     print(f"{robot} took hold at {status.time:.2f} s")
@@ -93,7 +93,7 @@ def pause(*, run: RunFolder = None) -> None:
         Folder of the run, if it is not the newest of yours.
     """
     from coheft.app.observer import ask_run
-    from coheft.wire.messages import PauseRequest
+    from coheft.wire.requests import PauseRequest
 
     status = ask_run(PauseRequest(paused=True), run)
     print(f"paused at {status.time:.2f} s; 'coheft resume' goes on")
@@ -109,7 +109,7 @@ def resume(*, run: RunFolder = None) -> None:
         Folder of the run, if it is not the newest of yours.
     """
     from coheft.app.observer import ask_run
-    from coheft.wire.messages import PauseRequest
+    from coheft.wire.requests import PauseRequest
 
     status = ask_run(PauseRequest(paused=False), run)
     print(f"goes on from {status.time:.2f} s")
@@ -125,7 +125,7 @@ def stop(*, run: RunFolder = None) -> None:
         Folder of the run, if it is not the newest of yours.
     """
     from coheft.app.observer import ask_run
-    from coheft.wire.messages import StopRequest
+    from coheft.wire.requests import StopRequest
 
     status = ask_run(StopRequest(), run)
     print(f"stopped at {status.time:.2f} s")
@@ -186,7 +186,7 @@ def mend(one: str, other: str, *, run: RunFolder = None) -> None:
 def _set_link(folder: Path | None, one: str, other: str, *, cut: bool) -> None:
     from coheft.app.observer import ask_server, set_link
     from coheft.app.run_folder import find_run
-    from coheft.wire.messages import StatusRequest
+    from coheft.wire.requests import StatusRequest
 
     run_file = find_run(folder)
     set_link(run_file, ask_server(run_file, StatusRequest()).scene, one, other, cut=cut)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from coheft.app.heard import News
-from coheft.wire.messages import Status
+from coheft.wire.requests import Status
 
 
 class Follower(Protocol):

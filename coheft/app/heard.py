@@ -11,7 +11,8 @@ from coheft.errors import MessageError, one_line
 from coheft.estimation.measurement import SAMPLE_SIZE
 from coheft.estimation.spatial import Array
 from coheft.wire.codec import check_array, check_field
-from coheft.wire.messages import Estimate, Message, PayloadEstimate, PoseEstimate, Problem, Scene, Status, Truth
+from coheft.wire.messages import Estimate, Message, PayloadEstimate, PoseEstimate, Problem, Scene, Truth
+from coheft.wire.requests import Status
 from coheft.wire.scenario import MAX_DURATION
 
 _LONGEST = 2 * MAX_DURATION

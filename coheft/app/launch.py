@@ -19,7 +19,8 @@ from coheft.app.restarts import Restarts
 from coheft.app.run_folder import RunFile, announce, announced
 from coheft.app.terminal import Display
 from coheft.errors import LinkError
-from coheft.wire.messages import Problem, Status, StatusRequest
+from coheft.wire.messages import Problem
+from coheft.wire.requests import Status, StatusRequest
 
 _POLL = 0.02
 _START_LIMIT = 60.0

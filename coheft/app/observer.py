@@ -13,19 +13,9 @@ from coheft.app.heard import News, check_news
 from coheft.app.run_folder import RunFile, find_run
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.inbox import Inbox, Received, Refused
-from coheft.wire.messages import (
-    CutLinks,
-    Estimate,
-    LinkRequest,
-    Problem,
-    Refusal,
-    Request,
-    Scene,
-    Status,
-    StatusRequest,
-    Truth,
-)
+from coheft.wire.messages import Estimate, Problem, Scene, Truth
 from coheft.wire.planes import guard_observer
+from coheft.wire.requests import CutLinks, LinkRequest, Refusal, Request, Status, StatusRequest
 from coheft.wire.security import Guard, credentials_in
 from coheft.wire.transport import Keys, Role, ask, ask_for, open_session
 

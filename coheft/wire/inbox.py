@@ -12,7 +12,8 @@ import zenoh
 
 from coheft.errors import MessageError
 from coheft.wire.codec import decode, encode
-from coheft.wire.messages import Message, Refusal, Request
+from coheft.wire.messages import Message
+from coheft.wire.requests import Refusal, Request
 from coheft.wire.security import Guard
 from coheft.wire.transport import Role, session_id
 

@@ -27,7 +27,8 @@ import zenoh
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.codec import decode, encode
 from coheft.wire.message_size import LEAST_LIMIT
-from coheft.wire.messages import Message, Refusal, Request, Status
+from coheft.wire.messages import Message
+from coheft.wire.requests import Refusal, Request, Status
 from coheft.wire.security import Guard
 
 Role = Literal["observer", "operator"]

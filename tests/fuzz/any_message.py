@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from coheft.wire import messages
-from coheft.wire.messages import Message, Request
+from coheft.wire.messages import Message
+from coheft.wire.requests import Request
 
 KEY = "run-1/agent/r1/block"
 KINDS: list[Any] = [

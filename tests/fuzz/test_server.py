@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from coheft.app.hosts import free_ports
 from coheft.errors import LoadError, MessageError
 from coheft.wire.inbox import Inbox
-from coheft.wire.messages import InjectRequest, Measurements, Ready, Reference, RemoveRequest
+from coheft.wire.messages import Measurements, Ready, Reference
+from coheft.wire.requests import InjectRequest, RemoveRequest
 from coheft.wire.robot_link import RobotLink
 from coheft.wire.scenario_file import load_scenario
 from coheft.wire.transport import Keys, open_session

@@ -20,7 +20,7 @@ from coheft.wire import dialled
 from coheft.wire.codec import encode
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.message_size import LEAST_LIMIT
-from coheft.wire.messages import StatusRequest
+from coheft.wire.requests import StatusRequest
 from coheft.wire.security import Guard
 from coheft.wire.supervised import supervised_main
 from coheft.wire.transport import Keys, open_session

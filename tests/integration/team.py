@@ -17,8 +17,8 @@ import zenoh
 
 from coheft.app.plan import Plan, make_plan
 from coheft.errors import LinkError
-from coheft.wire.messages import Refusal, Request, Status, StatusRequest
 from coheft.wire.planes import guard_observer
+from coheft.wire.requests import Refusal, Request, Status, StatusRequest
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import parse_scenario
 from coheft.wire.security import credentials_in

@@ -7,8 +7,9 @@ import pytest
 from coheft.app.keys import make_keys
 from coheft.app.observer import observe, set_link
 from coheft.errors import CoheftError, LinkError
-from coheft.wire.messages import CutLinks, Estimate, LinkRequest, StatusRequest, StopRequest
+from coheft.wire.messages import Estimate
 from coheft.wire.planes import guard_observer
+from coheft.wire.requests import CutLinks, LinkRequest, StatusRequest, StopRequest
 from coheft.wire.security import credentials_in
 from coheft.wire.transport import ask_for, open_session
 

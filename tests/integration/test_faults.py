@@ -12,7 +12,7 @@ from msgspec import structs
 
 from coheft.app.keys import make_keys
 from coheft.app.plan import Plan
-from coheft.wire.messages import HoldRequest, StatusRequest
+from coheft.wire.requests import HoldRequest, StatusRequest
 
 from .relayed import Edge, with_relays
 from .team import LIMIT, Team, running_team, small_scenario, wait_until

@@ -15,7 +15,7 @@ import pytest
 import zenoh
 
 from coheft.app.keys import make_keys
-from coheft.wire.messages import PauseRequest, StatusRequest, StopRequest
+from coheft.wire.requests import PauseRequest, StatusRequest, StopRequest
 from coheft.wire.transport import open_session
 
 from .eavesdropping_agent import ASK_EVERY

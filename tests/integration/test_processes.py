@@ -19,19 +19,15 @@ from coheft.wire.inbox import Inbox, Received
 from coheft.wire.messages import (
     PROTOCOL_VERSION,
     Estimate,
-    InjectRequest,
     LinkState,
     Message,
     NeighbourMessage,
-    PauseRequest,
     Problem,
     Ready,
     Reference,
-    RemoveRequest,
-    StatusRequest,
-    StopRequest,
     Truth,
 )
+from coheft.wire.requests import InjectRequest, PauseRequest, RemoveRequest, StatusRequest, StopRequest
 from coheft.wire.scenario import Scenario
 from coheft.wire.transport import Sender, open_session
 from physics_server.simulation import Simulation

@@ -17,7 +17,7 @@ import pytest
 from coheft.app.keys import make_keys
 from coheft.app.plan import make_plan
 from coheft.app.run_folder import announce
-from coheft.wire.messages import StopRequest
+from coheft.wire.requests import StopRequest
 from coheft.wire.transport import open_session
 
 from .ros2_network import INERTIA, Command, free_port, router, started, tokens

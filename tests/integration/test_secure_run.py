@@ -22,9 +22,10 @@ from coheft.errors import CoheftError, LinkError, ScenarioError
 from coheft.wire import inbox as inbox_module
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.inbox import Inbox, Received, Refused
-from coheft.wire.messages import Hello, InjectRequest, Ready, Refusal, Status, StatusRequest, StopRequest
+from coheft.wire.messages import Hello, Ready
 from coheft.wire.planes import guard_observer
 from coheft.wire.problem_log import BURST
+from coheft.wire.requests import InjectRequest, Refusal, Status, StatusRequest, StopRequest
 from coheft.wire.transport import Keys, Role, Sender, ask, open_session
 
 from .attacker import Profile, raw_session, tls_settings

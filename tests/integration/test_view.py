@@ -21,7 +21,7 @@ import pytest
 from coheft.app.hosts import free_ports
 from coheft.app.observer import ask_server
 from coheft.app.run_folder import RUN_FILE, RunFile
-from coheft.wire.messages import Status, StatusRequest
+from coheft.wire.requests import Status, StatusRequest
 
 pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
 sync_api = pytest.importorskip("playwright.sync_api", reason="browser tests need playwright")

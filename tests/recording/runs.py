@@ -10,7 +10,8 @@ import numpy as np
 from coheft.app.heard import News
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.writer import RunWriter
-from coheft.wire.messages import LoadChangeNotice, Problem, Status
+from coheft.wire.messages import LoadChangeNotice, Problem
+from coheft.wire.requests import Status
 from coheft.wire.scenario_file import load_scenario
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, estimate, truth
 

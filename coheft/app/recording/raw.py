@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from coheft.wire.codec import decode, encode
-from coheft.wire.messages import Estimate, Message, Problem, Status, Truth
+from coheft.wire.messages import Estimate, Message, Problem, Truth
+from coheft.wire.requests import Status
 
 KINDS: dict[str, type[Message]] = {
     "/coheft/status": Status,

@@ -14,7 +14,8 @@ from coheft.app.recording.mcap_records import is_finished, read_records
 from coheft.app.recording.raw import KINDS, from_raw
 from coheft.app.recording.ros import bytes_in
 from coheft.errors import MessageError, RecordingError
-from coheft.wire.messages import Estimate, Message, Problem, Scene, Status
+from coheft.wire.messages import Estimate, Message, Problem, Scene
+from coheft.wire.requests import Status
 
 SCENARIO = "scenario.json"
 """Name of the attachment with the scenario."""

@@ -13,7 +13,7 @@ from coheft.app.heard import News
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.writer import RunWriter
 from coheft.errors import RecordingError
-from coheft.wire.messages import Status
+from coheft.wire.requests import Status
 from coheft.wire.scenario import Scenario
 
 _FLUSH_EVERY = 1.0

@@ -18,7 +18,8 @@ from coheft.app.recording.reader import SCENARIO, VERSIONS
 from coheft.app.recording.ros import RosMessage
 from coheft.app.recording.truth_topics import box_messages, scene_messages, truth_messages
 from coheft.app.versions import versions
-from coheft.wire.messages import Estimate, Message, Problem, Status, Truth
+from coheft.wire.messages import Estimate, Message, Problem, Truth
+from coheft.wire.requests import Status
 from coheft.wire.scenario import Scenario
 
 

@@ -14,7 +14,8 @@ from coheft.app.recording.truth_topics import scene_messages, truth_messages
 from coheft.app.ros2.names import check_ros_names
 from coheft.app.ros2.node import RosNode, open_node
 from coheft.app.run_folder import RunFile
-from coheft.wire.messages import Estimate, Problem, Scene, Status, StatusRequest, Truth
+from coheft.wire.messages import Estimate, Problem, Scene, Truth
+from coheft.wire.requests import Status, StatusRequest
 
 _NODE = "coheft"
 _SILENCE = 2.0

@@ -12,7 +12,8 @@ from coheft.app.record import load_ids
 from coheft.app.run_report.points import Point, make_point
 from coheft.app.run_report.states import Spans
 from coheft.app.run_report.thinned import Thinned
-from coheft.wire.messages import Estimate, Problem, Scene, Status, Truth
+from coheft.wire.messages import Estimate, Problem, Scene, Truth
+from coheft.wire.requests import Status
 
 _POINTS = 20_000
 """Of all robots together."""

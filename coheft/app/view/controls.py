@@ -18,7 +18,7 @@ from coheft.app.view.geometry import resting_place
 from coheft.app.view.model import Edge, ViewModel
 from coheft.app.view.page import Page
 from coheft.errors import CoheftError
-from coheft.wire.messages import InjectRequest, PauseRequest, RemoveRequest, Request, StopRequest
+from coheft.wire.requests import InjectRequest, PauseRequest, RemoveRequest, Request, StopRequest
 
 _NOTE_SECONDS = 6.0
 _NO_LOAD = "nothing on it"

@@ -14,7 +14,7 @@ from coheft.app.view import words
 from coheft.app.view.controls import Controls
 from coheft.app.view.model import ViewModel
 from coheft.app.view.page import FRAME, Page, open_server, url_of
-from coheft.wire.messages import Status, StatusRequest
+from coheft.wire.requests import Status, StatusRequest
 
 _STATUS_EVERY = 0.5
 _MISSED = 4

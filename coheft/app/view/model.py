@@ -14,7 +14,8 @@ from coheft.app.pairing import Pairing
 from coheft.app.record import SILENT, as_of_now
 from coheft.app.view.traces import Trace
 from coheft.estimation.rigid_body import Inertia
-from coheft.wire.messages import Estimate, Problem, Status, Truth
+from coheft.wire.messages import Estimate, Problem, Truth
+from coheft.wire.requests import Status
 
 LinkHealth = Literal["up", "silent", "unknown"]
 _PROBLEMS = 100

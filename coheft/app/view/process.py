@@ -18,7 +18,7 @@ from coheft.app.processes import Processes
 from coheft.app.run_folder import find_run
 from coheft.app.view.ports import choose_port
 from coheft.errors import CoheftError
-from coheft.wire.messages import Status
+from coheft.wire.requests import Status
 from coheft.wire.supervised import supervised_main
 
 _LOOK_EVERY = 0.2

@@ -11,7 +11,7 @@ import msgspec
 from coheft.app.heard import News
 from coheft.app.view.model import ViewModel
 from coheft.app.view.traces import WINDOW
-from coheft.wire.messages import Status
+from coheft.wire.requests import Status
 
 
 class Timeline:

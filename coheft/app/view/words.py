@@ -8,7 +8,8 @@ from html import escape
 from coheft.app.judge import RobotReport
 from coheft.app.view.colours import ACCENT, STATUS, WAITING, Colour, css
 from coheft.app.view.model import ViewModel
-from coheft.wire.messages import Estimate, Status
+from coheft.wire.messages import Estimate
+from coheft.wire.requests import Status
 
 _STYLE = "font-size:13px;line-height:1.45;padding:2px 10px 4px 10px;font-variant-numeric:tabular-nums"
 _DIM = "opacity:.62"

@@ -1,0 +1,98 @@
+"""What observers and the operator ask the server and the agents, and the answers, as msgspec structs."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from coheft.wire.messages import LoadState, Message, Scene
+
+# --- to the server -----------------------------------------------------------------------------------------------
+
+
+class StatusRequest(Message, frozen=True, tag="status"):
+    """How is the run?"""
+
+
+class InjectRequest(Message, frozen=True, tag="inject"):
+    """Put a load onto the payload at the next block."""
+
+    mass: float
+    position: tuple[float, float, float]
+    size: tuple[float, float, float] = (0.1, 0.1, 0.1)
+
+
+class RemoveRequest(Message, frozen=True, tag="remove"):
+    """Take a load away at the next block."""
+
+    load: int
+
+
+class HoldRequest(Message, frozen=True, tag="hold"):
+    """Let a robot take its hand off the payload, or take hold of it again, at the next block."""
+
+    robot: str
+    holding: bool
+
+
+class PauseRequest(Message, frozen=True, tag="pause"):
+    """Stop the clock, or let it go on."""
+
+    paused: bool
+
+
+class StopRequest(Message, frozen=True, tag="stop"):
+    """End the run."""
+
+
+Request = StatusRequest | InjectRequest | RemoveRequest | HoldRequest | PauseRequest | StopRequest
+
+
+class Status(Message, frozen=True):
+    """The server's answer to every request that it carried out."""
+
+    scenario: str
+    state: Literal["waiting", "running", "paused", "finished"]
+    block: int
+    time: float
+    duration: float
+    real_time_factor: float
+    late_blocks: int
+    loads: list[LoadState]
+    slots_free: int
+    waiting_for: list[str]
+    scene: Scene
+
+
+class Refusal(Message, frozen=True):
+    """The answer to a request that was not carried out, and why."""
+
+    reason: str
+
+
+# --- to an agent -------------------------------------------------------------------------------------------------
+
+
+class LinkRequest(Message, frozen=True):
+    """Hang up on a neighbour, and dial it no more until the opposite is asked.
+
+    Only the one of the two that dials can do so; to both it is as if the wire between them were cut.
+
+    Attributes:
+        neighbour: The other end.
+        cut: Whether to cut the link, or to mend it.
+    """
+
+    neighbour: str
+    cut: bool
+
+
+class CutLinks(Message, frozen=True):
+    """An agent's answer to a request that it carried out.
+
+    Attributes:
+        robot: Who answers.
+        neighbours: On whom it has hung up.
+    """
+
+    robot: str
+    neighbours: list[str]
