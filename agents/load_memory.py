@@ -15,7 +15,7 @@ from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.forgetting_window import ForgettingWindow
 from coheft.estimation.inertia import GRAM_SIZE, INERTIA_SIZE, OFFSET_SIZE, InertiaModel, unpacked_gram
 from coheft.estimation.inertia_derivatives import barycentric_derivative
-from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, middle_and_size
+from coheft.estimation.inertia_estimate import InertiaEstimate, doubted, estimate_inertia, middle_and_size
 from coheft.estimation.load_change import LoadWindow, Memory
 from coheft.estimation.pose_disturbance import wrench_disturbance
 from coheft.estimation.pose_sensitivity import PoseSensitivity, inertia_by_poses
@@ -96,7 +96,7 @@ class LoadMemory:
         self._sensitivity = PoseSensitivity.of(poses, self._config.noise)
         self._fusion = fusion
         if self._model is not None and self._is_enough():
-            self._parameters = self._estimate(self._model).inertia.barycentric()
+            self._parameters = self._estimate(self._model).parameters
         self._model = InertiaModel(
             fusion.wrench_covariance, fusion.acceleration_covariance, self._parameters, with_offset=self._offsets
         )
@@ -268,14 +268,17 @@ class LoadMemory:
             return None, ()
         if self._late.contradict:
             return None, ("load: the forces of late do not fit what is remembered of it",)
-        estimate = self._estimate(self._model)
-        estimate = replace(estimate, covariance=estimate.covariance + self._by_untold(self._model, estimate))
-        inflation = 1.0 + (_NEW * self._config.rate / self.count) ** 2
         _, size = middle_and_size(self._poses)
-        return seen_payload(estimate, self._by_poses(estimate), own, team, inflation, size)
+        estimate = self._estimate(self._model)
+        by_poses, untold = self._by_poses(estimate.parameters), self._by_untold(self._model)
+        estimate = doubted(estimate, by_poses @ team.covariance @ by_poses.T + untold, size)
+        to_central = np.linalg.inv(barycentric_derivative(estimate.inertia))
+        estimate = replace(estimate, covariance=estimate.covariance + to_central @ untold @ to_central.T)
+        inflation = 1.0 + (_NEW * self._config.rate / self.count) ** 2
+        return seen_payload(estimate, by_poses, own, team, inflation, size)
 
-    def _by_untold(self, model: InertiaModel, estimate: InertiaEstimate) -> Array:
-        """Covariance (10, 10) of ``(m, h, J)`` by what poses do to samples that others have not told of yet."""
+    def _by_untold(self, model: InertiaModel) -> Array:
+        """Covariance (10, 10) of ``theta`` by what poses do to samples that others have not told of yet."""
         untold = self.count - self._told_count
         if untold < 1.0 or self._disturbance_shape is None:
             return np.zeros((INERTIA_SIZE, INERTIA_SIZE))
@@ -283,18 +286,17 @@ class LoadMemory:
         coherent = min(untold, _COHERENCE * self._config.rate)
         scores = coherent * self._disturbance * model.disturbance(gram)
         inverse = np.linalg.inv(self._window.information(model).uncompensated)
-        by_theta = np.linalg.inv(barycentric_derivative(estimate.inertia))
         covariance: Array = (inverse @ scores @ inverse)[:INERTIA_SIZE, :INERTIA_SIZE]
-        return by_theta @ covariance @ by_theta.T
+        return covariance
 
-    def _by_poses(self, estimate: InertiaEstimate) -> Array:
-        """Derivative of ``theta`` by all poses, shape (10, 6 N)."""
+    def _by_poses(self, parameters: Array) -> Array:
+        """Derivative of ``theta`` by all poses at ``parameters``, shape (10, 6 N)."""
         assert self._model is not None
         assert self._sensitivity is not None
         return inertia_by_poses(
             self._model,
             self._window.information(self._model),
-            estimate.inertia.barycentric(),
+            parameters,
             unpacked_gram(self._window.total[:GRAM_SIZE]),
             self._mean_crosses * self.count,
             self._sensitivity,

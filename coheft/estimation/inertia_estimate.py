@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -19,6 +19,10 @@ _SEEN = 0.3
 """No number is claimed for what has a standard deviation above this share of its scale."""
 _SIGNAL = 0.3
 """Data are trusted only in directions where at least this share of the information is motion, and not its noise."""
+
+_GUESSES = 3
+_LIGHTEST = 1e-3
+"""Least mass that is guessed [kg]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +78,28 @@ def estimate_inertia(information: InertiaInformation, centre: Array, length: flo
         centre: Guess of the centre of mass in ``F_i``, for instance the middle of the grasps, shape (3,) [m].
         length: Rough size of the body, for instance the distance of the grasps from ``centre`` [m].
     """
-    mass = max(float(information.vector[0] / max(information.matrix[0, 0], 1e-300)), 1e-3)
+    # How much the guess may be wrong, and what is guessed about the inertia, hang on mass and centre of mass: so these
+    # are learned first. The first mass is very rough where the centre of mass is far from the origin.
+    mass, com = max(float(information.vector[0] / max(information.matrix[0, 0], 1e-300)), _LIGHTEST), centre
+    for _ in range(_GUESSES):
+        solution, covariance = _beside_guess(information, mass, com, length)
+        mass = max(float(solution[0]), _LIGHTEST)
+        com = solution[1:4] / mass
+
+    parameters = solution[:INERTIA_SIZE]
+    inertia, central = _possible(parameters, covariance, np.zeros_like(covariance), length)
+    return InertiaEstimate(
+        inertia=inertia,
+        covariance=central,
+        parameters=parameters,
+        parameters_covariance=covariance,
+        offset=solution[INERTIA_SIZE:] if len(solution) > INERTIA_SIZE else None,
+        unseen=unseen_quantities(central, mass, length),
+    )
+
+
+def _beside_guess(information: InertiaInformation, mass: float, com: Array, length: float) -> tuple[Array, Array]:
+    """What data and guess say together: all unknowns, and the covariance (10, 10) of ``theta``."""
     size = information.matrix.shape[-1]
     scale = mass * np.repeat([1.0, length, length**2, _GRAVITY, _GRAVITY * length], [1, 3, 6, 3, 3])[:size]
     noise = (information.uncompensated - information.matrix) * scale[:, None] * scale
@@ -87,29 +112,34 @@ def estimate_inertia(information: InertiaInformation, centre: Array, length: flo
     inverse = np.linalg.inv(seen.T @ information.matrix @ seen + one)
     spread = inverse @ (seen.T @ information.score_covariance @ seen + one) @ inverse
     covariance = (seen @ spread @ seen.T + unseen @ unseen.T)[:INERTIA_SIZE, :INERTIA_SIZE]
+    guess = np.zeros(size)
+    guess[:INERTIA_SIZE] = Inertia(mass, com, mass * length**2 / 3.0 * np.eye(3)).barycentric()
+    error = information.vector - information.matrix @ guess
+    return guess + seen @ (inverse @ (seen.T @ error)), covariance
 
-    # What is guessed about the inertia at the centre of mass hangs on where that is: twice, first to learn that.
-    com = centre
-    for _ in range(2):
-        guess = np.zeros(size)
-        guess[:INERTIA_SIZE] = Inertia(mass, com, mass * length**2 / 3.0 * np.eye(3)).barycentric()
-        error = information.vector - information.matrix @ guess
-        solution = guess + seen @ (inverse @ (seen.T @ error))
-        com = solution[1:4] / mass
 
-    parameters = solution[:INERTIA_SIZE]
-    possible = nearest_possible(parameters, np.linalg.inv(covariance), length)
-    inertia = Inertia.from_barycentric(possible)
+def doubted(estimate: InertiaEstimate, doubt: Array, length: float) -> InertiaEstimate:
+    """The same, made possible by what all of its errors are like, not the noise alone.
+
+    A little of another error may put ``theta`` many deviations of the noise outside what is possible; the way back
+    that is nearest in the metric of the noise leads far away from the truth.
+
+    Args:
+        estimate: As noise alone would have it.
+        doubt: Covariance of ``theta`` by all else, shape (10, 10). It is in ``inertia``, but not in ``covariance``.
+        length: As of ``estimate_inertia``.
+    """
+    inertia, central = _possible(estimate.parameters, estimate.parameters_covariance, doubt, length)
+    return replace(estimate, inertia=inertia, covariance=central)
+
+
+def _possible(parameters: Array, noise: Array, doubt: Array, length: float) -> tuple[Inertia, Array]:
+    """The nearest possible body, and what noise does to its ``(m, h, J)``; covariances (10, 10) of ``theta``."""
+    information = np.asarray(np.linalg.inv(noise + doubt), dtype=np.float64)
+    inertia = Inertia.from_barycentric(nearest_possible(parameters, information, length))
     to_central = np.linalg.inv(barycentric_derivative(inertia))
-    central = to_central @ covariance @ to_central.T
-    return InertiaEstimate(
-        inertia=inertia,
-        covariance=central,
-        parameters=parameters,
-        parameters_covariance=covariance,
-        offset=solution[INERTIA_SIZE:] if len(solution) > INERTIA_SIZE else None,
-        unseen=unseen_quantities(central, mass, length),
-    )
+    central: Array = to_central @ noise @ to_central.T
+    return inertia, central
 
 
 def unseen_quantities(covariance: Array, mass: float, length: float) -> tuple[Unseen, ...]:

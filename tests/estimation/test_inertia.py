@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from coheft.estimation.bounds import wrench_derivative, wrench_regressor
+from coheft.estimation.consistency import parameters_of
 from coheft.estimation.inertia import (
     InertiaInformation,
     InertiaModel,
@@ -16,8 +19,9 @@ from coheft.estimation.inertia import (
     spatial_inertia,
     symmetric_products,
 )
-from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia
+from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, middle_and_size
 from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.rigid_body import pseudo_inertia
 from coheft.estimation.spatial import Array
 from tests.estimation.fusion import fused_features, fusion_of
 from tests.estimation.team import Team, make_team
@@ -189,3 +193,30 @@ def test_without_samples_nothing_is_seen_and_the_guess_is_a_body() -> None:
     estimate = estimate_inertia(model.information(np.zeros(190)), np.array([0.1, 0.0, 0.0]), LENGTH)
     assert [unseen.what for unseen in estimate.unseen] == ["mass", "centre of mass", "inertia"]
     np.testing.assert_allclose(estimate.inertia.com, [0.1, 0.0, 0.0], atol=1e-9)
+
+
+def seen_from(information: InertiaInformation, origin: Array) -> InertiaInformation:
+    """The same about the inertia as it is seen from another origin (3,), axes alike."""
+    shift = np.eye(4)
+    shift[:3, 3] = origin
+    to_old = np.column_stack([parameters_of(shift @ pseudo_inertia(column) @ shift.T) for column in np.eye(10)])
+    return replace(
+        information,
+        matrix=to_old.T @ information.matrix @ to_old,
+        vector=to_old.T @ information.vector,
+        score_covariance=to_old.T @ information.score_covariance @ to_old,
+        uncompensated=to_old.T @ information.uncompensated @ to_old,
+    )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_guess_does_not_draw_what_is_seen_however_far_away_the_origin_is(seed: int) -> None:
+    team = make_team(seed, duration=1.5)
+    centre, length = middle_and_size(team.poses)
+    information = information_of(team, fused_features(team, team.measured(np.random.default_rng(seed))))
+    for origin in ([0.0, 0.0, 0.0], [1.0, -1.0, 0.5]):
+        seen = seen_from(information, np.array(origin))
+        estimate = estimate_inertia(seen, centre - origin, length)
+        least_squares = np.linalg.solve(seen.matrix, seen.vector)
+        deviations = np.sqrt(np.diag(np.linalg.inv(seen.matrix)))
+        assert np.all(np.abs(estimate.parameters - least_squares) < 0.1 * deviations)
