@@ -85,11 +85,6 @@ class LoadMemory:
         """First block with the present load, -1 if it has not changed yet."""
         return self._changed_at
 
-    @property
-    def is_rough(self) -> bool:
-        """Whether the poses, as far as they are known, are not good enough to weigh the load with."""
-        return self._disturbance > _ROUGH
-
     def set_poses(self, poses: Sequence[Pose], fusion: MotionFusion) -> None:
         """All that is remembered, and what comes, is seen with these poses."""
         self._poses = poses

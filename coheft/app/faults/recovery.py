@@ -13,7 +13,7 @@ BACK_FROM_SILENCE = 3.0
 """Time until everybody is valid again after restarts and partitions [s],"""
 BACK = 5.0
 """after other faults and changes of the load: what was spoilt is forgotten first;"""
-START_UP = 3.0
+START_UP = 4.0
 """and where they had not all been valid before, or a robot takes hold again and has to find out where;"""
 _TELLINGS = 15
 """then it takes so many times, too, as long as what one robot tells needs to reach all others."""
