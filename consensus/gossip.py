@@ -122,7 +122,7 @@ class Gossip:
             name: tuple(o for o in record.neighbours if o in members and name in members[o].neighbours)
             for name, record in members.items()
         }
-        is_connected = bool(graph) and len(distances(graph, min(graph))) == len(graph)
+        is_connected = len(graph) > 1 and len(distances(graph, min(graph))) == len(graph)
         self.graph = graph if is_connected and not self.unknown() else None
         self.membership = self.team = zlib.crc32(repr(identity).encode()) if self.graph else 0
         self.start_block, self.is_refined = None, False
@@ -134,7 +134,8 @@ class Gossip:
                 self.team = zlib.crc32(repr((identity, "refined")).encode())
 
     graph: dict[str, tuple[str, ...]] | None
-    """The team's graph; None while somebody named as a neighbour has not been heard of, or if it is not connected."""
+    """The team's graph; None while somebody named as a neighbour has not been heard of, if it is not connected, or if
+    only one robot holds the load."""
     membership: int
     """Number of the present members; 0 while the graph is unknown."""
     team: int

@@ -202,7 +202,7 @@ def test_a_robot_that_lets_go_is_no_member_until_it_takes_hold_again(graph: Neig
     team.robots[loose].announce_holding(False, 30)
     team.meet()
     others = {name: tuple(o for o in neighbours if o != loose) for name, neighbours in graph.items() if name != loose}
-    is_connected = len(distances(others, min(others))) == len(others)
+    is_connected = 1 < len(others) == len(distances(others, min(others)))  # one alone is no team
     for robot in team.robots.values():
         assert robot.graph == (others if is_connected else None)
         assert robot.start_block is None

@@ -107,6 +107,8 @@ def test_the_last_one_may_not_let_go(tmp_path):
         team.wait_for_block(1)
         team.ask(HoldRequest(robot="r1", holding=False))
         assert "r2 is the only one that holds" in team.refusal(HoldRequest(robot="r2", holding=False))
+        team.wait_for_block(team.ask(StatusRequest()).block + 10)
+        assert all(process.poll() is None for process in team.processes.values())
 
 
 def relayed(edges: list[Edge], stack: ExitStack) -> tuple[Callable[[Plan], Plan], dict]:
