@@ -85,6 +85,11 @@ class LoadMemory:
         """First block with the present load, -1 if it has not changed yet."""
         return self._changed_at
 
+    @property
+    def is_spoilt(self) -> bool:
+        """Whether poses are so rough that a change of the load would not be seen."""
+        return self._disturbance > _SPOILT
+
     def set_poses(self, poses: Sequence[Pose], fusion: MotionFusion) -> None:
         """All that is remembered, and what comes, is seen with these poses."""
         self._poses = poses

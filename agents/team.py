@@ -221,7 +221,8 @@ class Team:
         age = self._next - 1 - self._rounds - self.learned_block
         if age > self._patience:
             return (f"no complete sum of the team since {self._config.start_of(self.learned_block + 1):.2f} s",)
-        if self._fitted is not None and (self._largest_step > _MOVING or self._version <= self._fits.spoilt):
+        is_moving = self._largest_step > _MOVING or self._version <= self._fits.spoilt
+        if self._fitted is not None and (is_moving or self._memory.is_spoilt):
             return ("the poses are still being found",)
         if self.learned_block < self._settled_block:
             return (f"complete sums of the team again since {self._config.start_of(self._resumed_block):.2f} s only",)
