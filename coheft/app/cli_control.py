@@ -58,11 +58,8 @@ def release(robot: str, *, run: RunFolder = None) -> None:
     run:
         Folder of the run, if it is not the newest of yours.
     """
-    from coheft.app.observer import ask_run
-    from coheft.wire.requests import HoldRequest
-
-    status = ask_run(HoldRequest(robot=robot, holding=False), run)
-    print(f"{robot} let go at {status.time:.2f} s; 'coheft grasp {robot}' lets it take hold again")
+    time = _set_holding(run, robot, holding=False)
+    print(f"{robot} let go at {time:.2f} s; 'coheft grasp {robot}' lets it take hold again")
 
 
 @app.command(group=CONTROL)
@@ -76,11 +73,16 @@ def grasp(robot: str, *, run: RunFolder = None) -> None:
     run:
         Folder of the run, if it is not the newest of yours.
     """
+    time = _set_holding(run, robot, holding=True)
+    print(f"{robot} took hold at {time:.2f} s")
+
+
+def _set_holding(folder: Path | None, robot: str, *, holding: bool) -> float:
+    """Simulated time when it was done [s]."""
     from coheft.app.observer import ask_run
     from coheft.wire.requests import HoldRequest
 
-    status = ask_run(HoldRequest(robot=robot, holding=True), run)
-    print(f"{robot} took hold at {status.time:.2f} s")
+    return ask_run(HoldRequest(robot=robot, holding=holding), folder).time
 
 
 @app.command(group=CONTROL)

@@ -7,7 +7,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-Positive = Annotated[float, Meta(gt=0)]
+from coheft.estimation.measurement import Positive
+
 NotNegative = Annotated[float, Meta(ge=0)]
 
 
