@@ -37,6 +37,7 @@ class NeighbourInbox:
         self._incarnations = dict.fromkeys(sorted(neighbours), -1)
         self._waiting: dict[tuple[str, int, int], list[NeighbourMessage]] = {}
         self._last: dict[str, int] = {}
+        self._possible: dict[str, LinkState] = {}
 
     def take(
         self, index: int, messages: Sequence[NeighbourMessage], fits: Callable[[Channels], bool] = lambda _: True
@@ -91,11 +92,15 @@ class NeighbourInbox:
         if message.block > index - 1 + AHEAD:
             return f"it is {message.block - index + 1} blocks ahead, of {AHEAD} that are allowed"
         for name, array in message.channels.items():
-            if not np.all(np.abs(array) < _LARGEST):  # false for what is not a number, too
+            if not np.vdot(array, array) < _LARGEST**2:  # false for what is not a number, too
                 return f"channels[{name!r}] holds numbers that are not finite, or not below {_LARGEST:g}"
         for record in message.gossip:
+            if record == self._possible.get(record.robot):
+                continue  # the same one comes again and again
             if not _is_possible(record):
                 return f"what it says about {record.robot!r} is impossible"
+            if record.robot in self._possible or len(self._possible) < MAX_ROBOTS:
+                self._possible[record.robot] = record
         return None
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from coheft.estimation.acceleration import CHANNELS, summands
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.spatial import Array, Pose
-from consensus.pipeline import NeighbourStages, Pipeline
+from consensus.rounds import make_rounds
 from consensus.schedule import Schedule
 
 
@@ -55,17 +55,14 @@ class TeamSums:
         samples: int,
         noise: SensorNoise,
     ) -> None:
-        self._channel = channel
         self._noise = noise
         self._scale = schedule.scale
-        self._own_gains = schedule.gains(name, name)
-        self._gains = {other: schedule.gains(name, other) for other in neighbours}
-        self._pipeline = Pipeline(schedule.rounds, samples, CHANNELS)
+        self._rounds = make_rounds(schedule, channel, name, neighbours, samples, CHANNELS)
         self._under_way: deque[Entered | None] = deque([None] * schedule.rounds, maxlen=schedule.rounds)
 
     def clear(self) -> None:
         """A block was missed: nothing that is under way can be completed."""
-        self._pipeline.valid[:] = False
+        self._rounds.clear()
 
     def advance(self, inbox: Mapping[str, Mapping[str, Array]]) -> tuple[Entered, Array] | None:
         """Do one round; then ``enter`` the next block.
@@ -74,7 +71,7 @@ class TeamSums:
             The block that has now gone through all rounds, and the team's sums of ``summands``, shape (B, 3, 6); None
             if it is incomplete.
         """
-        finished = self._pipeline.advance(self._stages(inbox), self._own_gains)
+        finished = self._rounds.advance(inbox)
         left = self._under_way.pop()
         if finished is None or left is None or not np.isfinite(finished).all():
             return None
@@ -84,32 +81,19 @@ class TeamSums:
         """Put the next block in; None if there is none."""
         self._under_way.appendleft(entered)
         if entered is None:
-            self._pipeline.enter(None)
-            return
+            self._rounds.enter(None)
+        else:
+            self._rounds.enter(self._carried(entered), entered.version)
+
+    def _carried(self, entered: Entered) -> Array:
+        """Own ``summands`` in the body frame, shape (B, 18)."""
         own = summands(entered.samples, self._noise) @ entered.pose.adjoint().T
-        self._pipeline.enter(own.reshape(len(own), CHANNELS))
+        return own.reshape(len(own), CHANNELS)
 
     def fit(self, channels: Mapping[str, Array]) -> bool:
         """Whether what a neighbour sent of these sums, if anything, has the right shapes."""
-        stages, versions = channels.get(self._channel), channels.get(f"{self._channel}_versions")
-        rounds = (self._pipeline.rounds,)
-        return (stages is None or stages.shape == self._pipeline.stages.shape) and (
-            versions is None or versions.shape == rounds
-        )
+        return self._rounds.fit(channels)
 
     def channels(self) -> dict[str, Array]:
         """What to tell the neighbours."""
-        versions = np.where(self._pipeline.valid, self._versions(), -1.0)
-        return {self._channel: self._pipeline.stages.copy(), f"{self._channel}_versions": versions}
-
-    def _versions(self) -> Array:
-        return np.array([-1.0 if entered is None else float(entered.version) for entered in self._under_way])
-
-    def _stages(self, inbox: Mapping[str, Mapping[str, Array]]) -> list[NeighbourStages]:
-        own, stages = self._versions(), []
-        for name, gains in self._gains.items():
-            channels = inbox.get(name, {})
-            versions = channels.get(f"{self._channel}_versions")
-            valid = None if versions is None or versions.shape != own.shape else (versions == own) & (versions >= 0.0)
-            stages.append(NeighbourStages(None, gains, channels.get(self._channel), valid))
-        return stages
+        return self._rounds.channels()

@@ -1,8 +1,9 @@
 """What everybody should know, handed on from neighbour to neighbour: who is there, who talks with whom, who is ready.
 
 Nobody is told the team's size or the graph. Each robot tells its neighbours its own link state; everyone hands on what
-is new. A message carries what changed since the last one, and one older record in turn, so that a lost message is made
-up for and the size of messages does not grow with the team.
+is new. A message carries what changed since the last one, the first heard first, and one older record in turn, so that
+a lost message is made up for. What does not fit into ``PER_MESSAGE`` records follows with the next: the size of
+messages does not grow with the team.
 
 The **team** is all robots that hold the load. Whenever one of them starts again with an empty memory, lets go or takes
 hold, it is another team, and everybody has to be ready for that one. When all of its members know their poses well, it
@@ -13,10 +14,12 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterable
+from itertools import islice
 
 from msgspec.structs import replace
 
 from coheft.estimation.spatial import Pose
+from coheft.wire.message_size import PER_MESSAGE
 from coheft.wire.messages import LinkState
 from coheft.wire.scenario import MAX_ROBOTS
 from consensus.graph import distances
@@ -34,13 +37,14 @@ class Gossip:
     def __init__(self, name: str, neighbours: Iterable[str], incarnation: int = 0) -> None:
         self.name = name
         self.records = {name: LinkState(name, 0, tuple(sorted(neighbours)), incarnation=incarnation)}
-        self._news = {name}
+        self._names = [name]
+        self._news = dict.fromkeys([name])
         self._turn = 0
-        self._look_at_team()
+        self._look_at_members()
 
     def hear(self, records: Iterable[LinkState]) -> None:
         """Take in what a neighbour handed on; the newest record of each robot wins. Nobody is told about itself."""
-        heard = False
+        heard, are_members_same = False, True
         for record in records:
             known = self.records.get(record.robot)
             if record.robot == self.name or (known is not None and _age(record) <= _age(known)):
@@ -48,12 +52,15 @@ class Gossip:
             if known is None and len(self.records) >= MAX_ROBOTS:
                 continue  # no team is as large: somebody makes them up
             self.records[record.robot] = record
-            self._news.add(record.robot)
+            self._news[record.robot] = None
             if record.robot in self.own.neighbours and (known is None or record.incarnation > known.incarnation):
-                self._news = set(self.records)  # it knows nothing yet
+                self._news = dict.fromkeys(self.records)  # it knows nothing yet
             heard = True
-        if heard:
-            self._look_at_team()
+            are_members_same &= known is not None and _membership(known) == _membership(record)
+        if not are_members_same:
+            self._look_at_members()
+        elif heard:
+            self._look_at_readiness()
 
     @property
     def own(self) -> LinkState:
@@ -88,16 +95,22 @@ class Gossip:
         self._tell(replace(self.own, holding=holding, since=since, ready_block=-1, pose=(), frame=0, refined=False))
 
     def _tell(self, record: LinkState) -> None:
+        is_member_same = _membership(record) == _membership(self.own)
         self.records[self.name] = replace(record, sequence=record.sequence + 1)
-        self._news.add(self.name)
-        self._look_at_team()
+        self._news[self.name] = None
+        if is_member_same:
+            self._look_at_readiness()
+        else:
+            self._look_at_members()
 
     def news(self) -> list[LinkState]:
         """Records for the next message to the neighbours."""
-        names = sorted(self.records)
-        self._turn = (self._turn + 1) % len(names)
-        told = self._news | {names[self._turn]}
-        self._news = set()
+        if len(self._names) < len(self.records):
+            self._names = sorted(self.records)
+        self._turn = (self._turn + 1) % len(self._names)
+        told = {self._names[self._turn], *islice(self._news, PER_MESSAGE - 1)}
+        for name in told:
+            self._news.pop(name, None)
         return [self.records[name] for name in sorted(told)]
 
     def pose(self, name: str) -> Pose | None:
@@ -112,26 +125,36 @@ class Gossip:
 
     def unknown(self) -> list[str]:
         """Robots that somebody has named as a neighbour, and of which nothing has been heard."""
-        named = {other for record in self.records.values() for other in record.neighbours}
+        named = set().union(*(record.neighbours for record in self.records.values()))
         return sorted(named - self.records.keys())
 
-    def _look_at_team(self) -> None:
-        members = {name: self.records[name] for name in sorted(self.records) if self.records[name].holding}
-        identity = [(name, record.incarnation, record.since) for name, record in members.items()]
-        graph = {
-            name: tuple(o for o in record.neighbours if o in members and name in members[o].neighbours)
-            for name, record in members.items()
-        }
-        is_connected = len(graph) > 1 and len(distances(graph, min(graph))) == len(graph)
-        self.graph = graph if is_connected and not self.unknown() else None
-        self.membership = self.team = zlib.crc32(repr(identity).encode()) if self.graph else 0
-        self.start_block, self.is_refined = None, False
-        if self.graph is not None and all(r.ready_block >= 0 and r.team == self.membership for r in members.values()):
+    def _look_at_members(self) -> None:
+        """Who is there and who talks with whom may have changed."""
+        self.graph, self.membership = None, 0
+        if not self.unknown():
+            members = {name: self.records[name] for name in sorted(self.records) if self.records[name].holding}
+            graph = {
+                name: tuple(o for o in record.neighbours if o in members and name in members[o].neighbours)
+                for name, record in members.items()
+            }
+            if len(graph) > 1 and len(distances(graph, min(graph))) == len(graph):
+                self.graph = graph
+                self.membership = zlib.crc32(repr(self._identity()).encode())
+        self._look_at_readiness()
+
+    def _look_at_readiness(self) -> None:
+        self.team, self.start_block, self.is_refined = self.membership, None, False
+        members = [self.records[name] for name in self.graph or ()]
+        if members and all(r.ready_block >= 0 and r.team == self.membership for r in members):
             changes = [record.since for record in self.records.values()]
-            self.start_block = max(*(record.ready_block for record in members.values()), *changes)
-            self.is_refined = all(record.refined for record in members.values())
+            self.start_block = max(*(record.ready_block for record in members), *changes)
+            self.is_refined = all(record.refined for record in members)
             if self.is_refined:
-                self.team = zlib.crc32(repr((identity, "refined")).encode())
+                self.team = zlib.crc32(repr((self._identity(), "refined")).encode())
+
+    def _identity(self) -> list[tuple[str, int, int]]:
+        members = (self.records[name] for name in self.graph or ())
+        return [(member.robot, member.incarnation, member.since) for member in members]
 
     graph: dict[str, tuple[str, ...]] | None
     """The team's graph; None while somebody named as a neighbour has not been heard of, if it is not connected, or if
@@ -148,3 +171,8 @@ class Gossip:
 
 def _age(record: LinkState) -> tuple[int, int]:
     return record.incarnation, record.sequence
+
+
+def _membership(record: LinkState) -> tuple[object, ...]:
+    """What of a record says who is in the team, and where."""
+    return record.incarnation, record.holding, record.since, record.neighbours

@@ -5,17 +5,21 @@ A graph is a mapping from each name to the sorted tuple of its neighbours' names
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
 
 from coheft.errors import CoheftError
 from coheft.estimation.spatial import Array
+from coheft.wire.message_size import MANY, PER_MESSAGE
 from coheft.wire.scenario import Graph
 
 Neighbours = Mapping[str, tuple[str, ...]]
+_TRIED = 8
+"""In a network of more than ``MANY`` names nobody looks at all pairs of them: so many are tried as its centre."""
 
 
 class GraphError(CoheftError):
@@ -39,6 +43,12 @@ def build_graph(graph: Graph, names: Sequence[str]) -> dict[str, tuple[str, ...]
             edges = {(i, i + 1) for i in range(n - 1)}
         case "star":
             edges = {(0, i) for i in range(1, n)}
+        case "grid":
+            columns = math.isqrt(n - 1) + 1
+            edges = {(i, i + 1) for i in range(n - 1) if (i + 1) % columns}
+            edges |= {(i - columns, i) for i in range(columns, n)}
+        case "tree":
+            edges = {((i - 1) // graph.branches, i) for i in range(1, n)}
         case "complete":
             edges = set(combinations(range(n), 2))
         case "random":
@@ -75,19 +85,51 @@ def distances(neighbours: Neighbours, source: str) -> dict[str, int]:
 
 
 def diameter(neighbours: Neighbours) -> int:
-    """Largest number of hops between two names.
+    """Largest number of hops between two names; for more than ``MANY`` names a bound, at most twice as large.
 
     Raises:
         GraphError: The graph is not connected.
     """
     longest = 0
-    for name in neighbours:
+    is_small = len(neighbours) <= MANY
+    for name in neighbours if is_small else [centre(neighbours)]:
         hops = distances(neighbours, name)
         if len(hops) != len(neighbours):
             missing = ", ".join(sorted(set(neighbours) - set(hops)))
             raise GraphError(f"the graph is not connected: {name} does not reach {missing}")
         longest = max(longest, *hops.values())
-    return longest
+    return longest if is_small else 2 * longest
+
+
+def hearing(neighbours: Neighbours) -> int:
+    """Blocks until everybody has heard what all have told at a time.
+
+    Whoever is farthest has heard a diameter later; one block more, so that a lost message does no harm.
+    """
+    return diameter(neighbours) + 1 + len(neighbours) // PER_MESSAGE
+
+
+def centre(neighbours: Neighbours) -> str:
+    """The name from which the farthest is nearest, the first of several; among more than ``MANY`` one close to it.
+
+    Of many names, it is the best of some in the middle of shortest ways between two that are far apart: where the graph
+    is a tree, that is exact. Looking at all would take everybody's distances to everybody.
+    """
+    candidates: Iterable[str] = neighbours
+    if len(neighbours) > MANY:
+        end = _farthest(distances(neighbours, min(neighbours)))
+        from_end = distances(neighbours, end)
+        far = _farthest(from_end)
+        from_far = distances(neighbours, far)
+        way = from_end[far]
+        halves = (way // 2, way - way // 2)
+        middle = [name for name, hops in from_end.items() if hops in halves and hops + from_far[name] == way]
+        candidates = sorted(middle)[:: -(-len(middle) // _TRIED)]
+    return min(candidates, key=lambda name: (max(distances(neighbours, name).values()), name))
+
+
+def _farthest(hops: Mapping[str, int]) -> str:
+    return min(hops, key=lambda name: (-hops[name], name))
 
 
 def laplacian(neighbours: Neighbours) -> Array:

@@ -8,19 +8,21 @@ All schedules are rounds ``x_i <- g_i x_i + sum_j g_ij x_j`` with gains that dep
   eigenvalues: the fewest rounds that bring all disagreement below a tolerance.
 - *tree*: sums flow up a breadth-first tree to its root, and the total flows down: twice the depth in rounds.
 
-Everybody computes the same schedule from the graph that gossip has told.
+Everybody computes the same schedule from the graph that gossip has told. Large teams take the tree in any case: each
+agent has only two values under way on an edge then, however many rounds there are, and nobody needs eigenvalues.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from coheft.estimation.spatial import Array
-from consensus.graph import Neighbours, distances, laplacian
+from coheft.wire.message_size import MANY
+from consensus.graph import Neighbours, centre, distances, laplacian
 
 TOLERANCE = 1e-10
 """Largest share of the inputs that a schedule may leave as disagreement."""
@@ -28,49 +30,100 @@ _SAME_EIGENVALUE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Schedule:
-    """Gains of every agent in every round; ``scale`` times the result is the sum of all inputs.
+class LaplacianSchedule:
+    """Rounds ``x <- x - L x / root``.
 
     Attributes:
-        kind: How it was made.
-        matrices: One round each, shape (K, N, N), in the order of ``names``.
-        names: Of the agents.
-        scale: What to multiply the result with, to have the sum.
+        kind: Where the roots are from.
+        neighbours: The graph.
+        roots: One per round, shape (K,).
     """
 
-    kind: Literal["finite time", "chebyshev", "tree"]
-    matrices: Array
-    names: tuple[str, ...]
-    scale: float
+    kind: Literal["finite time", "chebyshev"]
+    neighbours: Neighbours
+    roots: Array
 
     @property
     def rounds(self) -> int:
         """``K``."""
-        return len(self.matrices)
+        return len(self.roots)
+
+    @property
+    def scale(self) -> float:
+        """What to multiply the result with, to have the sum of all inputs."""
+        return float(len(self.neighbours))
 
     def gains(self, name: str, other: str) -> Array:
         """``g_ij`` of each round, of agent ``name`` for ``other`` (or itself), shape (K,)."""
-        return self.matrices[:, self.names.index(name), self.names.index(other)]
+        if name == other:
+            return 1.0 - len(self.neighbours[name]) / self.roots
+        return float(other in self.neighbours[name]) / self.roots
 
     def error(self) -> float:
         """Largest deviation of any agent's result from the sum of unit inputs; also from rounding on the way."""
-        product = np.eye(len(self.names))
-        for matrix in self.matrices:
-            product = matrix @ product
+        matrix = laplacian(self.neighbours)
+        product = np.eye(len(matrix))
+        for root in self.roots:
+            product -= matrix @ product / root
         return float(np.abs(self.scale * product - 1.0).max())
 
 
+@dataclass(frozen=True, eq=False)
+class TreeSchedule:
+    """Rounds up a tree and down again.
+
+    Attributes:
+        parent: Of every name but the root's.
+        depth: Of every name, 0 for the root.
+        height: The largest depth.
+    """
+
+    parent: Mapping[str, str]
+    depth: Mapping[str, int]
+    height: int
+    kind: Literal["tree"] = "tree"
+    scale: float = 1.0
+    """The result is the sum of all inputs."""
+
+    @property
+    def rounds(self) -> int:
+        """``K``."""
+        return 2 * self.height
+
+    def gains(self, name: str, other: str) -> Array:
+        """``g_ij`` of each round, of agent ``name`` for ``other`` (or itself), shape (K,)."""
+        above = self.parent.get(name)
+        gains = np.full(self.rounds, float(name == other))
+        if above is not None and other in (name, above):
+            gains[self.height + self.depth[name] - 1] = float(other == above)
+        if self.parent.get(other) == name:
+            gains[self.height - self.depth[other]] = 1.0
+        return gains
+
+    def error(self) -> float:
+        """None: there are nothing but additions."""
+        return 0.0
+
+
+Schedule = LaplacianSchedule | TreeSchedule
+
+
 def choose_schedule(neighbours: Neighbours, tolerance: float = TOLERANCE) -> Schedule:
-    """The schedule with the fewest rounds among those that are exact to the tolerance on this graph."""
-    candidates = [finite_time(neighbours), tree(neighbours), chebyshev(neighbours, tolerance)]
-    return min((s for s in candidates if s.error() <= tolerance), key=lambda schedule: schedule.rounds)
+    """The schedule with the fewest rounds among those that are exact to the tolerance; of large teams the tree."""
+    by_tree = tree(neighbours)
+    if len(neighbours) > MANY:
+        return by_tree
+    candidates = sorted(
+        (finite_time(neighbours), by_tree, chebyshev(neighbours, tolerance)), key=lambda schedule: schedule.rounds
+    )
+    return next(schedule for schedule in candidates if schedule.error() <= tolerance)
 
 
 def finite_time(neighbours: Neighbours) -> Schedule:
     """Rounds with the Laplacian's eigenvalues."""
     eigenvalues = np.linalg.eigvalsh(laplacian(neighbours))[1:]
     distinct = eigenvalues[np.append(True, np.diff(eigenvalues) > _SAME_EIGENVALUE * eigenvalues[-1])]
-    return _laplacian_rounds("finite time", neighbours, distinct)
+    return LaplacianSchedule("finite time", neighbours, _in_leja_order(distinct))
 
 
 def chebyshev(neighbours: Neighbours, tolerance: float) -> Schedule:
@@ -79,41 +132,39 @@ def chebyshev(neighbours: Neighbours, tolerance: float) -> Schedule:
     low, high = eigenvalues[1], eigenvalues[-1]
     middle, half = 0.5 * (high + low), 0.5 * (high - low)
     if half <= _SAME_EIGENVALUE * high:
-        return _laplacian_rounds("chebyshev", neighbours, np.array([middle]))
+        return LaplacianSchedule("chebyshev", neighbours, np.array([middle]))
     share = tolerance / (2.0 * len(eigenvalues))
     rounds = int(np.ceil(np.arccosh(1.0 / share) / np.arccosh(middle / half)))
     roots = middle + half * np.cos(np.pi * (np.arange(rounds) + 0.5) / rounds)
-    return _laplacian_rounds("chebyshev", neighbours, roots)
+    return LaplacianSchedule("chebyshev", neighbours, _in_leja_order(roots))
 
 
-def tree(neighbours: Neighbours) -> Schedule:
-    """Up a breadth-first tree and down again; its root is the name from which the farthest is nearest."""
-    names = tuple(neighbours)
-    root = min(names, key=lambda name: (max(distances(neighbours, name).values()), name))
+def tree(neighbours: Neighbours) -> TreeSchedule:
+    """Up a breadth-first tree and down again; its root is the graph's centre."""
+    root = centre(neighbours)
     depth = distances(neighbours, root)
-    parent = {name: min(o for o in neighbours[name] if depth[o] == depth[name] - 1) for name in names if name != root}
-    height = max(depth.values())
-    index = {name: i for i, name in enumerate(names)}
-    matrices = np.tile(np.eye(len(names)), (2 * height, 1, 1))
-    for name, above in parent.items():
-        i, j = index[name], index[above]
-        matrices[height - depth[name], j, i] = 1.0
-        matrices[height + depth[name] - 1, i, i] = 0.0
-        matrices[height + depth[name] - 1, i, j] = 1.0
-    return Schedule("tree", matrices, names, 1.0)
+    parent = {
+        name: min(other for other in others if depth[other] == depth[name] - 1)
+        for name, others in neighbours.items()
+        if name != root
+    }
+    return TreeSchedule(parent, depth, max(depth.values()))
 
 
-def _laplacian_rounds(kind: Literal["finite time", "chebyshev"], neighbours: Neighbours, roots: Array) -> Schedule:
-    matrix = laplacian(neighbours)
-    matrices = np.array([np.eye(len(matrix)) - matrix / root for root in _in_leja_order(roots)])
-    return Schedule(kind, matrices, tuple(neighbours), float(len(matrix)))
-
-
-def _in_leja_order(points: Array) -> Iterator[float]:
+def _in_leja_order(points: Array) -> Array:
     """Each next point has the largest product of distances to those before: partial products stay small."""
-    remaining = list(points)
-    chosen = [remaining.pop(int(np.argmax(np.abs(remaining))))]
-    while remaining:
-        distance = [np.log(np.abs(np.subtract(point, chosen)) + 1e-300).sum() for point in remaining]
-        chosen.append(remaining.pop(int(np.argmax(distance))))
-    return iter(chosen)
+    return np.array(list(_leja(points)))
+
+
+def _leja(points: Array) -> Iterator[float]:
+    remaining = np.array(points)
+    chosen: list[float] = []
+    largest = int(np.argmax(np.abs(remaining)))
+    while True:
+        chosen.append(float(remaining[largest]))
+        yield chosen[-1]
+        remaining = np.delete(remaining, largest)
+        if not len(remaining):
+            return
+        distance = np.log(np.abs(np.subtract.outer(remaining, chosen)) + 1e-300).sum(axis=1)
+        largest = int(np.argmax(distance))

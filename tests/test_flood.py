@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coheft.estimation.spatial import Array
+from coheft.wire.message_size import PER_MESSAGE
 from coheft.wire.scenario import Graph
 from consensus.flood import Flood, Floods
-from consensus.graph import Neighbours, build_graph, diameter
+from consensus.graph import Neighbours, build_graph, diameter, hearing
 from tests.test_graph import graphs, names
 
 WIDTH = 4
@@ -109,8 +110,16 @@ def test_nothing_is_sent_in_vain(graph: Neighbours) -> None:
 def test_tables_of_another_team_are_ignored() -> None:
     flood = Flood(3, WIDTH)
     flood.tell(0, 1, row(0, 1))
-    flood.hear("r1", 0.0, np.full((4, 1 + WIDTH), 9.0))
-    flood.hear("r1", 0.0, np.full((3, WIDTH), 9.0))
+    for rows in (
+        np.full((4, 2 + WIDTH), 1.0),  # more rows than there are robots
+        np.full((3, 1 + WIDTH), 1.0),
+        np.full((0, 2 + WIDTH), 1.0),
+        np.full(2 + WIDTH, 1.0),
+        np.full((1, 2 + WIDTH), 3.0),  # of a robot that is not there
+        np.full((1, 2 + WIDTH), -1.0),
+        np.full((1, 2 + WIDTH), 0.5),
+    ):
+        flood.hear("r1", 0.0, rows)
     np.testing.assert_array_equal(flood.table[1:], -1.0)
 
 
@@ -142,7 +151,7 @@ def test_tables_travel_together() -> None:
 def test_a_message_without_digests_or_with_those_of_other_tables_says_nothing() -> None:
     flood = Flood(2, 1)
     floods = Floods({"a": flood})
-    table = np.array([[7.0, 7.0], [7.0, 7.0]])
+    table = np.array([[0.0, 7.0, 7.0], [1.0, 7.0, 7.0]])
     floods.hear("there", {"a": table})
     floods.hear("there", {"a": table, "digests": np.array([14.0, 14.0])})
     np.testing.assert_array_equal(flood.table, -1.0)
@@ -156,3 +165,40 @@ def test_halves_that_could_not_talk_until_now_tell_each_other_all_though_they_kn
     assert all(np.count_nonzero(flood.table[:, 0] == 0) == 2 for flood in floods.values())
     spread(graph, floods, diameter(graph) + 1)
     assert_everybody_has_all(floods, 0)
+
+
+def test_large_tables_travel_in_pieces_as_fast_as_hearing_says() -> None:
+    graph = build_graph(Graph(kind="grid"), names(150))
+    floods = talked(graph)
+    for stamp in range(3):
+        tell(floods, stamp)
+        messages = [flood.told() for flood in floods.values()]
+        assert all(rows is not None and len(rows) <= PER_MESSAGE for rows in messages)
+        spread(graph, floods, hearing(graph))
+        assert_everybody_has_all(floods, stamp)
+    spread(graph, floods, 2)
+    assert spread(graph, floods, 2) == [0, 0]
+
+
+def test_what_is_lost_of_large_tables_is_told_again() -> None:
+    graph = build_graph(Graph(kind="tree", branches=2), names(100))
+    floods = talked(graph)
+    tell(floods, 0)
+    rng = np.random.default_rng(1)
+    spread(graph, floods, 20, arrives=lambda: rng.random() >= 0.5)
+    assert any(flood.rows(0) is None for flood in floods.values())
+    spread(graph, floods, len(graph) // PER_MESSAGE * diameter(graph))
+    assert_everybody_has_all(floods, 0)
+
+
+def test_a_row_with_the_number_of_another_robot_is_not_taken() -> None:
+    """Of a small table all rows travel: a number that is wrong can be seen."""
+    sender, receiver = Flood(3, WIDTH), Flood(3, WIDTH)
+    receiver.hear("b", sender.digest, None)
+    sender.tell(0, 5, row(0, 5))
+    sender.hear("a", receiver.digest, None)
+    rows = sender.told()
+    assert rows is not None
+    rows[0, 0] = 2.0
+    receiver.hear("b", sender.digest, rows)
+    assert np.all(receiver.table[:, 0] == -1.0)

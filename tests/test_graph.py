@@ -9,19 +9,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from coheft.wire.message_size import PER_MESSAGE
 from coheft.wire.scenario import Graph
 from consensus.graph import (
     GraphError,
     Neighbours,
     build_graph,
+    centre,
     diameter,
     distances,
+    hearing,
     laplacian,
     metropolis_matrix,
     metropolis_weight,
 )
 
-Kind = Literal["ring", "line", "star", "complete", "random"]
+Kind = Literal["ring", "line", "star", "grid", "tree", "complete", "random"]
 KINDS: tuple[Kind, ...] = get_type_hints(Graph)["kind"].__args__
 
 graphs = st.builds(
@@ -50,6 +53,9 @@ def edge_count(graph: Neighbours) -> int:
         ("line", 2, 1, 1),
         ("line", 5, 4, 4),
         ("star", 5, 4, 2),
+        ("grid", 12, 17, 5),
+        ("grid", 48, 82, 12),
+        ("tree", 21, 20, 4),
         ("complete", 5, 10, 1),
     ],
 )
@@ -111,3 +117,23 @@ def test_one_robot_is_no_network(count: int) -> None:
 def test_graphs_that_are_not_connected_are_told() -> None:
     with pytest.raises(GraphError, match="a does not reach c, d"):
         diameter({"a": ("b",), "b": ("a",), "c": ("d",), "d": ("c",)})
+
+
+@pytest.mark.parametrize("kind", ["ring", "line", "star", "grid", "tree"])
+def test_what_is_said_of_large_graphs_without_looking_at_all_pairs(kind: Kind) -> None:
+    graph = build_graph(Graph(kind=kind), [f"r{i:03d}" for i in range(200)])
+    farthest = {name: max(distances(graph, name).values()) for name in graph}
+    assert farthest[centre(graph)] <= min(farthest.values()) + 1
+    assert max(farthest.values()) <= diameter(graph) <= 2 * max(farthest.values())
+    assert hearing(graph) > diameter(graph) + len(graph) // PER_MESSAGE
+    apart = {name: tuple(other for other in others if other != "r050") for name, others in graph.items()}
+    apart["r050"] = ()
+    with pytest.raises(GraphError, match="not connected"):
+        diameter(apart)
+
+
+@pytest.mark.parametrize("kind", ["line", "star", "tree"])
+def test_the_centre_of_a_large_tree_is_exact(kind: Kind) -> None:
+    graph = build_graph(Graph(kind=kind, branches=3), [f"r{i:03d}" for i in range(130)])
+    farthest = {name: max(distances(graph, name).values()) for name in graph}
+    assert farthest[centre(graph)] == min(farthest.values())

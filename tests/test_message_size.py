@@ -9,9 +9,10 @@ from agents.agent import Agent
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.codec import encode
 from coheft.wire.config import agent_config
-from coheft.wire.message_size import largest_message
+from coheft.wire.estimator_settings import SeedSettings
+from coheft.wire.message_size import LARGEST, LEAST_LIMIT, largest_message, message_limit
 from coheft.wire.messages import NeighbourMessage, Reference
-from coheft.wire.scenario import Graph, Scenario, SeedSettings
+from coheft.wire.scenario import Graph, Scenario
 from consensus.graph import build_graph
 from physics_server.simulation import Simulation
 from tests.in_process import changed
@@ -62,3 +63,11 @@ def test_dynamic_consensus_fits() -> None:
     scenario = msgspec.structs.replace(scenario, sensors=sensors)
     found = largest_found(scenario)
     assert 0.8 * largest_message(scenario) < found <= largest_message(scenario)
+
+
+def test_neighbours_take_messages_of_every_estimator_that_the_run_can_come_to_use() -> None:
+    scenario = changed("ring3", seed_method=SeedSettings(rounds=100))
+    sensors = msgspec.structs.replace(scenario.sensors, block=100)
+    scenario = msgspec.structs.replace(scenario, sensors=sensors)
+    other = msgspec.structs.replace(scenario, estimator="seed")
+    assert largest_message(scenario) < LEAST_LIMIT < largest_message(other) <= message_limit(scenario) <= LARGEST

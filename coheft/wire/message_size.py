@@ -1,40 +1,53 @@
 """How large the messages between neighbours can become: what is larger is no message of the run, and is dropped unread.
 
-Numbers under way in the network's sums make up nearly all of it: as many blocks as the sums have rounds.
+Numbers under way in the network's sums make up nearly all of it: as many blocks as the sums have rounds, in large teams
+two. Of what all robots tell each other, a message holds so many lines at most. So there is a largest message, however
+large the team is.
 """
 
 from __future__ import annotations
 
+from msgspec import structs
+
+from coheft.wire.plugins import BUILT_IN
 from coheft.wire.scenario import Scenario
 
 LEAST_LIMIT = 256 * 1024
 """Limit for all other messages, and for those of neighbours where these are smaller [B]."""
 LARGEST = 4_000_000
 """What a scenario may need [B]: two messages of one neighbour must find room in the inbox."""
+MANY = 64
+"""Teams of more robots take sums up a tree and down again: all rounds but two stay with the robots."""
+PER_MESSAGE = 32
+"""Of what all robots tell each other, so many lines at most travel in a message."""
 _NUMBER = 8
 _SEED_NUMBERS = 10
 """Per sample in the sums of the estimator ``seed``: wrench, angular acceleration, and whether both are measured."""
 _EFFICIENT_NUMBERS = 2 * 18
 """Per sample in those of ``efficient``: its summands twice, because the first samples are summed again meanwhile."""
 _KINEMATICS = 9
-_PER_ROBOT = 4096
+_PER_LINE = 4096
 """For a robot's line in gossip and in the tables that are handed on [B]."""
+_PER_NAME = 40
+"""For a neighbour's name in such a line [B]."""
 _REST = 65536
 
 
 def largest_message(scenario: Scenario) -> int:
     """No message between neighbours is larger [B].
 
-    Exact sums over N robots take at most N rounds, up a tree and down again, whatever the graph.
+    Exact sums over N robots take at most N rounds, whatever the graph.
     """
     if scenario.estimator == "seed":
         rounds, numbers = scenario.seed_method.rounds, _SEED_NUMBERS
     else:
-        rounds, numbers = scenario.robot_count, _EFFICIENT_NUMBERS
+        rounds, numbers = min(scenario.robot_count, MANY), _EFFICIENT_NUMBERS
     samples = scenario.sensors.block * (rounds * numbers + _KINEMATICS)
-    return _NUMBER * samples + _PER_ROBOT * scenario.robot_count + _REST
+    lines = min(scenario.robot_count, PER_MESSAGE) * (_PER_LINE + _PER_NAME * scenario.robot_count)
+    return _NUMBER * samples + lines + _REST
 
 
 def message_limit(scenario: Scenario) -> int:
-    """What neighbours may send in one message [B]."""
-    return max(LEAST_LIMIT, largest_message(scenario))
+    """What neighbours may send in one message, whichever estimator the run comes to use [B]."""
+    needed = [largest_message(structs.replace(scenario, estimator=name)) for name in BUILT_IN["estimator"]]
+    return max(LEAST_LIMIT, min(max(needed), LARGEST))

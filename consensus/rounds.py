@@ -1,0 +1,116 @@
+"""One agent's values on their way through a schedule's rounds, each with a number that all of its summands must share.
+
+Whoever wants a sum lets a block of values ``enter`` after each ``advance``, tells its neighbours ``channels``, and gets
+the network's result K blocks later, or None where anything was missing on the way.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+
+from coheft.estimation.spatial import Array
+from consensus.pipeline import NeighbourStages, Pipeline
+from consensus.schedule import LaplacianSchedule, Schedule, TreeSchedule
+from consensus.tree_rounds import TreeRounds
+
+Inbox = Mapping[str, Mapping[str, Array]]
+
+
+class Rounds(Protocol):
+    """Values (B, C) under way, for any kind of schedule."""
+
+    @property
+    def rounds(self) -> int:
+        """``K``: blocks that a value is under way."""
+
+    def advance(self, inbox: Inbox) -> Array | None:
+        """Do one round with what the neighbours told; returns the result for the block that entered K blocks before."""
+
+    def enter(self, values: Array | None, version: int = 0) -> None:
+        """Put the next block in, with its number of at least 0; None if there is none."""
+
+    def clear(self) -> None:
+        """A block was missed: nothing that is under way can be completed."""
+
+    def fit(self, channels: Mapping[str, Array]) -> bool:
+        """Whether what a neighbour told of these values, if anything, has the right shapes."""
+
+    def channels(self) -> dict[str, Array]:
+        """What to tell all neighbours."""
+
+
+def make_rounds(
+    schedule: Schedule, channel: str, name: str, neighbours: tuple[str, ...], samples: int, width: int
+) -> Rounds:
+    """One agent's share of a schedule.
+
+    Args:
+        schedule: The team's.
+        channel: Name under which neighbours hear of the values.
+        name: Of this agent.
+        neighbours: Its neighbours.
+        samples: ``B``, samples per block.
+        width: ``C``, numbers per sample.
+    """
+    if isinstance(schedule, TreeSchedule):
+        return TreeRounds(schedule, channel, name, neighbours, samples, width)
+    return StageRounds(schedule, channel, name, neighbours, samples, width)
+
+
+class StageRounds:
+    """Rounds of the Laplacian: neighbours tell each other all K blocks under way. See ``Rounds``."""
+
+    def __init__(
+        self,
+        schedule: LaplacianSchedule,
+        channel: str,
+        name: str,
+        neighbours: tuple[str, ...],
+        samples: int,
+        width: int,
+    ) -> None:
+        self._channel, self._channel_versions = channel, f"{channel}_versions"
+        self._own_gains = schedule.gains(name, name)
+        self._gains = {other: schedule.gains(name, other) for other in neighbours}
+        self._pipeline = Pipeline(schedule.rounds, samples, width)
+        self._versions: deque[int] = deque([-1] * schedule.rounds, maxlen=schedule.rounds)
+
+    @property
+    def rounds(self) -> int:
+        """See ``Rounds``."""
+        return self._pipeline.rounds
+
+    def advance(self, inbox: Inbox) -> Array | None:
+        """See ``Rounds``."""
+        own, stages = np.array(self._versions, dtype=np.float64), []
+        for name, gains in self._gains.items():
+            channels = inbox.get(name, {})
+            versions = channels.get(self._channel_versions)
+            valid = None if versions is None or versions.shape != own.shape else (versions == own) & (versions >= 0.0)
+            stages.append(NeighbourStages(None, gains, channels.get(self._channel), valid))
+        return self._pipeline.advance(stages, self._own_gains)
+
+    def enter(self, values: Array | None, version: int = 0) -> None:
+        """See ``Rounds``."""
+        self._versions.appendleft(-1 if values is None else version)
+        self._pipeline.enter(values)
+
+    def clear(self) -> None:
+        """See ``Rounds``."""
+        self._pipeline.valid[:] = False
+
+    def fit(self, channels: Mapping[str, Array]) -> bool:
+        """See ``Rounds``."""
+        stages, versions = channels.get(self._channel), channels.get(self._channel_versions)
+        return (stages is None or stages.shape == self._pipeline.stages.shape) and (
+            versions is None or versions.shape == (self.rounds,)
+        )
+
+    def channels(self) -> dict[str, Array]:
+        """See ``Rounds``."""
+        versions = np.where(self._pipeline.valid, np.array(self._versions, dtype=np.float64), -1.0)
+        return {self._channel: self._pipeline.stages.copy(), self._channel_versions: versions}
