@@ -53,6 +53,7 @@ class BodyFrame:
         self._config = config
         self._gossip = gossip
         self._pairs: dict[str, TwistMoments] = {}
+        self._registered: dict[str, tuple[TwistMoments, PoseEstimate]] = {}
         self._holds: dict[str, tuple[int, int]] = {}
         self._kept: KeptPoses | None = None
         # The own pose as neighbours know it: number of the frame, since when the load has been held there, and pose.
@@ -169,4 +170,9 @@ class BodyFrame:
         return None
 
     def _pair(self, name: str) -> PoseEstimate:
-        return register_twists(self._pairs[name], self._config.noise, self._config.noise)
+        """From all samples that were exchanged with a neighbour; found anew only after new ones."""
+        moments = self._pairs[name]
+        if name not in self._registered or self._registered[name][0] is not moments:
+            found = register_twists(moments, self._config.noise, self._config.noise)
+            self._registered[name] = moments, found
+        return self._registered[name][1]

@@ -13,7 +13,7 @@ import numpy as np
 from coheft.estimation.spatial import Array
 from coheft.wire.cart import CartMessage
 from consensus.gossip import Gossip
-from consensus.graph import diameter
+from consensus.graph import hearing
 from consensus.pipeline import NeighbourStages, Pipeline
 from consensus.schedule import choose_schedule
 
@@ -114,7 +114,7 @@ class CartSums:
             return
         if not self._announced:
             # Until then the farthest has heard that this one is ready, too.
-            self._gossip.announce_ready(index + diameter(graph) + 1)
+            self._gossip.announce_ready(index + hearing(graph))
             self._announced = True
         start = self._gossip.start_block
         if start is None:

@@ -18,8 +18,8 @@ from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array
 from consensus.flood import Flood
 
-_BITS = 48
-"""As many fit into a number of a table."""
+_BITS = 32
+"""As many are in a number of a table; with 40 it could be larger than any that neighbours take (``agents.inbox``)."""
 
 
 class CommonMoments:

@@ -15,7 +15,7 @@ from consensus.flood import Flood
 _BLAMED = 0.6
 """After so long a contradiction a robot starts over [s]."""
 _TOLD = 0.1
-"""Robots tell each other so often how their sensors fit the team's motion [s]."""
+"""Robots look so often how their sensors fit the team's motion, and tell each other if they do not [s]."""
 
 
 class Contradictions:
@@ -26,7 +26,7 @@ class Contradictions:
         names: Of the team, in its order.
 
     Attributes:
-        flood: Tells the others how well the own sensors fit, and hears the same of them.
+        flood: Tells the others how badly the own sensors fit, once they do not, and hears the same of them.
     """
 
     def __init__(self, config: AgentConfig, names: Sequence[str]) -> None:
@@ -37,6 +37,7 @@ class Contradictions:
         self._every = config.blocks(_TOLD)
         self._patience = config.blocks(_BLAMED)
         self._blamed = 0
+        self._told = 0.0
 
     def add(self, moments: RegistrationMoments) -> None:
         """Take in what a block says of the own pose."""
@@ -66,7 +67,9 @@ class Contradictions:
         if index % self._every == 0:
             covariance = np.diag(deviations**2)
             misfit = max(watch.misfit(pose, covariance) for watch in (self._watch, self._early_watch))
-            self.flood.tell(self._own, index, np.array([misfit]))
+            if max(misfit, self._told) > MISFIT:
+                self.flood.tell(self._own, index, np.array([misfit]))
+                self._told = misfit
         self._blamed = 0 if self.by is None else self._blamed + (self.by == self._names[self._own])
 
     @property

@@ -26,7 +26,7 @@ from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
 from consensus.gossip import Gossip
-from consensus.graph import diameter
+from consensus.graph import hearing
 
 _DIRECTIONS = 6
 _KINEMATICS_SIZE = 9
@@ -114,7 +114,7 @@ class EfficientEstimator:
         """Tell it, and a start of the sums that is far enough ahead for everybody to hear of it in time."""
         graph = self._gossip.graph
         if graph is not None:
-            self._gossip.announce_ready(index + 2 * (diameter(graph) + 1), pose, frame, refined)
+            self._gossip.announce_ready(index + 2 * hearing(graph), pose, frame, refined)
 
     def _assemble(self, start: int) -> None:
         """The team's sums begin; not if somebody's pose is missing, or in another frame."""

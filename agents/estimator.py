@@ -16,8 +16,8 @@ from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
+from coheft.wire.estimator_settings import Converged
 from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
-from coheft.wire.scenario import Converged
 from consensus.gossip import Gossip
 
 Channels = Mapping[str, Array]

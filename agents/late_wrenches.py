@@ -88,7 +88,7 @@ class LateWrenches:
         # Noise averages out, what poses add does not.
         count = self._sums[0]
         mean = self._sums / count
-        residual = mean[_WRENCH] - np.tensordot(mean, model.regressor_coefficients @ self._unknowns, 1)
+        residual = mean[_WRENCH] - mean @ (model.regressor_coefficients @ self._unknowns)
         statistic = float(residual @ np.linalg.solve(model.residual_covariance / count + disturbance, residual))
         self._contradicted = 0 if statistic < _CONTRADICTION else self._contradicted + 1
 
@@ -96,7 +96,5 @@ class LateWrenches:
         """Mean square of a block's residuals, in units of the noise, by what is known of the load; 0 if nothing is."""
         if self._unknowns is None:
             return 0.0
-        explained = np.tensordot(features(motion, wrench), model.regressor_coefficients @ self._unknowns, 1)
-        residuals = wrench - explained
-        weighted = residuals @ np.linalg.inv(model.residual_covariance)
-        return float(np.sum(weighted * residuals) / residuals.size)
+        residuals = wrench - features(motion, wrench) @ (model.regressor_coefficients @ self._unknowns)
+        return float(np.vdot(residuals @ model.weight, residuals) / residuals.size)

@@ -11,11 +11,17 @@ from agents.late_wrenches import LateWrenches
 from agents.load_moments import CROSS_SHAPE, RIDERS, gram_map, load_moments, mapped, number_of_samples
 from agents.seen_payload import seen_payload
 from agents.wrench_correction import TOLD_SIZE, WrenchCorrection, told_forces, told_mean_crosses
-from coheft.estimation.acceleration import MotionFusion
+from coheft.estimation.acceleration import MotionFusion, slope_kernel
 from coheft.estimation.forgetting_window import ForgettingWindow
-from coheft.estimation.inertia import GRAM_SIZE, INERTIA_SIZE, OFFSET_SIZE, InertiaModel, unpacked_gram
-from coheft.estimation.inertia_derivatives import barycentric_derivative
-from coheft.estimation.inertia_estimate import InertiaEstimate, doubted, estimate_inertia, middle_and_size
+from coheft.estimation.inertia import (
+    GRAM_SIZE,
+    INERTIA_SIZE,
+    OFFSET_SIZE,
+    InertiaInformation,
+    InertiaModel,
+    unpacked_gram,
+)
+from coheft.estimation.inertia_estimate import InertiaSolution, middle_and_size, solve_inertia
 from coheft.estimation.load_change import LoadWindow, Memory
 from coheft.estimation.pose_disturbance import wrench_disturbance
 from coheft.estimation.pose_sensitivity import PoseSensitivity, inertia_by_poses
@@ -35,6 +41,8 @@ _OTHER_LOAD = 3.0
 _NEW = 0.5
 """A load is so much less certain, in variance, as the square of this over the time of its samples: in few samples the
 motions' noise is not what it is on average [s]."""
+_TURNS = 2
+"""Robots take turns of so many blocks in testing whether the load has changed: neighbours tell each other."""
 _LEAST = 0.3
 """Least time of samples from which anything is estimated [s]."""
 
@@ -59,7 +67,8 @@ class LoadMemory:
         memory = config.efficient.memory
         self._kept = 1.0
         if memory == "window":
-            self._window = LoadWindow(riders=RIDERS, coherence=_COHERENCE * config.rate)
+            coherence = _COHERENCE * config.rate
+            self._window = LoadWindow(riders=RIDERS, coherence=coherence, every=_TURNS, turn=own)
         else:
             blocks = memory * config.rate / config.block
             self._kept = float(np.exp(-1.0 / blocks))
@@ -68,6 +77,7 @@ class LoadMemory:
         self._first_block = self._last_block = self._changed_at = -1
         self._is_early_over = False
         self._poses: Sequence[Pose] = ()
+        self._kernel = slope_kernel(config.rate, config.block)
         self._sensitivity: PoseSensitivity | None = None
         self._fusion: MotionFusion | None = None
         self._model: InertiaModel | None = None
@@ -93,15 +103,34 @@ class LoadMemory:
     def set_poses(self, poses: Sequence[Pose], fusion: MotionFusion) -> None:
         """All that is remembered, and what comes, is seen with these poses."""
         self._poses = poses
-        self._sensitivity = PoseSensitivity.of(poses, self._config.noise)
+        self._sensitivity = PoseSensitivity.of(poses, self._config.noise, self._kernel)
         self._fusion = fusion
         if self._model is not None and self._is_enough():
-            self._parameters = self._estimate(self._model).parameters
+            self._find_parameters(self._model)
+        self._make_model()
+
+    def _make_model(self) -> None:
+        """Weights of the samples, with the motions' noise as a load with these parameters makes it felt."""
+        assert self._fusion is not None
         self._model = InertiaModel(
-            fusion.wrench_covariance, fusion.acceleration_covariance, self._parameters, with_offset=self._offsets
+            self._fusion.wrench_covariance,
+            self._fusion.acceleration_covariance,
+            self._parameters,
+            with_offset=self._offsets,
         )
         if self._disturbance_shape is not None:
             self._model.expect_disturbance(self._disturbance_shape)
+
+    def _find_parameters(self, model: InertiaModel) -> None:
+        self._parameters = self._solve(self._window.information(model)).parameters
+
+    def _weigh(self) -> bool:
+        """Whether it is known how much the motions' noise is felt: until then samples cannot be told apart."""
+        assert self._model is not None
+        if self._parameters is None and self._is_enough():
+            self._find_parameters(self._model)
+            self._make_model()
+        return self._parameters is not None
 
     def push(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> int | None:
         """Take in a block of body motion (B, 12), total wrench (B, 6) and own wrench in ``F_i`` (B, 6).
@@ -128,7 +157,8 @@ class LoadMemory:
             self._look_back(block, moments)
             return None
         # Until ``correct`` the poses' last step adds up in all samples from before it.
-        change = self._window.review(self._model, is_coherent=self._correction is not None)
+        is_coherent = self._correction is not None
+        change = self._window.review(self._model, is_coherent) if self._weigh() else None
         if change is None:
             self._look_back(block, moments)
             return None
@@ -268,16 +298,16 @@ class LoadMemory:
             return None, ()
         if self._late.contradict:
             return None, ("load: the forces of late do not fit what is remembered of it",)
-        _, size = middle_and_size(self._poses)
-        estimate = self._estimate(self._model)
-        by_poses, untold = self._by_poses(estimate.parameters), self._by_untold(self._model)
-        estimate = doubted(estimate, by_poses @ team.covariance @ by_poses.T + untold, size)
-        to_central = np.linalg.inv(barycentric_derivative(estimate.inertia))
-        estimate = replace(estimate, covariance=estimate.covariance + to_central @ untold @ to_central.T)
+        information = self._window.information(self._model)
+        solution = self._solve(information)
+        untold = self._by_untold(self._model, information)
+        solution = replace(solution, covariance=solution.covariance + untold)
+        by_poses = self._by_poses(information, solution.parameters)
+        estimate = solution.made_possible(by_poses @ team.covariance @ by_poses.T)
         inflation = 1.0 + (_NEW * self._config.rate / self.count) ** 2
-        return seen_payload(estimate, by_poses, own, team, inflation, size)
+        return seen_payload(estimate, by_poses, own, team, inflation, solution.length)
 
-    def _by_untold(self, model: InertiaModel) -> Array:
+    def _by_untold(self, model: InertiaModel, information: InertiaInformation) -> Array:
         """Covariance (10, 10) of ``theta`` by what poses do to samples that others have not told of yet."""
         untold = self.count - self._told_count
         if untold < 1.0 or self._disturbance_shape is None:
@@ -285,25 +315,25 @@ class LoadMemory:
         gram = self._window.total[:GRAM_SIZE] * (untold / self.count)
         coherent = min(untold, _COHERENCE * self._config.rate)
         scores = coherent * self._disturbance * model.disturbance(gram)
-        inverse = np.linalg.inv(self._window.information(model).uncompensated)
+        inverse = np.linalg.inv(information.uncompensated)
         covariance: Array = (inverse @ scores @ inverse)[:INERTIA_SIZE, :INERTIA_SIZE]
         return covariance
 
-    def _by_poses(self, parameters: Array) -> Array:
+    def _by_poses(self, information: InertiaInformation, parameters: Array) -> Array:
         """Derivative of ``theta`` by all poses at ``parameters``, shape (10, 6 N)."""
         assert self._model is not None
         assert self._sensitivity is not None
         return inertia_by_poses(
             self._model,
-            self._window.information(self._model),
+            information,
             parameters,
             unpacked_gram(self._window.total[:GRAM_SIZE]),
             self._mean_crosses * self.count,
             self._sensitivity,
         )
 
-    def _estimate(self, model: InertiaModel) -> InertiaEstimate:
-        return estimate_inertia(self._window.information(model), *middle_and_size(self._poses))
+    def _solve(self, information: InertiaInformation) -> InertiaSolution:
+        return solve_inertia(information, *middle_and_size(self._poses))
 
     def _is_enough(self) -> bool:
         return self.count >= _LEAST * self._config.rate

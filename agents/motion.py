@@ -90,12 +90,12 @@ class Excitation:
         phases = self._omegas * time[:, None, None] + self._phases
         wave = self._amplitudes * np.sin(phases).sum(axis=1)
         wave_rate = self._amplitudes * (self._omegas * np.cos(phases)).sum(axis=1)
+        if time[0] >= self._ramp:
+            return np.concatenate([wave, wave_rate], axis=1)
         ramp, ramp_rate = self._ramp_at(time)
-        return np.hstack([ramp * wave, ramp * wave_rate + ramp_rate * wave])
+        return np.concatenate([ramp * wave, ramp * wave_rate + ramp_rate * wave], axis=1)
 
     def _ramp_at(self, time: Array) -> tuple[Array, Array]:
         """Smooth step from 0 to 1 over the ramp, and its rate, each (B, 1)."""
-        if self._ramp == 0.0:
-            return np.ones((len(time), 1)), np.zeros((len(time), 1))
         s = np.clip(time / self._ramp, 0.0, 1.0)[:, None]
         return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s) / self._ramp

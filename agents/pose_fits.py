@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from agents.common_moments import CommonMoments
+from coheft.estimation.acceleration import slope_kernel
 from coheft.estimation.registration import RegistrationMoments, score_and_information
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses, fitted_poses, register_team
@@ -61,6 +62,7 @@ class PoseFits:
     def __init__(self, config: AgentConfig, robots: int, own: int, start: int, under_way: int, hearing: int) -> None:
         self._config = config
         self._own = own
+        self._kernel = slope_kernel(config.rate, config.block)
         self._hearing = hearing
         self._shortest = config.blocks(_SHORTEST_ROUND)
         self._longest = 3 * hearing + under_way + 3
@@ -69,7 +71,7 @@ class PoseFits:
         self._unsure = -(-config.blocks(UNNOTICED) // chunk) + 1
         self.common = CommonMoments(robots, own, start, chunk, parts=2, unsure=self._unsure)
         self._scores = Flood(robots, 1 + _SCORE_SIZE)
-        self._fits = Flood(1, 1 + robots * _POSE_SIZE)
+        self._fits = Flood(robots, 1 + _POSE_SIZE)
         self.floods = {"common": self.common.flood, "scores": self._scores, "fits": self._fits}
         self.told_moments = RegistrationMoments.none()
         self.carried, self.spoilt, self._told_chunk = 0, -1, 0
@@ -93,10 +95,10 @@ class PoseFits:
             self._tell_score(version, poses, is_settled and self.carried == version)
         if self._own == 0:
             self._fit(index, version, poses)
-        told_version, row = self._fits.row(0)
-        if told_version > self.carried and index >= row[0]:
-            numbers = row[1:].reshape(-1, _POSE_SIZE)
-            self._told_poses[told_version] = tuple(Pose.of_numbers(each) for each in numbers)
+        told_version, _ = self._fits.row(0)
+        fitted = self._fits.rows(told_version) if told_version > self.carried else None
+        if fitted is not None and index >= fitted[0, 0]:
+            self._told_poses[told_version] = tuple(Pose.of_numbers(row[1:]) for row in fitted)
             self.carried = told_version
 
     def carrying_pose(self, poses: Sequence[Pose]) -> Pose:
@@ -117,7 +119,7 @@ class PoseFits:
             steps: How far each one's last fit has moved it, a perturbation (6,) each.
         """
         left = _LEFT * np.concatenate(steps)
-        fitted = fitted_poses(poses, self.told_moments, self._config.noise)
+        fitted = fitted_poses(poses, self.told_moments, self._config.noise, kernel=self._kernel)
         untried = 1.0 + (_UNTRIED * self._config.rate / max(self.told_moments.count, 1.0)) ** 2
         return replace(fitted, covariance=untried * fitted.covariance + np.outer(left, left))
 
@@ -155,9 +157,9 @@ class PoseFits:
             return
         if np.any(rows[:, 0] != version):
             return
-        fitted = register_team(poses, rows[:, 1:], self.told_moments, self._config.noise)
-        numbers = [pose.numbers() for pose in fitted.poses]
-        self._fits.tell(0, self._tells, np.concatenate([[index + self._hearing], *numbers]))
+        fitted = register_team(poses, rows[:, 1:], self.told_moments, self._config.noise, kernel=self._kernel)
+        for robot, pose in enumerate(fitted.poses):
+            self._fits.tell(robot, self._tells, np.array([index + self._hearing, *pose.numbers()]))
 
 
 def largest_step(fitted: TeamPoses, steps: Sequence[Array]) -> float:

@@ -22,7 +22,7 @@ from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses, fitted_poses, refit_map, seen_from
 from coheft.wire.config import AgentConfig
 from consensus.flood import Floods
-from consensus.graph import Neighbours, diameter
+from consensus.graph import Neighbours, hearing
 from consensus.schedule import choose_schedule
 
 _ROUGHLY_KNOWN = np.repeat([0.05, 0.05], 3)
@@ -56,8 +56,7 @@ class PoseSearch:
         schedule = choose_schedule({name: graph[name] for name in self._names})
         self._sums = TeamSums("sums", config.name, self._neighbours, schedule, config.block, config.noise)
         self._motion = TotalMotion(config, self._poses)
-        hearing = diameter(graph) + 1
-        self._fits = PoseFits(config, len(self._names), self._own, start, schedule.rounds, hearing)
+        self._fits = PoseFits(config, len(self._names), self._own, start, schedule.rounds, hearing(graph))
         self._contradictions = Contradictions(config, self._names)
         self._floods = Floods({**self._fits.floods, "misfits": self._contradictions.flood})
         self._version = 0
@@ -98,12 +97,12 @@ class PoseSearch:
         if version == self._version:
             return
         poses = self._fits.take_poses(version)
-        feature_map = refit_map(self._poses, poses, self._noise)
+        feature_map = refit_map(self._poses, poses, self._noise, self._motion.kernel)
         self._fits.map(feature_map)
         self._contradictions.map(feature_map)
         self._poses, self._version = poses, version
         self._motion.set_poses(poses)
-        self._fitted = fitted_poses(poses, self._fits.told_moments, self._noise)
+        self._fitted = fitted_poses(poses, self._fits.told_moments, self._noise, kernel=self._motion.kernel)
 
     def fits(self, channels: Mapping[str, Array]) -> bool:
         """Whether what a neighbour sent has the shapes of this team."""

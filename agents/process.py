@@ -25,6 +25,7 @@ from coheft.wire.codec import check_field
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.inbox import Event, LinkChange, Presence
 from coheft.wire.messages import Estimate, Hello, Measurements, Message, NeighbourMessage, Ready
+from coheft.wire.plugins import usable_in_run
 from coheft.wire.supervised import supervised_main
 
 _BACKLOG = 64
@@ -45,7 +46,8 @@ class AgentProcess:
     A link with a neighbour that it dials is begun anew when it is gone, or does not carry both ways although it stands.
 
     It asks for measurements when it starts, and again whenever it has lost the server. If it is a new server that
-    comes, with a new world, the agent forgets everything and starts again.
+    comes, with a new world, the agent forgets everything and starts again; and so it does, as all robots do at the same
+    block, when measurements ask for another estimator.
     """
 
     def __init__(self, config: AgentProcessConfig, links: AgentLinks) -> None:
@@ -59,13 +61,14 @@ class AgentProcess:
         self._is_fed = False
         self._server_lost_at: float | None = None
         self._said_hello_at = -math.inf
-        self._start_agent()
+        self._block = -1
+        self._start_agent(config.agent.estimator)
 
-    def _start_agent(self) -> None:
+    def _start_agent(self, estimator: str) -> None:
         """An agent that knows nothing yet, in the place of the one before."""
         self._incarnation = time.time_ns()
-        self._agent = Agent(self._config.agent, self._incarnation)
-        self._block = -1
+        self._estimator = estimator
+        self._agent = Agent(structs.replace(self._config.agent, estimator=estimator), self._incarnation)
         self._is_holding = True
         self._last_estimate: Estimate | None = None
 
@@ -143,6 +146,8 @@ class AgentProcess:
         """Step with all that is there, and say what came of it."""
         self._tell_of_links()
         is_first, self._block = self._block < 0, measurements.block
+        if (estimator := self._estimator_for(measurements)) != self._estimator:
+            self._change_estimator(estimator)
         if measurements.holding != self._is_holding:
             self._is_holding = measurements.holding
             self._agent.set_holding(self._is_holding, self._block)
@@ -158,6 +163,17 @@ class AgentProcess:
         if is_first:  # those whom it has met begin with the same block
             for link in self._links.values():
                 link.keeps_pace = link.is_heard
+
+    def _change_estimator(self, estimator: str) -> None:
+        """Begin anew with another one, as the neighbours do at this block: what they have said is of the one before."""
+        since = self._config.agent.start_of(self._block)
+        self._outside.problems.tell(f"uses the estimator '{estimator}' from {since:.2f} s on, and begins anew")
+        self._start_agent(estimator)
+        for link in self._links.values():
+            link.take_messages(self._block)
+
+    def _estimator_for(self, measurements: Measurements) -> str:
+        return measurements.estimator or self._config.agent.estimator
 
     def _take_in(self, wait: float) -> bool:
         """Take in what comes next, within ``wait`` [s], and whether anything did; tend the links in between.
@@ -218,14 +234,17 @@ class AgentProcess:
         """Keep measurements for their step; those of a new world are for a new agent.
 
         Raises:
-            MessageError: They are not ours, or of an old block, or of the wrong shape.
+            MessageError: They are not ours, or of an old block, or of the wrong shape, or for an unknown estimator.
         """
         check_field("robot", message.robot, self._name)
         check_field("samples.shape", message.samples.shape, (self._config.agent.block, SAMPLE_SIZE))
+        if (estimator := self._estimator_for(message)) not in (usable := usable_in_run(self._config.agent.estimator)):
+            raise MessageError(f"estimator is {estimator!r} but expected one of {', '.join(usable)}")
         if message.world != self._world:
             if self._world is not None:
                 self._outside.problems.tell("the server has started again: so does this agent")
-                self._start_agent()
+                self._block = -1
+                self._start_agent(self._estimator)
             self._world = message.world
         newest = self._measurements[-1][1].block if self._measurements else self._block
         if message.block <= newest:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-import numpy as np
-
-from coheft.estimation.inertia_derivatives import barycentric_derivative, seen_inertia_derivative
+from coheft.estimation.inertia_derivatives import central_derivative, seen_inertia_derivative
 from coheft.estimation.inertia_estimate import InertiaEstimate, unseen_quantities
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array
@@ -29,8 +27,7 @@ def seen_payload(
     """
     pose = team.poses[own]
     derivative = seen_inertia_derivative(pose, estimate.inertia)
-    to_central = np.linalg.inv(barycentric_derivative(estimate.inertia))
-    seen_by_poses = derivative[:, 6:] @ to_central @ by_poses
+    seen_by_poses = derivative[:, 6:] @ central_derivative(estimate.inertia) @ by_poses
     seen_by_poses[:, 6 * own : 6 * own + 6] += derivative[:, :6]
     covariance = derivative[:, 6:] @ estimate.covariance @ derivative[:, 6:].T
     covariance += seen_by_poses @ team.covariance @ seen_by_poses.T

@@ -40,7 +40,7 @@ class SensorCheck:
 
     def work(self, samples: Array) -> bool:
         """Whether a block of samples (B, 15) can be used."""
-        found = self._find(np.vstack([self._last, samples]))
+        found = self._find(np.concatenate([self._last, samples]))
         self.fault = None if self._before else found
         self._before = found is None
         self._last = samples[-1:]
@@ -48,28 +48,35 @@ class SensorCheck:
 
     def _find(self, samples: Array) -> str | None:
         """What is wrong with samples (n, 15), the last one of the block before first."""
-        if not np.isfinite(samples).all():
-            return _in_words("is not a finite number", ~np.isfinite(samples).all(axis=0))
-        if np.abs(samples).max() > _LARGEST:
+        if not np.abs(samples).max() <= _LARGEST:  # false for what is not a number, too
+            if not np.isfinite(samples).all():
+                return _in_words("is not a finite number", ~np.isfinite(samples).all(axis=0))
             return _in_words("is out of range", np.abs(samples).max(axis=0) > _LARGEST)
-        steps = np.diff(samples, axis=0) / self._deviations
-        # Noise does not repeat: what stays as it is, or at its largest value, for half of the samples does not measure.
-        still = 2 * (~steps.reshape(len(steps), -1, 3).any(axis=2)).sum(axis=0) >= len(steps)
-        still &= samples.reshape(len(samples), -1, 3).any(axis=(0, 2))
-        if still.any():
-            return _in_words("is frozen", np.repeat(still, 3))
-        limits = np.stack([samples.min(axis=0), samples.max(axis=0)])
-        at_limit = (2 * (samples == limits[:, None]).sum(axis=1) > len(samples)) & (limits != 0.0)
-        if at_limit.any():
-            return _in_words("is saturated", np.any(at_limit, axis=0))
+        steps = (samples[1:] - samples[:-1]) / self._deviations
         sizes = np.abs(steps)
+        stuck = None if sizes.all() else _stuck(samples, steps)
+        if stuck is not None:
+            return stuck
+        if 2.0 * sizes.max(initial=0.0) <= _OUTLIER:
+            return None
         least, most = np.minimum(sizes[:-1], sizes[1:]), np.maximum(sizes[:-1], sizes[1:])
         peaks = least * ((steps[:-1] * steps[1:] < 0.0) & (least > _BACK * most))
-        bends = np.abs(np.diff(steps, axis=0))
         far = (peaks > _OUTLIER).any(axis=0)
+        bends = np.abs(steps[1:] - steps[:-1])
         if len(bends):
             far |= bends[-1] > np.maximum(_OUTLIER, _UNUSUAL * bends[:-1].max(axis=0, initial=0.0))
         return _in_words("has outliers", far) if far.any() else None
+
+
+def _stuck(samples: Array, steps: Array) -> str | None:
+    """Noise does not repeat: what stays as it is, or at its largest value, for half of the samples does not measure."""
+    still = 2 * (~steps.reshape(len(steps), -1, 3).any(axis=2)).sum(axis=0) >= len(steps)
+    still &= samples.reshape(len(samples), -1, 3).any(axis=(0, 2))
+    if still.any():
+        return _in_words("is frozen", np.repeat(still, 3))
+    limits = np.stack([samples.min(axis=0), samples.max(axis=0)])
+    at_limit = (2 * (samples == limits[:, None]).sum(axis=1) > len(samples)) & (limits != 0.0)
+    return _in_words("is saturated", np.any(at_limit, axis=0)) if at_limit.any() else None
 
 
 def _in_words(what: str, columns: Any) -> str:

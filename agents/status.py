@@ -75,4 +75,5 @@ class StatusKeeper:
             reasons=self._reasons,
             valid_block=told.learned_block,
             silent=list(silent),
+            estimator=self._config.estimator,
         )

@@ -34,7 +34,7 @@ from coheft.estimation.team_registration import TeamPoses, refit_map, seen_from
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import PayloadEstimate
 from consensus.flood import Flood, Floods
-from consensus.graph import Neighbours, diameter
+from consensus.graph import Neighbours, hearing
 from consensus.schedule import choose_schedule
 
 _PATIENCE = 0.25
@@ -116,8 +116,7 @@ class Team:
         self._sums = TeamSums("sums", config.name, self._neighbours, schedule, config.block, config.noise)
         self._early_sums = EarlySums(config, self._neighbours, schedule, start, history)
         self._next = start
-        # Whoever is farthest has heard a diameter later; one block more, so that a lost message does no harm.
-        self._hearing = diameter(graph) + 1
+        self._hearing = hearing(graph)
 
         self._motion = TotalMotion(config, self._poses)
         self._beyond_doubt: tuple[Pose, ...] | None = None
@@ -329,7 +328,7 @@ class Team:
             return
         self._found_before, self._held = self.found(), None
         poses = self._fits.take_poses(version)
-        feature_map = refit_map(self._poses, poses, self._config.noise)
+        feature_map = refit_map(self._poses, poses, self._config.noise, self._motion.kernel)
         self._fits.map(feature_map)
         self._contradictions.map(feature_map)
         self._memory.map_features(feature_map, self._poses, poses)

@@ -7,12 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from agents.sums import Entered
-from coheft.estimation.acceleration import (
-    DERIVATIVE_SPAN,
-    MotionFusion,
-    derivative,
-    derivative_kernel,
-)
+from coheft.estimation.acceleration import MotionFusion, derivative, slope_kernel
 from coheft.estimation.spatial import Array, Pose
 from coheft.wire.config import AgentConfig
 
@@ -29,18 +24,19 @@ class TotalMotion:
 
     Attributes:
         fusion: Of the sensors of all robots, at the poses in use.
+        kernel: Of the gyros' slope.
     """
 
     def __init__(self, config: AgentConfig, poses: Sequence[Pose]) -> None:
         self._config = config
-        self._half_span = max(2, min(config.block, round(DERIVATIVE_SPAN * config.rate)))
-        self._kernel = derivative_kernel(self._half_span, 1.0 / config.rate)
+        self.kernel = slope_kernel(config.rate, config.block)
+        self._half_span = len(self.kernel) // 2
         self._totals: dict[int, tuple[Entered, Array]] = {}
         self.set_poses(poses)
 
     def set_poses(self, poses: Sequence[Pose]) -> None:
         """From now on sums are seen with these poses."""
-        self.fusion: MotionFusion = MotionFusion.of_robots(self._config.noise, poses, self._kernel)
+        self.fusion: MotionFusion = MotionFusion.of_robots(self._config.noise, poses, self.kernel)
 
     @property
     def needs_slope(self) -> bool:
@@ -85,4 +81,4 @@ class TotalMotion:
         around = [self._totals.get(number) for number in (block - 1, block, block + 1)]
         w = [self.fusion.angular_velocity(total[1]) for total in around if total is not None]
         size, half = self._config.block, self._half_span
-        return derivative(np.concatenate(w)[size - half : 2 * size + half], self._kernel) if len(w) == 3 else None
+        return derivative(np.concatenate(w)[size - half : 2 * size + half], self.kernel) if len(w) == 3 else None

@@ -76,7 +76,7 @@ class Watch:
         """
         if not self._recent:
             return 0.0
-        recent = sum(self._recent, RegistrationMoments.none())
+        recent = RegistrationMoments(np.sum([moments.gram for moments in self._recent], axis=0))
         count = recent.count
         _, information, cost = score_and_information(recent, pose, self._noise)
         by_noise = 9.0 * count
@@ -108,4 +108,4 @@ def block_misfit(moments: RegistrationMoments, pose: Pose, noise: SensorNoise) -
     """Mean square of one block's residuals in units of the noise, offsets and means left out."""
     operator, gram = residual_operator(pose)[TWIST_ROWS], moments.centred()
     weights = noise.per_column()[KINEMATICS][TWIST_ROWS, None] ** -2
-    return float(np.sum(weights * (operator @ gram) * operator) / (6.0 * max(moments.count, 1.0)))
+    return float(np.vdot(weights * (operator @ gram), operator) / (6.0 * max(moments.count, 1.0)))

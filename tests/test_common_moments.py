@@ -9,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.common_moments import CommonMoments
+from agents.inbox import NeighbourInbox
 from coheft.estimation.registration import FEATURES, RegistrationMoments
+from coheft.wire.messages import NeighbourMessage
 from coheft.wire.scenario import Graph
 from consensus.graph import Neighbours, build_graph, diameter
 from tests.test_graph import names
@@ -139,6 +141,17 @@ def test_chunks_may_be_longer_than_a_number_has_bits() -> None:
         assert team.totals[name][-1] == {block for block in team.had if block[0] < START + robot.steps}
 
 
+def test_neighbours_take_what_is_said_of_long_chunks() -> None:
+    long = CommonMoments(1, 0, START, 70, PARTS, unsure=2)
+    for step in range(START, START + 70):
+        long.add(step, [moments_of(START, 0)] * PARTS)
+        long.agree(step)
+    message = NeighbourMessage(sender="r1", block=1, gossip=[], channels={"common": long.flood.table})
+    used, _, problems = NeighbourInbox(["r1"]).take(2, [message])
+    assert used
+    assert not problems
+
+
 def test_a_map_is_of_all_that_counts_and_of_what_will() -> None:
     rng = np.random.default_rng(2)
     feature_map = rng.normal(size=(FEATURES, FEATURES))
@@ -175,3 +188,19 @@ def test_what_may_be_spoilt_counts_for_nobody() -> None:
     assert min(steps) < START + 20
     assert max(steps) > spoilt_at + 2 * chunk
     assert {step for step in steps if missing[0] < step < missing[-1]} == set()
+
+
+def test_what_is_told_of_a_long_chunk_is_no_nonsense_to_neighbours() -> None:
+    """Teams that are far apart have long chunks: of 24 robots on a ring, 52 blocks."""
+    robot = CommonMoments(robots=2, own=0, start=START, chunk=40, parts=PARTS, unsure=1)
+    robot.flood.hear("r1", 1.0, None)
+    for step in range(START, START + 40):
+        robot.add(step, [moments_of(step, part) for part in range(PARTS)])
+        robot.agree(step)
+    rows = robot.flood.told()
+    assert rows is not None
+    assert rows.max() > 2**30
+    message = NeighbourMessage(sender="r0", block=0, gossip=[], channels={"common": rows})
+    used, _, problems = NeighbourInbox(["r0"]).take(1, [message])
+    assert not problems
+    assert list(used) == ["r0"]

@@ -17,7 +17,7 @@ from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses, refit_map
 from coheft.wire.config import AgentConfig, agent_config
-from coheft.wire.scenario import EfficientSettings
+from coheft.wire.estimator_settings import EfficientSettings
 from tests.estimation.team import Team, make_team
 from tests.estimation.test_team_registration import fused_motion
 from tests.in_process import changed

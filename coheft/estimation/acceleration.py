@@ -92,6 +92,16 @@ def derivative_kernel(half_span: int, period: float) -> Array:
     return slope / (half_span * period)
 
 
+def slope_kernel(rate: float, longest: int) -> Array:
+    """The ``derivative_kernel`` for gyros.
+
+    Args:
+        rate: Samples per second.
+        longest: Samples on either side that there are at most.
+    """
+    return derivative_kernel(max(2, min(longest, round(DERIVATIVE_SPAN * rate))), 1.0 / rate)
+
+
 def derivative(w: Array, kernel: Array) -> Array:
     """Slope of consecutive samples: (B + 2 half_span, 3) of ``w`` to (B, 3) of ``alpha``, for the middle B."""
     windows = np.lib.stride_tricks.sliding_window_view(w, len(kernel), axis=0)
@@ -147,6 +157,14 @@ class MotionFusion:
             derivative_gain=gain if unseen.any() else None,
             centripetal=products_wrench(acceleration_information),
         )
+
+    @property
+    def slope_information(self) -> Array:
+        """What the gyros' derivative says about ``(a, alpha)``, shape (6, 6)."""
+        information = np.zeros((6, 6))
+        if self.derivative_gain is not None:
+            information[3:] = self.derivative_gain
+        return information
 
     def angular_velocity(self, sums: Array) -> Array:
         """Fused ``w`` in ``F_i``, shape (B, 3) [rad/s], of sums (B, 3, 6): what ``derivative`` wants."""

@@ -13,15 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.acceleration import (
-    DERIVATIVE_SPAN,
     MotionFusion,
     derivative,
-    derivative_kernel,
+    slope_kernel,
     summands,
 )
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.inertia import INERTIA_SIZE, InertiaModel, features, packed_gram, unpacked_gram
-from coheft.estimation.inertia_derivatives import barycentric_derivative
+from coheft.estimation.inertia_derivatives import central_derivative
 from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, middle_and_size
 from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, TWIST, WRENCH, SensorNoise
 from coheft.estimation.pose_sensitivity import MOTION_FEATURES, PoseSensitivity, inertia_by_poses
@@ -96,8 +95,8 @@ def sum_up(samples: Array, poses: Sequence[Pose], noise: SensorNoise, rate: floa
     if samples.shape[1:] != (len(poses), SAMPLE_SIZE):
         raise ValueError(f"{samples.shape=} but expected (n, {len(poses)}, {SAMPLE_SIZE})")
     sums = np.sum([summands(samples[:, i], noise) @ pose.adjoint().T for i, pose in enumerate(poses)], axis=0)
-    half_span = max(2, round(DERIVATIVE_SPAN * rate))
-    kernel = derivative_kernel(half_span, 1.0 / rate)
+    kernel = slope_kernel(rate, len(samples))
+    half_span = len(kernel) // 2
     fusion = MotionFusion.of_robots(noise, poses, kernel)
     slope = None
     if fusion.derivative_gain is not None:
@@ -137,9 +136,9 @@ def estimate_centralised(
         estimate.inertia.barycentric(),
         unpacked_gram(gram),
         np.einsum("kf,kiw->ifw", moving, samples[..., WRENCH]),
-        PoseSensitivity.of(poses, noise),
+        PoseSensitivity.of(poses, noise, slope_kernel(rate, len(samples))),
     )
-    to_central = np.linalg.inv(barycentric_derivative(estimate.inertia))
+    to_central = central_derivative(estimate.inertia)
     covariance = estimate.parameters_covariance + by_poses @ team.covariance @ by_poses.T
     return CentralisedEstimate(
         team=team,
@@ -156,11 +155,12 @@ def _estimate_poses(samples: Array, noise: SensorNoise, rate: float) -> TeamPose
     count = samples.shape[1]
     pairs = (TwistMoments.of(first, samples[:, i, TWIST]) for i in range(1, count))
     poses = (Pose.identity(), *(register_twists(pair, noise, noise).pose for pair in pairs))
+    kernel = slope_kernel(rate, len(samples))
     for _ in range(_POSE_STEPS):
         motion = sum_up(samples, poses, noise, rate).motion
         moments = [RegistrationMoments.of(samples[:, i, KINEMATICS], motion) for i in range(count)]
         scores = [score_and_information(own, pose, noise)[0] for own, pose in zip(moments, poses, strict=True)]
-        team = register_team(poses, np.array(scores), moments[0], noise)
+        team = register_team(poses, np.array(scores), moments[0], noise, kernel=kernel)
         steps = [perturbation_between(old, new) for old, new in zip(poses, team.poses, strict=True)]
         poses = team.poses
         deviations = np.sqrt(np.diag(team.covariance))[6:]

@@ -133,6 +133,7 @@ class InertiaModel:
     Attributes:
         unknowns: ``u``, 10 or 16.
         residual_covariance: ``Sigma_r``, shape (6, 6).
+        weight: Its inverse.
         regressor_coefficients: Shape (19, 6, u): features times these add up to the regressor.
     """
 
@@ -149,10 +150,11 @@ class InertiaModel:
             spatial = spatial_inertia(parameters)
             covariance = wrench_covariance + spatial @ acceleration_covariance @ spatial.T
         self.residual_covariance = covariance
+        self.weight: Array = np.linalg.inv(covariance).astype(np.float64)
         size = self.unknowns + 1
         self._coefficients = coefficients = regressor_coefficients(with_offset)
         self.regressor_coefficients = coefficients[:, :, :-1]
-        products = _products(coefficients, np.linalg.inv(covariance))
+        products = _products(coefficients, self.weight)
         noise = np.einsum("kl,klij->ij", acceleration_covariance, products[_ACCELERATIONS, _ACCELERATIONS])
         self._table = _packed_table(products)
         upper = np.triu_indices(size)
@@ -178,8 +180,7 @@ class InertiaModel:
 
     def expect_disturbance(self, covariance: Array) -> None:
         """Beside noise, something with this covariance (6, 6) spoils the total wrench: its size is told elsewhere."""
-        weight = np.linalg.inv(self.residual_covariance)
-        self._disturbance_table = _packed_table(_products(self._coefficients, weight @ covariance @ weight))
+        self._disturbance_table = _packed_table(_products(self._coefficients, self.weight @ covariance @ self.weight))
 
     def disturbance(self, grams: Array) -> Array:
         """What the disturbance adds to the score's covariance, if it is new with every sample, shape (..., u, u)."""

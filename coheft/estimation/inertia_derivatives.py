@@ -5,19 +5,36 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.estimation.inertia import INERTIA_SIZE
-from coheft.estimation.rigid_body import Inertia, pack_symmetric, unpack_symmetric
-from coheft.estimation.spatial import Array, Pose, skew
+from coheft.estimation.rigid_body import Inertia, pack_symmetric, packed_rotation
+from coheft.estimation.spatial import CROSS_OF_AXES, Array, Pose, skew
+
+_DOUBLE_CROSS = pack_symmetric(
+    CROSS_OF_AXES[:, None] @ CROSS_OF_AXES + CROSS_OF_AXES @ CROSS_OF_AXES[:, None]
+).transpose(2, 0, 1)
+"""Shape (6, 3, 3): ``result @ h`` is the derivative of the packed ``[h]x [h]x`` by ``h``."""
 
 
 def barycentric_derivative(inertia: Inertia) -> Array:
     """Derivative (10, 10) of ``(m, m h, I_o)`` by ``(m, h, J)``, with ``J`` packed, at the centre of mass."""
     m, h = inertia.mass, inertia.com
+    of_square = _DOUBLE_CROSS @ h
     derivative = np.eye(INERTIA_SIZE)
     derivative[1:4, 0] = h
-    derivative[1:4, 1:4] = m * np.eye(3)
-    derivative[4:, 0] = pack_symmetric(-skew(h) @ skew(h))
-    for k, axis in enumerate(np.eye(3)):
-        derivative[4:, 1 + k] = -m * pack_symmetric(skew(axis) @ skew(h) + skew(h) @ skew(axis))
+    derivative[1:4, 1:4] *= m
+    derivative[4:, 0] = -0.5 * of_square @ h
+    derivative[4:, 1:4] = -m * of_square
+    return derivative
+
+
+def central_derivative(inertia: Inertia) -> Array:
+    """Inverse of ``barycentric_derivative``: of ``(m, h, J)`` by ``(m, m h, I_o)``, shape (10, 10)."""
+    m, h = inertia.mass, inertia.com
+    of_square = _DOUBLE_CROSS @ h
+    derivative = np.eye(INERTIA_SIZE)
+    derivative[1:4, 0] = -h / m
+    derivative[1:4, 1:4] /= m
+    derivative[4:, 0] = -0.5 * of_square @ h
+    derivative[4:, 1:4] = of_square
     return derivative
 
 
@@ -33,9 +50,7 @@ def seen_inertia_derivative(pose_i: Pose, inertia: Inertia) -> Array:
     derivative[1:4, 0:3] = to_i @ skew(inertia.com - pose_i.translation)
     derivative[1:4, 3:6] = -to_i
     derivative[1:4, 7:10] = to_i
-    for k, axis in enumerate(np.eye(3)):
-        turned = inertia.tensor @ skew(axis) - skew(axis) @ inertia.tensor
-        derivative[4:, k] = pack_symmetric(to_i @ turned @ to_i.T)
-    for k, packed in enumerate(np.eye(6)):
-        derivative[4:, 10 + k] = pack_symmetric(to_i @ unpack_symmetric(packed) @ to_i.T)
+    turned = inertia.tensor @ CROSS_OF_AXES - CROSS_OF_AXES @ inertia.tensor
+    derivative[4:, 0:3] = pack_symmetric(to_i @ turned @ to_i.T).T
+    derivative[4:, 10:] = packed_rotation(to_i)
     return derivative

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from coheft.estimation.consistency import nearest_possible
+from coheft.estimation.consistency import is_possible, nearest_possible
 from coheft.estimation.inertia import INERTIA_SIZE, InertiaInformation
-from coheft.estimation.inertia_derivatives import barycentric_derivative
+from coheft.estimation.inertia_derivatives import central_derivative
 from coheft.estimation.rigid_body import Inertia, pack_symmetric, unpack_symmetric
 from coheft.estimation.spatial import Array, Pose
 
@@ -21,6 +21,8 @@ _SIGNAL = 0.3
 """Data are trusted only in directions where at least this share of the information is motion, and not its noise."""
 
 _GUESSES = 3
+_GOOD_GUESS = 1e-3
+"""A mass that was guessed so well need not be guessed again."""
 _LIGHTEST = 1e-3
 """Least mass that is guessed [kg]."""
 
@@ -68,7 +70,54 @@ def middle_and_size(poses: Sequence[Pose]) -> tuple[Array, float]:
     return middle, float(np.sqrt(np.square(places - middle).sum(axis=1).mean()))
 
 
+@dataclass(frozen=True, eq=False)
+class InertiaSolution:
+    """Weighted least squares together with a guess; not forced to be possible.
+
+    Attributes:
+        parameters: ``theta``, shape (10,).
+        covariance: Of ``theta`` by noise, shape (10, 10).
+        offset: As of ``InertiaEstimate``.
+        length: Rough size of the body [m].
+    """
+
+    parameters: Array
+    covariance: Array
+    offset: Array | None
+    length: float
+
+    def made_possible(self, doubt: Array | None = None) -> InertiaEstimate:
+        """The nearest possible body, in the metric of all errors, not of the noise alone.
+
+        A little of another error may put ``theta`` many deviations of the noise outside what is possible; the way back
+        that is nearest in the metric of the noise leads far away from the truth.
+
+        Args:
+            doubt: Covariance of ``theta`` by all else, shape (10, 10). It is not in the result's ``covariance``.
+        """
+        possible = self.parameters
+        if not is_possible(possible):
+            errors = self.covariance if doubt is None else self.covariance + doubt
+            possible = nearest_possible(possible, np.linalg.inv(errors).astype(np.float64), self.length)
+        inertia = Inertia.from_barycentric(possible)
+        to_central = central_derivative(inertia)
+        covariance = to_central @ self.covariance @ to_central.T
+        return InertiaEstimate(
+            inertia=inertia,
+            covariance=covariance,
+            parameters=self.parameters,
+            parameters_covariance=self.covariance,
+            offset=self.offset,
+            unseen=unseen_quantities(covariance, max(float(self.parameters[0]), _LIGHTEST), self.length),
+        )
+
+
 def estimate_inertia(information: InertiaInformation, centre: Array, length: float) -> InertiaEstimate:
+    """The possible body that fits best; arguments as of ``solve_inertia``."""
+    return solve_inertia(information, centre, length).made_possible()
+
+
+def solve_inertia(information: InertiaInformation, centre: Array, length: float) -> InertiaSolution:
     """Weighted least squares together with a guess, which alone decides where the data know less than it does.
 
     The guess, of which every part may be 100 % wrong, is a body with the centre of mass in ``centre``.
@@ -76,35 +125,31 @@ def estimate_inertia(information: InertiaInformation, centre: Array, length: flo
     Args:
         information: Of all samples that count.
         centre: Guess of the centre of mass in ``F_i``, for instance the middle of the grasps, shape (3,) [m].
-        length: Rough size of the body, for instance the distance of the grasps from ``centre`` [m].
+        length: Rough size of the body [m], for instance the distance of the grasps from ``centre``.
     """
     # How much the guess may be wrong, and what is guessed about the inertia, hang on mass and centre of mass: so these
-    # are learned first. The first mass is very rough where the centre of mass is far from the origin.
-    mass, com = max(float(information.vector[0] / max(information.matrix[0, 0], 1e-300)), _LIGHTEST), centre
+    # are learned first. The first mass is too large rather than too small, as if torques were forces: a guess that is
+    # too small is trusted too much, and nothing could ever correct it.
+    rough = float(np.sqrt(max(information.square, 0.0) / max(information.uncompensated[0, 0], 1e-300)))
+    mass, com = max(rough, _LIGHTEST), centre
     for _ in range(_GUESSES):
+        guessed = mass
         solution, covariance = _beside_guess(information, mass, com, length)
-        mass = max(float(solution[0]), _LIGHTEST)
-        com = solution[1:4] / mass
-
-    parameters = solution[:INERTIA_SIZE]
-    inertia, central = _possible(parameters, covariance, np.zeros_like(covariance), length)
-    return InertiaEstimate(
-        inertia=inertia,
-        covariance=central,
-        parameters=parameters,
-        parameters_covariance=covariance,
-        offset=solution[INERTIA_SIZE:] if len(solution) > INERTIA_SIZE else None,
-        unseen=unseen_quantities(central, mass, length),
-    )
+        spread = float(np.sqrt(covariance[0, 0]))
+        mass, com = (float(solution[0]), solution[1:4] / solution[0]) if solution[0] > spread else (spread, centre)
+        if abs(mass - guessed) < _GOOD_GUESS * mass:
+            break
+    offset = solution[INERTIA_SIZE:] if len(solution) > INERTIA_SIZE else None
+    return InertiaSolution(solution[:INERTIA_SIZE], covariance, offset, length)
 
 
 def _beside_guess(information: InertiaInformation, mass: float, com: Array, length: float) -> tuple[Array, Array]:
     """What data and guess say together: all unknowns, and the covariance (10, 10) of ``theta``."""
     size = information.matrix.shape[-1]
-    scale = mass * np.repeat([1.0, length, length**2, _GRAVITY, _GRAVITY * length], [1, 3, 6, 3, 3])[:size]
-    noise = (information.uncompensated - information.matrix) * scale[:, None] * scale
-    matrix = information.matrix * scale[:, None] * scale
-    values, vectors = np.linalg.eigh(matrix - _SIGNAL * noise)
+    each = (1.0, *[length] * 3, *[length**2] * 6, *[_GRAVITY] * 3, *[_GRAVITY * length] * 3)
+    scale = mass * np.array(each[:size])
+    motion = (1.0 + _SIGNAL) * information.matrix - _SIGNAL * information.uncompensated
+    values, vectors = np.linalg.eigh(motion * (scale[:, None] * scale))
     is_seen = values > 1.0
     seen, unseen = scale[:, None] * vectors[:, is_seen], scale[:, None] * vectors[:, ~is_seen]
     # In units of the scale the guess has the identity as covariance, and as information.
@@ -118,30 +163,6 @@ def _beside_guess(information: InertiaInformation, mass: float, com: Array, leng
     return guess + seen @ (inverse @ (seen.T @ error)), covariance
 
 
-def doubted(estimate: InertiaEstimate, doubt: Array, length: float) -> InertiaEstimate:
-    """The same, made possible by what all of its errors are like, not the noise alone.
-
-    A little of another error may put ``theta`` many deviations of the noise outside what is possible; the way back
-    that is nearest in the metric of the noise leads far away from the truth.
-
-    Args:
-        estimate: As noise alone would have it.
-        doubt: Covariance of ``theta`` by all else, shape (10, 10). It is in ``inertia``, but not in ``covariance``.
-        length: As of ``estimate_inertia``.
-    """
-    inertia, central = _possible(estimate.parameters, estimate.parameters_covariance, doubt, length)
-    return replace(estimate, inertia=inertia, covariance=central)
-
-
-def _possible(parameters: Array, noise: Array, doubt: Array, length: float) -> tuple[Inertia, Array]:
-    """The nearest possible body, and what noise does to its ``(m, h, J)``; covariances (10, 10) of ``theta``."""
-    information = np.asarray(np.linalg.inv(noise + doubt), dtype=np.float64)
-    inertia = Inertia.from_barycentric(nearest_possible(parameters, information, length))
-    to_central = np.linalg.inv(barycentric_derivative(inertia))
-    central: Array = to_central @ noise @ to_central.T
-    return inertia, central
-
-
 def unseen_quantities(covariance: Array, mass: float, length: float) -> tuple[Unseen, ...]:
     """Name the directions of ``(m, h, J)`` that are too uncertain to be called seen.
 
@@ -151,6 +172,11 @@ def unseen_quantities(covariance: Array, mass: float, length: float) -> tuple[Un
         length: Rough size of the body [m].
     """
     found = []
+    limit = (_SEEN * mass * length**2) ** 2
+    is_com_seen = np.trace(covariance[1:4, 1:4]) <= (_SEEN * length) ** 2
+    # No moment about an axis is more uncertain than 5/3 of the largest eigenvalue.
+    if is_com_seen and covariance[0, 0] <= (_SEEN * mass) ** 2 and np.trace(covariance[4:, 4:]) <= 0.6 * limit:
+        return ()
     if covariance[0, 0] > (_SEEN * mass) ** 2:
         found.append(Unseen("mass", "mass", "accelerate the load, or let gravity act on it in different directions"))
 
@@ -159,7 +185,6 @@ def unseen_quantities(covariance: Array, mass: float, length: float) -> tuple[Un
     for what in _named("centre of mass", "along", hidden):
         found.append(Unseen("com", what, "tilt the load, or turn it about an axis across that direction"))
 
-    limit = (_SEEN * mass * length**2) ** 2
     values, vectors = np.linalg.eigh(covariance[4:, 4:])
     matrices = unpack_symmetric(vectors.T[values > limit])
     # A body that only turns about u shows J u: what is hidden is symmetric and has u in its null space.

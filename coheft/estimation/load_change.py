@@ -96,6 +96,9 @@ class LoadWindow:
         stride: A review tests every ``stride``-th border, others the next time. After a detection all are tested.
         false_alarm: Probability of one at a single test.
         riders: Numbers per block that are summed along with the Gram matrix, for the caller's use.
+        every: Only one in so many reviews tests anything.
+        turn: Which one, and which borders first: robots that remember the same load and hear of each other's changes
+            share the work by different turns.
         coherence: Number of samples for which a disturbance keeps its direction, or 0 if there is none. A disturbance
             spoils the wrenches beside noise, like poses that are off. The model has its covariance up to its size, and
             the first rider has to be the sum of its sizes.
@@ -108,12 +111,15 @@ class LoadWindow:
         false_alarm: float = FALSE_ALARM,
         riders: int = 0,
         coherence: float = 0.0,
+        every: int = 1,
+        turn: int = 0,
     ) -> None:
         self._resolution = resolution
         self._stride = stride
         self._false_alarm = false_alarm
         self._coherence = coherence
-        self._reviews = 0
+        self._every = every
+        self._reviews = turn
         self._changes: deque[tuple[int, float]] = deque(maxlen=_DRIFT)
         # Estimate before the last change, and how far it was from the one before.
         self._last: Array | None = None
@@ -187,8 +193,11 @@ class LoadWindow:
             model: The weights.
             is_coherent: Whether disturbances now keep their direction all along.
         """
-        phase = 1 + self._reviews % self._stride
         self._reviews += 1
+        turn, rest = divmod(self._reviews, self._every)
+        if rest:
+            return None
+        phase = 1 + turn % self._stride
         statistics, threshold = self._statistics(model, is_coherent, slice(phase, self._borders, self._stride))
         if not np.any(statistics > threshold):
             return None

@@ -43,7 +43,8 @@ class SensorNoise(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def per_column(self) -> Array:
         """Standard deviation of each column of a sample, shape (15,)."""
-        return np.repeat([self.gyro, self.velocity, self.acceleration, self.force, self.torque], 3).astype(np.float64)
+        each = (self.gyro, self.velocity, self.acceleration, self.force, self.torque)
+        return np.array([deviation for deviation in each for _ in range(3)])
 
     def scaled(self, factor: float) -> SensorNoise:
         """The same sensors, ``factor`` times as noisy."""

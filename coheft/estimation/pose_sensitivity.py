@@ -34,14 +34,15 @@ class PoseSensitivity:
     motion: Array
 
     @staticmethod
-    def of(poses: Sequence[Pose], noise: SensorNoise) -> PoseSensitivity:
+    def of(poses: Sequence[Pose], noise: SensorNoise, kernel: Array | None = None) -> PoseSensitivity:
         """Of samples that were summed with these poses, in the body frame.
 
         Args:
             poses: Of all robots.
             noise: Of every robot's sensors.
+            kernel: Of the gyros' slope, if motions were found with it where accelerometers do not see enough.
         """
-        motion = motion_by_poses(poses, noise)[:, :, REGISTRATION_FEATURES]
+        motion = motion_by_poses(poses, noise, kernel)[:, :, REGISTRATION_FEATURES]
         return PoseSensitivity(np.array([adjoint_derivative(pose) for pose in poses]), motion)
 
 
@@ -70,7 +71,7 @@ def inertia_by_poses(
         Shape (10, 6 N).
     """
     # Weighted regressor's coefficients, shape (19, u, 6), and X^T W = sum over features x_f weighted[f].
-    weighted = model.regressor_coefficients.swapaxes(1, 2) @ np.linalg.inv(model.residual_covariance)
+    weighted = model.regressor_coefficients.swapaxes(1, 2) @ model.weight
     of_motion = weighted[MOTION_FEATURES].swapaxes(0, 1).reshape(model.unknowns, -1)
     # Moments of the features with dAd_j u_j, and with M d(a, alpha), shape (6 N, features, 6).
     wrench: Array = (crosses[:, None] @ sensitivity.adjoints.swapaxes(2, 3)).reshape(-1, *crosses.shape[1:])

@@ -14,6 +14,7 @@ cost, score and Gauss-Newton information, at any pose, without the samples.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from coheft.estimation.body_motion import BODY_W, MOTION_SIZE
 from coheft.estimation.inertia import symmetric_products
 from coheft.estimation.measurement import KINEMATICS, SensorNoise
 from coheft.estimation.rigid_body import inertia_operator
-from coheft.estimation.spatial import Array, Pose, skew
+from coheft.estimation.spatial import CROSS_OF_AXES, Array, Pose, skew
 
 FEATURES = 28
 OWN = slice(1, 10)
@@ -29,6 +30,8 @@ MOTION = slice(10, 22)
 TWIST, ACCELERATION, PRODUCTS = slice(10, 16), slice(16, 22), slice(22, 28)
 TWIST_ROWS, ACCELERATION_ROWS = slice(0, 6), slice(6, 9)
 ALPHA = slice(19, 22)
+_POSES = 256
+"""Operators of so many poses are kept: block after block is held against the same ones."""
 _W, _V, _A = slice(10, 13), slice(13, 16), slice(16, 19)
 
 
@@ -60,7 +63,9 @@ class RegistrationMoments:
         """
         if own.shape[1:] != (9,) or motion.shape != (len(own), MOTION_SIZE):
             raise ValueError(f"{own.shape=} and {motion.shape=} but expected (n, 9) and (n, 12)")
-        rows = np.hstack([np.ones((len(own), 1)), own, motion, symmetric_products(motion[:, BODY_W])])
+        rows = np.empty((len(own), FEATURES))
+        rows[:, 0], rows[:, OWN], rows[:, MOTION] = 1.0, own, motion
+        rows[:, PRODUCTS] = symmetric_products(motion[:, BODY_W])
         return RegistrationMoments(rows.T @ rows)
 
     def __add__(self, other: RegistrationMoments) -> RegistrationMoments:
@@ -77,18 +82,24 @@ class RegistrationMoments:
 
     def centred(self) -> Array:
         """The Gram matrix of the features with their means removed."""
-        result: Array = self.gram - np.outer(self.gram[0], self.gram[0]) / max(self.count, 1.0)
+        total = self.gram[0]
+        result: Array = self.gram - total[:, None] * (total / max(self.count, 1.0))
         return result
 
 
+_OWN_AXES = np.eye(9)
+
+
+@lru_cache(maxsize=_POSES)
 def residual_operator(pose: Pose) -> Array:
-    """Matrix (9, 28) from a sample's features to its residuals of gyro, velocity and accelerometer."""
+    """Matrix (9, 28) from a sample's features to its residuals of gyro, velocity and accelerometer; read only."""
     p, to_i = pose.translation, pose.rotation.T
     operator = np.zeros((9, FEATURES))
-    operator[:, OWN] = np.eye(9)
+    operator[:, OWN] = _OWN_AXES
     operator[0:3, _W] = operator[3:6, _V] = operator[6:9, _A] = -to_i
     operator[3:6, _W] = operator[6:9, ALPHA] = to_i @ skew(p)
     operator[6:9, PRODUCTS] = -to_i @ centripetal_operator(p)
+    operator.flags.writeable = False
     return operator
 
 
@@ -99,19 +110,20 @@ def centripetal_operator(p: Array) -> Array:
     return operator
 
 
-_CROSS_OF_AXES = skew(np.eye(3))
 _CENTRIPETAL_OF_AXES = np.array([centripetal_operator(axis) for axis in np.eye(3)])
 
 
+@lru_cache(maxsize=_POSES)
 def residual_derivative(pose: Pose) -> Array:
     """Derivatives of ``residual_operator`` by the pose's perturbation, shape (6, 9, 28), the perturbation first."""
     p, to_i = pose.translation, pose.rotation.T
     derivative = np.zeros((6, 9, FEATURES))
     in_body_axes = residual_operator(Pose(np.eye(3), p))[:, MOTION.start :].reshape(3, 3, -1)
-    turned = to_i @ _CROSS_OF_AXES
+    turned = to_i @ CROSS_OF_AXES
     derivative[:3, :, MOTION.start :] = (-turned[:, None] @ in_body_axes).reshape(3, 9, -1)
     derivative[3:, 3:6, _W] = derivative[3:, 6:9, ALPHA] = turned
     derivative[3:, 6:9, PRODUCTS] = -to_i @ _CENTRIPETAL_OF_AXES
+    derivative.flags.writeable = False
     return derivative
 
 
@@ -125,9 +137,9 @@ def score_and_information(moments: RegistrationMoments, pose: Pose, noise: Senso
     operator, derivative = residual_operator(pose), residual_derivative(pose)
     score, information, cost = np.zeros(6), np.zeros((6, 6)), 0.0
     for rows, gram in ((TWIST_ROWS, moments.centred()), (ACCELERATION_ROWS, moments.gram)):
-        weighted = weights[rows, None] * derivative[:, rows]
-        residual = operator[rows] @ gram
-        score -= np.einsum("kab,ab->k", weighted, residual)
-        information += np.einsum("kab,lab->kl", weighted @ gram, derivative[:, rows])
-        cost += 0.5 * float(np.sum(weights[rows, None] * residual * operator[rows]))
+        changes = derivative[:, rows].reshape(6, -1)
+        weighted = weights[rows, None] * (operator[rows] @ gram)
+        score -= changes @ weighted.ravel()
+        information += (weights[rows, None] * derivative[:, rows] @ gram).reshape(6, -1) @ changes.T
+        cost += 0.5 * float(np.vdot(weighted, operator[rows]))
     return score, information, cost

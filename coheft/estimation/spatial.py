@@ -20,6 +20,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 _SMALL_ANGLE_SQUARED = 1e-8
+_AXES = np.eye(3)
 _CROSS = np.zeros((3, 9))
 """Cross-product matrices of the three axes, row by row."""
 _CROSS[[0, 1, 2], [7, 2, 3]], _CROSS[[0, 1, 2], [5, 6, 1]] = 1.0, -1.0
@@ -39,6 +40,10 @@ def skew(x: npt.ArrayLike) -> Array:
     return matrix
 
 
+CROSS_OF_AXES: Array = skew(np.eye(3))
+"""Cross-product matrices of the axes, shape (3, 3, 3)."""
+
+
 def rotation_exp(rotation_vector: npt.ArrayLike) -> Array:
     """Rotation matrix (3, 3) of a rotation vector (3,) [rad] (Rodrigues)."""
     vector = np.asarray(rotation_vector, dtype=np.float64)
@@ -51,7 +56,7 @@ def rotation_exp(rotation_vector: npt.ArrayLike) -> Array:
         sine = np.sin(angle) / angle
         cosine = (1.0 - np.cos(angle)) / angle_squared
     cross = skew(vector)
-    result: Array = np.eye(3) + sine * cross + cosine * cross @ cross
+    result: Array = _AXES + sine * cross + cosine * cross @ cross
     return result
 
 
@@ -91,15 +96,16 @@ def quaternion_from_rotation(rotation: Array) -> Array:
 
 
 def rotation_from_quaternion(quaternion: npt.ArrayLike) -> Array:
-    """Rotation matrix (3, 3) of a unit quaternion (4,), scalar first."""
-    w, x, y, z = np.asarray(quaternion, dtype=np.float64)
-    return np.array(
+    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4), scalar first."""
+    w, x, y, z = np.moveaxis(np.asarray(quaternion, dtype=np.float64), -1, 0)
+    matrix = np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
             [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
+    return np.moveaxis(matrix, (0, 1), (-2, -1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,5 +189,5 @@ def _left_jacobian(rotation_vector: Array) -> Array:
         first = (1.0 - np.cos(angle)) / angle_squared
         second = (angle - np.sin(angle)) / (angle_squared * angle)
     cross = skew(rotation_vector)
-    result: Array = np.eye(3) + first * cross + second * cross @ cross
+    result: Array = _AXES + first * cross + second * cross @ cross
     return result

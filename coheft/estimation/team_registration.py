@@ -17,9 +17,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.body_motion import perturbed, relative_pose_derivative
 from coheft.estimation.measurement import KINEMATICS, SensorNoise
-from coheft.estimation.observability import PoseEstimate, SeenInformation, Visibility, seen_information
+from coheft.estimation.observability import (
+    AllSeen,
+    PoseEstimate,
+    SeenInformation,
+    Visibility,
+    all_seen,
+    seen_information,
+)
 from coheft.estimation.registration import (
     ACCELERATION,
     ACCELERATION_ROWS,
@@ -40,6 +48,8 @@ _NO_PRIOR = 1e-6
 of alpha."""
 _DOUBT = 5.0
 """Standard deviations of the noise in the information by which a direction must exceed it to count as seen."""
+_MANY = 64
+"""Of more poses nobody looks for directions that were not seen unless there may be some: that takes long."""
 _CHANNELS = ((TWIST_ROWS, TWIST), (ACCELERATION_ROWS, ACCELERATION))
 """Residuals, and the part of the body's motion that they are to find."""
 
@@ -66,10 +76,10 @@ class TeamPoses:
 
     def relative(self, i: int, j: int) -> PoseEstimate:
         """``pose_j_in_i`` of two different robots."""
-        rows = np.r_[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
         derivative = relative_pose_derivative(self.poses[i], self.poses[j])
-        covariance = derivative @ self.covariance[np.ix_(rows, rows)] @ derivative.T
-        seen = seen_information(np.linalg.inv(covariance), self.limits)
+        by_robot = self.covariance.reshape(len(self.poses), 6, len(self.poses), 6)
+        covariance = derivative @ by_robot[[i, j]][:, :, [i, j]].reshape(12, 12) @ derivative.T
+        seen = seen_information(np.linalg.inv(covariance).astype(np.float64), self.limits)
         return PoseEstimate(self.poses[i].inverse() @ self.poses[j], covariance, seen.unseen())
 
 
@@ -84,6 +94,7 @@ def register_team(
     moments: RegistrationMoments,
     noise: SensorNoise,
     limits: Visibility | None = None,
+    kernel: Array | None = None,
 ) -> TeamPoses:
     """One joint Gauss-Newton step.
 
@@ -93,44 +104,54 @@ def register_team(
         moments: Of any one robot: only what they say of the body's motion is used, and is the same for all.
         noise: Of every robot's sensors.
         limits: When a direction counts as seen.
+        kernel: Of the gyros' slope, if the body's motion was found with it where accelerometers do not see enough.
     """
     limits = limits or Visibility()
-    seen = _seen(poses, moments, noise, limits)
+    seen = _seen(poses, moments, noise, limits, kernel)
     steps = seen.step(scores[1:].ravel()).reshape(-1, 6)
     moved = (perturbed(pose, step) for pose, step in zip(poses[1:], steps, strict=True))
     return _team_poses((poses[0], *moved), seen, limits)
 
 
 def fitted_poses(
-    poses: Sequence[Pose], moments: RegistrationMoments, noise: SensorNoise, limits: Visibility | None = None
+    poses: Sequence[Pose],
+    moments: RegistrationMoments,
+    noise: SensorNoise,
+    limits: Visibility | None = None,
+    kernel: Array | None = None,
 ) -> TeamPoses:
     """How well poses are known that were fitted to samples with these moments; arguments as of ``register_team``."""
     limits = limits or Visibility()
-    return _team_poses(tuple(poses), _seen(poses, moments, noise, limits), limits)
+    return _team_poses(tuple(poses), _seen(poses, moments, noise, limits, kernel), limits)
 
 
 def _seen(
-    poses: Sequence[Pose], moments: RegistrationMoments, noise: SensorNoise, limits: Visibility
-) -> SeenInformation:
+    poses: Sequence[Pose], moments: RegistrationMoments, noise: SensorNoise, limits: Visibility, kernel: Array | None
+) -> SeenInformation | AllSeen:
     """Joint information of all poses but the first's, as far as it is due to motion."""
-    information, from_noise = team_information(moments, poses, noise)
+    information, from_noise = team_information(moments, poses, noise, kernel)
     doubt = _DOUBT / np.sqrt(max(moments.count, 1.0)) * from_noise
-    return seen_information((information - from_noise)[6:, 6:], limits, doubt[6:, 6:])
+    due_to_motion, doubt = (information - from_noise)[6:, 6:], doubt[6:, 6:]
+    seen = all_seen(due_to_motion, limits, doubt) if len(poses) > _MANY else None
+    return seen or seen_information(due_to_motion, limits, doubt)
 
 
-def _team_poses(poses: tuple[Pose, ...], seen: SeenInformation, limits: Visibility) -> TeamPoses:
+def _team_poses(poses: tuple[Pose, ...], seen: SeenInformation | AllSeen, limits: Visibility) -> TeamPoses:
     covariance = np.zeros((6 * len(poses), 6 * len(poses)))
     covariance[6:, 6:] = seen.inverse()
     return TeamPoses(poses, covariance, limits)
 
 
-def team_information(moments: RegistrationMoments, poses: Sequence[Pose], noise: SensorNoise) -> tuple[Array, Array]:
+def team_information(
+    moments: RegistrationMoments, poses: Sequence[Pose], noise: SensorNoise, kernel: Array | None = None
+) -> tuple[Array, Array]:
     """Joint information of all poses, the motions of all samples eliminated, and what of it is due to noise.
 
     With ``D_i`` the derivative of robot i's predicted measurements, linear in the features ``x``, and ``B_i`` that by
     the motion: ``H_ij = sum over samples of  delta_ij D_i^T W D_i - (D_i^T W B_i) P (B_j^T W D_j)`` with
-    ``P = (sum_i B_i^T W B_i)^-1``, and ``D_i`` enters only with the features' moments. That ``w`` in centripetal
-    accelerations is noisy is left out: 2 % of the standard deviation in the worst direction of a usual team.
+    ``P = (sum_i B_i^T W B_i + S)^-1``, where ``S`` is what the gyros' slope says about the motion, and ``D_i`` enters
+    only with the features' moments. That ``w`` in centripetal accelerations is noisy is left out: 2 % of the standard
+    deviation in the worst direction of a usual team.
 
     Returns:
         Two matrices, shape (6 N, 6 N). The motion's own noise makes the first too large by the second.
@@ -138,11 +159,12 @@ def team_information(moments: RegistrationMoments, poses: Sequence[Pose], noise:
     weights = noise.per_column()[KINEMATICS] ** -2
     size = 6 * len(poses)
     information, from_noise = np.zeros((size, size)), np.zeros((size, size))
-    for (rows, columns), gram in zip(_CHANNELS, (moments.centred(), moments.gram), strict=True):
+    slopes = (np.zeros((6, 6)), _slope_information(poses, noise, kernel))
+    for (rows, columns), gram, slope in zip(_CHANNELS, (moments.centred(), moments.gram), slopes, strict=True):
         weight = weights[rows, None]
         by_motion = [_predicted(pose)[rows, columns] for pose in poses]
         by_pose = [-residual_derivative(pose)[:, rows] for pose in poses]
-        seen = np.sum([b.T @ (weight * b) for b in by_motion], axis=0)
+        seen = np.sum([b.T @ (weight * b) for b in by_motion], axis=0) + slope
         covariance = np.linalg.inv(seen + _NO_PRIOR * np.eye(6))
         noise_gram = np.zeros((FEATURES, FEATURES))
         noise_gram[columns, columns] = moments.count * covariance @ seen @ covariance
@@ -156,7 +178,12 @@ def team_information(moments: RegistrationMoments, poses: Sequence[Pose], noise:
     return information, from_noise
 
 
-def motion_by_poses(poses: Sequence[Pose], noise: SensorNoise) -> Array:
+def _slope_information(poses: Sequence[Pose], noise: SensorNoise, kernel: Array | None) -> Array:
+    """What the gyros' slope says about ``(a, alpha)``, shape (6, 6), where it is made use of."""
+    return np.zeros((6, 6)) if kernel is None else MotionFusion.of_robots(noise, poses, kernel).slope_information
+
+
+def motion_by_poses(poses: Sequence[Pose], noise: SensorNoise, kernel: Array | None = None) -> Array:
     """How the fused ``(a, alpha)`` of a sample follows, linear in its features, when poses are perturbed.
 
     The derivative of ``refit_map`` by the new poses, rows ``ACCELERATION``, but for what turning ``w`` does to its
@@ -169,33 +196,34 @@ def motion_by_poses(poses: Sequence[Pose], noise: SensorNoise) -> Array:
     weight = noise.per_column()[KINEMATICS][rows, None] ** -2
     by_motion = [_predicted(pose)[rows, columns] for pose in poses]
     by_pose = [-residual_derivative(pose)[:, rows] for pose in poses]
-    seen = np.sum([b.T @ (weight * b) for b in by_motion], axis=0)
+    seen = np.sum([b.T @ (weight * b) for b in by_motion], axis=0) + _slope_information(poses, noise, kernel)
     covariance = np.linalg.inv(seen + _NO_PRIOR * np.eye(6))
     coupling = np.concatenate([(weight * b).T @ d for b, d in zip(by_motion, by_pose, strict=True)])
     result: Array = -covariance @ coupling
     return result
 
 
-def refit_map(old: Sequence[Pose], new: Sequence[Pose], noise: SensorNoise) -> Array:
+def refit_map(old: Sequence[Pose], new: Sequence[Pose], noise: SensorNoise, kernel: Array | None = None) -> Array:
     """Features of a sample had its body motion been found with the poses ``new`` instead of ``old``, shape (28, 28).
 
     The motion found with ``old`` predicts what all robots measured; the map fits the motion to that with ``new``.
     What it neglects is the change of poses times the residuals. In the products of ``w``, the (small) share of the
-    velocities in ``w`` is left as it was.
+    velocities in ``w`` is left as it was. What the gyros' slope says of the motion does not depend on the poses.
     """
     weights = noise.per_column()[KINEMATICS] ** -2
     feature_map = np.eye(FEATURES)
     before, after = ([_predicted(pose) for pose in poses] for poses in (old, new))
+    no_prior, slope = _NO_PRIOR * np.eye(6), _slope_information(new, noise, kernel)
 
-    def fit(rows: slice, columns: slice, predictions: Sequence[Array]) -> Array:
-        """Weighted least squares of the motion's ``columns`` to what is predicted for ``rows``."""
+    def fit(rows: slice, columns: slice, predictions: Sequence[Array], prior: Array) -> Array:
+        """Weighted least squares of the motion's ``columns`` to what is predicted for ``rows``, and to what it was."""
         weighted = [new_operator[rows, columns].T * weights[rows] for new_operator in after]
         seen = np.sum([b @ p[rows, columns] for b, p in zip(weighted, after, strict=True)], axis=0)
         vector = np.sum([b @ p[rows] for b, p in zip(weighted, predictions, strict=True)], axis=0)
-        result: Array = np.linalg.solve(seen + _NO_PRIOR * np.eye(6), vector + _NO_PRIOR * np.eye(FEATURES)[columns])
+        result: Array = np.linalg.solve(seen + prior, vector + prior @ np.eye(FEATURES)[columns])
         return result
 
-    feature_map[TWIST] = fit(TWIST_ROWS, TWIST, before)
+    feature_map[TWIST] = fit(TWIST_ROWS, TWIST, before, no_prior)
     turn = feature_map[TWIST.start : TWIST.start + 3, TWIST.start : TWIST.start + 3]
     feature_map[PRODUCTS, PRODUCTS] = pack_symmetric(turn @ unpack_symmetric(np.eye(6)) @ turn.T).T
     centripetal = []
@@ -203,7 +231,7 @@ def refit_map(old: Sequence[Pose], new: Sequence[Pose], noise: SensorNoise) -> A
         rest = old_operator.copy()
         rest[:, PRODUCTS] -= new_operator[:, PRODUCTS] @ feature_map[PRODUCTS, PRODUCTS]
         centripetal.append(rest)
-    feature_map[ACCELERATION] = fit(ACCELERATION_ROWS, ACCELERATION, centripetal)
+    feature_map[ACCELERATION] = fit(ACCELERATION_ROWS, ACCELERATION, centripetal, no_prior + slope)
     return feature_map
 
 

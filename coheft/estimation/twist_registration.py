@@ -14,13 +14,14 @@ import numpy as np
 from coheft.estimation.body_motion import perturbed
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.observability import PoseEstimate, Visibility, seen_information
-from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion, skew
+from coheft.estimation.spatial import CROSS_OF_AXES, Array, Pose, rotation_from_quaternion, skew
 
 _STEPS = 12
-_CLOSE = 1e-9
+_CLOSE = 1e-6
 """Steps below this share of the standard deviation's limit end the iteration."""
 _DOUBT = 5.0
 """Standard deviations of the noise in the information by which a direction must exceed it to count as seen."""
+_IDENTITY, _DIAGONAL = np.eye(6), np.arange(6)
 _W_I, _V_I, _W_J, _V_J = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 
 
@@ -144,24 +145,29 @@ def _score_and_information(
     """Score (6,), Gauss-Newton information (6, 6), and the part of it that is expected from noise alone (6, 6)."""
     adjoint = pose.adjoint()
     carried = adjoint * sigma_j
-    weight = np.linalg.inv(np.diag(sigma_i) + carried @ adjoint.T)
-    residual = np.hstack([np.eye(6), -adjoint])
-    latent = np.hstack([np.zeros((6, 6)), np.eye(6)]) + carried.T @ weight @ residual
+    covariance = carried @ adjoint.T
+    covariance[_DIAGONAL, _DIAGONAL] += sigma_i
+    weight = np.linalg.inv(covariance)
+    residual, latent = np.empty((6, 12)), np.empty((6, 12))
+    residual[:, :6], residual[:, 6:] = _IDENTITY, -adjoint
+    latent[:] = carried.T @ weight @ residual
+    latent[:, 6:] += _IDENTITY
     changes = adjoint_derivative(pose)
-    weighted = weight @ changes
-    score = np.einsum("kab,ab->k", weighted, residual @ second @ latent.T)
+    weighted = (weight @ changes).reshape(6, 36)
+    moved = second @ latent.T
 
     def information(twist_moment: Array) -> Array:
-        result: Array = np.einsum("kab,lab->kl", weighted, changes @ twist_moment)
+        result: Array = weighted @ (changes @ twist_moment).reshape(6, 36).T
         return result
 
+    score = weighted @ (residual @ moved).ravel()
     latent_noise = count * (latent * np.concatenate([sigma_i, sigma_j])) @ latent.T
-    return score, information(latent @ second @ latent.T), information(latent_noise)
+    return score, information(latent @ moved), information(latent_noise)
 
 
 def adjoint_derivative(pose: Pose) -> Array:
     """Derivatives of ``pose.adjoint()`` by the pose's perturbation, shape (6, 6, 6), the perturbation first."""
-    turned = skew(np.eye(3)) @ pose.rotation
+    turned = CROSS_OF_AXES @ pose.rotation
     derivative = np.zeros((6, 6, 6))
     derivative[:3, :3, :3] = derivative[:3, 3:, 3:] = derivative[3:, 3:, :3] = turned
     derivative[:3, 3:, :3] = skew(pose.translation) @ turned

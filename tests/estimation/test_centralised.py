@@ -1,13 +1,16 @@
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from coheft.app.study.samples import simulate
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.centralised import estimate_centralised, sum_up
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body import pack_symmetric
+from coheft.wire.scenario import Grasp
 from physics_server.scene import place_grasps
 from tests.physics_run import scenario
 
@@ -36,6 +39,22 @@ def test_offsets_of_force_and_torque_are_estimated_along() -> None:
     estimated = estimate_centralised(samples, PERFECT, rate=200, with_offset=True)
     assert np.linalg.norm(ignored.inertia.com - truth.com) > 1e-3
     np.testing.assert_allclose(estimated.inertia.com, truth.com, atol=1e-5)
+
+
+def test_robots_nearly_in_a_line_know_how_well_they_know_their_poses() -> None:
+    # Of turning about the line the gyros' slope says more than the accelerometers, and it is made use of.
+    base = scenario("ring3", rate=200, block=10, duration=6.0, noise_scale=1.0)
+    places = ((0.0, 0.0, 0.0), (0.15, 0.04, 0.0), (0.3, 0.0, 0.14))
+    robots = msgspec.structs.replace(base.robots, perimeter=None, grasps=tuple(Grasp(position=p) for p in places))
+    squares = []
+    for seed in range(8):
+        one = msgspec.structs.replace(base, robots=robots, seed=seed)
+        grasps = place_grasps(one)
+        found = estimate_centralised(simulate(one).samples, one.sensors.noise, rate=200)
+        steps = [perturbation_between(p, grasps[0].inverse() @ g) for p, g in zip(found.poses, grasps, strict=True)]
+        error = np.concatenate(steps[1:])
+        squares.append(error @ np.linalg.solve(found.team.covariance[6:, 6:], error))
+    assert chi2.ppf(1e-4, 12 * 8) < sum(squares) < chi2.ppf(1.0 - 1e-4, 12 * 8)
 
 
 def test_samples_must_be_of_as_many_robots_as_there_are_poses() -> None:

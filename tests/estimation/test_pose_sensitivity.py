@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
+from coheft.estimation.acceleration import MotionFusion, derivative_kernel
 from coheft.estimation.body_motion import perturbed
 from coheft.estimation.inertia import InertiaModel, features, packed_gram, unpacked_gram
 from coheft.estimation.measurement import WRENCH
@@ -36,11 +37,18 @@ def sample_features(team: Team, poses: Sequence[Pose]) -> Array:
     return features(fused_motion(team.exact, poses, team.noise), np.asarray(total))
 
 
+@pytest.mark.parametrize("kernel", [None, derivative_kernel(10, 0.1)], ids=["accelerometers", "slope as well"])
 @pytest.mark.parametrize("count", [3, 6])
-def test_motion_by_poses(count: int) -> None:
+def test_motion_by_poses(count: int, kernel: Array | None) -> None:
     team = make_team(3, count=count, duration=0.1)
-    numeric = by_all_poses(lambda poses: refit_map(team.poses, poses, team.noise)[ACCELERATION], team.poses, step=1e-6)
-    analytic = motion_by_poses(team.poses, team.noise)
+    is_slope_used = (
+        kernel is not None and MotionFusion.of_robots(team.noise, team.poses, kernel).slope_information.any()
+    )
+    assert is_slope_used == (kernel is not None)
+    numeric = by_all_poses(
+        lambda poses: refit_map(team.poses, poses, team.noise, kernel)[ACCELERATION], team.poses, step=1e-6
+    )
+    analytic = motion_by_poses(team.poses, team.noise, kernel)
     np.testing.assert_allclose(analytic[:, :, : PRODUCTS.start], numeric[:, :, : PRODUCTS.start], atol=1e-8)
 
 

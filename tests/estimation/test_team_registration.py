@@ -19,7 +19,7 @@ from coheft.estimation.body_motion import BODY_W, perturbation_between, perturbe
 from coheft.estimation.bounds import joint_bound
 from coheft.estimation.inertia import symmetric_products
 from coheft.estimation.measurement import KINEMATICS, SensorNoise
-from coheft.estimation.observability import Visibility
+from coheft.estimation.observability import Visibility, all_seen, seen_information
 from coheft.estimation.registration import RegistrationMoments, score_and_information
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses, refit_map, register_team, team_information
@@ -195,3 +195,25 @@ def test_single_axis_hides_every_translation_along_it() -> None:
     (unseen,) = estimate.relative(2, 4).unseen
     assert abs(unseen.translation @ axis) > 0.999
     assert np.abs(errors(team, estimate.poses)).max() < 0.01
+
+
+def test_a_large_team_is_fitted_as_a_small_one_would_be() -> None:
+    """Of many poses the unseen directions are not looked for; the result is the same."""
+    team = make_team(5, count=70, duration=2.0)
+    samples = team.measured(np.random.default_rng(5))
+    moments = all_moments(samples, fused_motion(samples, team.poses, NOISE))
+    scores = np.array([score_and_information(m, p, NOISE)[0] for m, p in zip(moments, team.poses, strict=True)])
+    found = register_team(team.poses, scores, moments[0], NOISE)
+    information, from_noise = team_information(moments[0], team.poses, NOISE)
+    seen = seen_information((information - from_noise)[6:, 6:], Visibility())
+    assert seen.unseen_count == 0
+    np.testing.assert_allclose(found.covariance[6:, 6:], seen.inverse(), atol=1e-9 * np.abs(seen.inverse()).max())
+    steps = seen.step(scores[1:].ravel()).reshape(-1, 6)
+    for old, new, step in zip(team.poses[1:], found.poses[1:], steps, strict=True):
+        np.testing.assert_allclose(perturbation_between(old, new), step, atol=1e-9)
+
+
+def test_what_a_large_team_has_not_seen_is_still_found() -> None:
+    information = np.eye(12) * 1e6
+    information[7, 7] = 0.0
+    assert all_seen(information, Visibility(), np.zeros((12, 12))) is None

@@ -22,7 +22,7 @@ from coheft.estimation.batch.payload import (
 )
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals, signals_of
-from coheft.estimation.inertia_derivatives import barycentric_derivative
+from coheft.estimation.inertia_derivatives import central_derivative
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
@@ -121,7 +121,7 @@ def centre_of(poses: Sequence[Pose]) -> Pose:
 
 def at_first_grasp(about_centre: Inertia, centre: Pose) -> tuple[Array, Array]:
     """``(m, h, J)`` (10,) in the first robot's frame, and its derivative by ``theta`` about the centre (10, 10)."""
-    derivative = np.linalg.inv(barycentric_derivative(about_centre)).astype(np.float64)
+    derivative = central_derivative(about_centre)
     return central_numbers(about_centre.carried(centre)), derivative
 
 
