@@ -31,8 +31,9 @@ _ROTOR = 0.05
 """Inertia of each joint's drive, as seen at the joint [kg·m²]."""
 _HAND_MASS = 1e-5
 """What is beyond the force-torque sensor weighs nothing to speak of [kg]."""
-_WELD_TIME = 0.002
-"""In about this time a weld makes up for what it gave way [s]: two steps, the least that is stable."""
+_WELD_TIME = 0.004
+"""In about this time a weld makes up for what it gave way [s]: four steps. In less, the integrator's own errors show
+at the accelerometers."""
 
 
 def hand_name(robot: str) -> str:

@@ -11,9 +11,9 @@ import numpy as np
 
 from coheft.errors import LoadError
 from coheft.estimation.rigid_body import Inertia, combined
-from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion
+from coheft.estimation.spatial import Array, Pose
 from coheft.wire.messages import LoadState
-from coheft.wire.scenario import Vector
+from coheft.wire.section import Vector
 
 _LOAD_COLOUR = (0.85, 0.35, 0.15, 1.0)
 
@@ -74,8 +74,9 @@ class Loads:
     def put(self, mass: float, position: Vector, size: Vector, leak: float = 0.0) -> LoadState:
         """Fix a load, at rest in the world until then, to the moving payload.
 
-        The impact keeps the momentum of both together, ``M_new xi_new = M_old xi_old`` with the payload's twist
-        ``xi`` and the spatial inertias ``M`` before and after.
+        The impact keeps the momentum of all that moves, but for the impulses ``z`` with which welds (Jacobian ``J``)
+        keep hands on the payload: ``M_new v_new = M_old v_old + J^T z`` and ``J v_new = 0``, with the generalised
+        velocity ``v`` and inertia ``M``.
 
         Args:
             mass: [kg].
@@ -97,9 +98,10 @@ class Loads:
             together = combined([self.inertia, _inertia_of(load)]).spatial()
         if not np.isfinite(together).all():
             raise LoadError(f"inertia of a load of {mass} kg at {tuple(position)} m overflows: give smaller numbers")
-        self._keep_momentum(self.inertia.spatial(), together)
+        momentum = self._momentum()
         self._next_id += 1
         self._fill(self._slots.index(None), load)
+        self._set_momentum(momentum)
         return load
 
     def take(self, load_id: int) -> LoadState:
@@ -125,14 +127,26 @@ class Loads:
             if load is not None and load.leak > 0.0 and load.mass > 0.0:
                 self._fill(slot, msgspec.structs.replace(load, mass=max(0.0, load.mass - load.leak * duration)))
 
-    def _keep_momentum(self, before: Array, after: Array) -> None:
-        """Set the twist with which the heavier body has the momentum of the lighter one; spatial inertias (6, 6)."""
-        # A free joint has the velocity of its origin in the world's axes, then the angular velocity in its own.
-        qvel = self._data.qvel
-        rotation = rotation_from_quaternion(self._data.qpos[3:7])
-        twist = np.concatenate([qvel[3:6], rotation.T @ qvel[:3]])
-        twist = np.linalg.solve(after, before @ twist)
-        qvel[:3], qvel[3:6] = rotation @ twist[3:], twist[:3]
+    def _momentum(self) -> Array:
+        """Generalised momentum, shape (nv,)."""
+        model, data = self._model, self._data
+        mujoco.mj_fwdPosition(model, data)  # until then the engine knows the state before its last step
+        momentum = np.empty(model.nv)
+        mujoco.mj_mulM(model, data, momentum, data.qvel)
+        return momentum
+
+    def _set_momentum(self, momentum: Array) -> None:
+        """Set the velocities that a generalised momentum (nv,) and the impulses of welds lead to."""
+        model, data = self._model, self._data
+        mujoco.mj_fwdPosition(model, data)
+        jacobian = np.empty((data.nefc, model.nv))
+        for row, unit in zip(jacobian, np.eye(data.nefc), strict=True):
+            mujoco.mj_mulJacTVec(model, data, row, unit)
+        # Rows: how velocities follow from the momentum, then from each weld's impulse.
+        velocities = np.empty((1 + data.nefc, model.nv))
+        mujoco.mj_solveM(model, data, velocities, np.vstack([momentum, jacobian]))
+        free, by_impulse = velocities[0], velocities[1:]
+        data.qvel[:] = free - np.linalg.solve(jacobian @ by_impulse.T, jacobian @ free) @ by_impulse
 
     def _fill(self, slot: int, load: LoadState | None) -> None:
         """Put a load, or nothing, into a slot, here and in the engine's model."""

@@ -28,7 +28,7 @@ _POSTURE_DAMPING = 4.0
 class TorqueArms(Arms):
     """Welded to the payload; otherwise as ``Arms``.
 
-    The controller knows the arms' state as it was a physics step before.
+    The controller knows where the arms are as the integrator foresaw it in the last stage of its step.
     """
 
     def __init__(self, scenario: Scenario, robots: Sequence[str], model: mujoco.MjModel) -> None:

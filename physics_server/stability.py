@@ -1,0 +1,74 @@
+"""Whether arms are too stiff, or damped too strongly, for what they hold: then the physics' steps are too long."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from coheft.errors import ScenarioError
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Array, Pose
+from coheft.wire.scenario import PHYSICS_RATE, Robots
+
+_ROUNDING = 1e-6
+
+
+def check_stability(payload: Inertia, grasps: Sequence[Pose], robots: Robots) -> None:
+    """Refuse arms with which the payload would fly apart at once.
+
+    Args:
+        payload: In its own frame.
+        grasps: Of all robots in the payload's frame.
+        robots: Their stiffness and damping.
+
+    Raises:
+        ScenarioError: They are too stiff, or damped too strongly. It tells which would do.
+    """
+    mass = payload.spatial()
+    springs = np.linalg.solve(mass, _at_payload(grasps, robots.stiffness)).astype(np.float64)
+    dampers = np.linalg.solve(mass, _at_payload(grasps, robots.damping)).astype(np.float64)
+    if _growth(springs, dampers) <= 1.0 + _ROUNDING:
+        return
+    # With dampers that stop a motion within a step at the earliest, nothing swings from step to step.
+    share = min(1.0, PHYSICS_RATE / float(np.abs(np.linalg.eigvals(dampers)).max(initial=1e-300)))
+    while _growth(share * springs, share * dampers) > 1.0 + _ROUNDING:
+        share *= 0.5
+    raise ScenarioError(
+        f"the robots' arms are too stiff, or damped too strongly, for so light a payload ({payload.mass:.3g} kg): it "
+        f"would fly apart. Found robots.stiffness = {_told(robots.stiffness)} and robots.damping = "
+        f"{_told(robots.damping)}; {_told(robots.stiffness, share)} and {_told(robots.damping, share)} would do"
+    )
+
+
+def _at_payload(grasps: Sequence[Pose], gains: tuple[float, float]) -> Array:
+    """What all arms' gains (translation, rotation) add up to for the payload's twist ``(w, v)``, shape (6, 6)."""
+    at_grasp = np.repeat([gains[1], gains[0]], 3)
+    adjoints = [grasp.inverse().adjoint() for grasp in grasps]
+    result: Array = np.sum([adjoint.T @ (at_grasp[:, None] * adjoint) for adjoint in adjoints], axis=0)
+    return result
+
+
+def _growth(springs: Array, dampers: Array) -> float:
+    """Largest factor by which a step of Euler's method, positions after velocities, makes a small motion grow.
+
+    Args:
+        springs: ``M^-1 K``, shape (6, 6).
+        dampers: ``M^-1 D``, shape (6, 6).
+    """
+    period, one = 1.0 / PHYSICS_RATE, np.eye(6)
+    velocity = np.hstack([-period * springs, one - period * dampers])
+    step = np.vstack([np.hstack([one, np.zeros((6, 6))]) + period * velocity, velocity])
+    return float(np.abs(np.linalg.eigvals(step)).max())
+
+
+def _told(gains: tuple[float, float], share: float = 1.0) -> str:
+    """As in a scenario's file; rounded down to two digits if only a share of it is wanted."""
+    shown = (gain if share == 1.0 or gain == 0.0 else _rounded_down(share * gain) for gain in gains)
+    return f"[{', '.join(f'{gain:g}' for gain in shown)}]"
+
+
+def _rounded_down(value: float) -> float:
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return math.floor(value / unit) * unit
