@@ -17,7 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded:
 
 import zenoh
 
-from coheft.errors import CoheftError, LinkError, MessageError
+from coheft.errors import CoheftError
 from coheft.wire.config import ServerConfig
 from coheft.wire.data_file import write_recording
 from coheft.wire.inbox import Event, Inbox, LinkChange, Question, Received, Refused
@@ -25,6 +25,7 @@ from coheft.wire.messages import Message
 from coheft.wire.planes import SERVER, guard_server_for_observers, guard_server_for_robot
 from coheft.wire.problem_log import ProblemLog
 from coheft.wire.requests import (
+    EstimatorRequest,
     HoldRequest,
     InjectRequest,
     PauseRequest,
@@ -37,14 +38,14 @@ from coheft.wire.requests import (
 from coheft.wire.robot_link import RobotLink
 from coheft.wire.supervised import supervised_main
 from coheft.wire.transport import ROLES, Keys, Role, Sender, open_session
-from physics_server.absence import Absences
 from physics_server.clock import Stopwatch, make_clock
 from physics_server.data_recorder import DataRecorder
+from physics_server.estimator_choice import EstimatorChoice
 from physics_server.reach import Reach
+from physics_server.request_words import in_words
+from physics_server.robots import ANSWER_LIMIT, Robots
 from physics_server.simulation import Simulation
 
-ANSWER_LIMIT = 10.0
-"""A robot that has not answered for so long is reported [s]."""
 GRACE = 5.0
 """Time for which the server goes on answering requests after the end of the run [s]."""
 _TICK = 0.5
@@ -71,21 +72,19 @@ class Server:
         self._clock = make_clock(config.clock, scenario.lookahead, scenario.block_duration)
         self._stopwatch = Stopwatch()
         self._simulation = Simulation(scenario, config.neighbours)
-        self._return_limit = config.return_limit
-        self._absences = Absences(config.return_limit)
+        self._estimators = EstimatorChoice(scenario)
         self._state: Literal["waiting", "running", "paused", "finished"] = "waiting"
         self._save_data = config.save_data
         self._recorder = DataRecorder(scenario, self._simulation.scene) if config.save_data is not None else None
         self._stop_asked = False
-        self._silent_since = math.inf
-        self._late_blocks = 0
         self._inbox = Inbox()
         self._inbox.serve(observers, {keys.request(role): role for role in ROLES})
         self._truth = Sender(observers, keys.observe_server("truth"), may_drop=True)
         self._problems = ProblemLog(SERVER, Sender(observers, keys.observe_server("problem"), may_drop=True))
+        self._end = Sender(observers, keys.observe_server("end"), may_drop=True)
         world = time.time_ns()
-        self._robots = {
-            name: RobotLink(
+        links = [
+            RobotLink(
                 name,
                 session,
                 self._inbox,
@@ -96,7 +95,8 @@ class Server:
                 excess=Reach(scenario.robots).excess,
             )
             for name, session in robots.items()
-        }
+        ]
+        self._robots = Robots(links, self._problems, config.return_limit)
         for name, session in robots.items():
             guard = guard_server_for_robot(config.security, keys, name)
             self._inbox.watch_links(session, name, guard)
@@ -122,8 +122,8 @@ class Server:
         finally:
             self._stopwatch.stop()
             self._state = "finished"
-            for robot in self._robots.values():
-                robot.send_stop(reason)
+            self._end.send(self._status())
+            self._robots.send_stop(reason)
             if self._recorder is not None and self._save_data is not None and self._simulation.block > 0:
                 write_recording(self._recorder.recording(), Path(self._save_data))
 
@@ -134,7 +134,7 @@ class Server:
             self._handle(self._inbox.receive(left))
 
     def _wait_for_robots(self) -> None:
-        while self._not_ready() and not self._stop_asked:
+        while self._robots.not_ready and not self._stop_asked:
             self._handle(self._inbox.receive(_TICK))
 
     def _run_blocks(self) -> None:
@@ -151,121 +151,55 @@ class Server:
                 self._advance()
                 read = 0
             if self._state == "running" and not is_due:
-                self._report_silence()
-                self._check_absences()
+                self._robots.check()
 
     def _delay(self) -> float:
         """Time until the next block may be simulated [s]; infinite if that depends on others."""
-        if self._state != "running" or (self._is_lockstep and self._absences.waited_for):
+        if self._state != "running" or (self._is_lockstep and self._robots.away):
             return math.inf
         block = self._simulation.block
-        answered = min((robot.answered for robot in self._robots.values() if robot.is_ready), default=block)
-        return self._clock.delay(block, answered)
-
-    def _check_absences(self) -> None:
-        """Go on without robots that are away for too long.
-
-        Raises:
-            LinkError: All are.
-        """
-        for name in self._absences.give_up():
-            self._problems.tell(f"{name} did not come back within {self._return_limit:g} s: the run goes on without it")
-        if len(self._absences.given_up) == len(self._robots):
-            raise LinkError(f"all robots are gone, and none came back within {self._return_limit:g} s")
+        answered = self._robots.answered
+        return self._clock.delay(block, block if answered is None else answered)
 
     def _wait_for_last_answers(self) -> None:
         """Let the robots finish the blocks that they have been given."""
         deadline = time.monotonic() + ANSWER_LIMIT
-        while self._in_debt():
+        while debtors := self._robots.in_debt:
             left = deadline - time.monotonic()
             if left <= 0.0:
-                self._problems.tell(f"no last answer from {', '.join(self._in_debt())}")
+                self._problems.tell(f"no last answer from {', '.join(debtors)}")
                 return
             self._handle(self._inbox.receive(left))
 
     def _advance(self) -> None:
         """Simulate one block and send what each of the others may know of it."""
         block = self._simulation.block
-        references = {}
-        for name, robot in self._robots.items():
-            reference = robot.take_reference(block)
-            if reference is not None:
-                references[name] = reference
-            elif robot.is_late(block):
-                self._late_blocks += 1
-                if not robot.was_late:
-                    self._problems.tell(f"{name} was late with its reference of block {block}")
-            robot.was_late = reference is None
-        result = self._simulation.advance(references)
+        result = self._simulation.advance(self._robots.take_references(block, block * self._scenario.block_duration))
         if self._recorder is not None:
             self._recorder.add(result)
-        for name, robot in self._robots.items():
-            if robot.is_ready:
-                robot.send_measurements(result.measurements[name])
+        self._robots.send_measurements(result.measurements, block, self._estimators.chosen)
         self._truth.send(result.truth)
         for problem in result.problems:
             self._problems.tell(problem)
-        self._silent_since = time.monotonic()
 
     def _go_on(self) -> None:
         """Let time run."""
         self._state = "running"
         self._stopwatch.start()
         self._clock.start(self._simulation.block)
-        self._silent_since = time.monotonic()
-
-    def _not_ready(self) -> list[str]:
-        return [name for name, robot in self._robots.items() if not robot.is_settled]
-
-    def _in_debt(self) -> list[str]:
-        """Robots that are there, but have not answered the latest block."""
-        return [name for name, robot in self._robots.items() if robot.is_linked and robot.owes_answer]
-
-    def _report_silence(self) -> None:
-        """Report robots that have not answered for long, once."""
-        if time.monotonic() - self._silent_since < ANSWER_LIMIT:
-            return
-        self._silent_since = math.inf
-        slowest = min((robot.answered for robot in self._robots.values() if robot.is_ready), default=-1)
-        silent = [name for name in self._in_debt() if self._robots[name].answered == slowest]
-        if silent:
-            self._problems.tell(f"{', '.join(silent)} did not answer block {slowest + 1} within {ANSWER_LIMIT:g} s")
+        self._robots.go_on()
 
     def _handle(self, event: Event | None) -> None:
         """Take in whatever came."""
         match event:
             case Received(name, message):
-                self._take(self._robots[name], message)
+                self._robots.take(name, message)
             case Refused(source, error):
                 self._problems.tell(f"refused from {source}: {error}")
             case LinkChange(name, links):
-                self._note_links(name, links)
+                self._robots.note_links(name, links)
             case Question(role, request):
                 event.answer(self._answer(role, request))
-
-    def _take(self, robot: RobotLink, message: Message) -> None:
-        """Take in what a robot said; it may be back."""
-        was_ready = robot.is_ready
-        try:
-            robot.take(message)
-        except MessageError as error:
-            self._problems.tell(f"refused from {robot.name}: {error}")
-        if was_ready or not robot.is_ready or self._state == "waiting":
-            return
-        if self._state == "finished":
-            robot.send_stop(_OVER)
-        else:
-            self._absences.end(robot.name)
-            robot.join(self._simulation.block)
-            self._problems.tell(f"{robot.name} is back before block {self._simulation.block}")
-
-    def _note_links(self, name: str, count: int) -> None:
-        robot = self._robots[name]
-        answered = robot.answered
-        robot.note_links(count)
-        if count == 0 and self._state in ("running", "paused"):
-            self._absences.begin(name)
-            self._problems.tell(f"lost the link with {name}, which had answered block {answered}")
 
     def _answer(self, role: Role, request: Message) -> Status | Refusal:
         """Do what was asked, if it can be done and whoever asks may have it done; the log tells what was done."""
@@ -273,9 +207,11 @@ class Server:
             if not isinstance(request, StatusRequest):
                 self._check_role(role)
                 self._carry_out(request)
-                print(f"done for the {role} before block {self._simulation.block}: {request}", file=sys.stderr)
+                print(
+                    f"done for the {role} before block {self._simulation.block}: {in_words(request)}", file=sys.stderr
+                )
         except CoheftError as error:
-            self._problems.tell(f"refused to the {role}: {request}: {error}")
+            self._problems.tell(f"refused to the {role}: {in_words(request)}: {error}")
             return Refusal(reason=str(error))
         return self._status()
 
@@ -288,6 +224,7 @@ class Server:
 
         Raises:
             LoadError: The payload cannot take it.
+            ScenarioError: The scenario cannot do without its estimator.
             CoheftError: It is too early, or too late.
         """
         if self._state == "finished":
@@ -303,9 +240,11 @@ class Server:
                 if self._simulation.holders == [robot]:
                     raise CoheftError(f"{robot} is the only one that holds the payload, which would fall")
                 self._simulation.release(robot)
+            case EstimatorRequest():
+                self._estimators.choose(request.estimator)
             case PauseRequest():
                 if self._state == "waiting":
-                    raise CoheftError(f"the run has not begun: waiting for {', '.join(self._not_ready())}")
+                    raise CoheftError(f"the run has not begun: waiting for {', '.join(self._robots.not_ready)}")
                 if request.paused:
                     self._state = "paused"
                     self._stopwatch.stop()
@@ -315,7 +254,7 @@ class Server:
                 self._stop_asked = True
 
     def _status(self) -> Status:
-        block, wall_time = self._simulation.block, self._stopwatch.elapsed
+        block, wall_time, robots = self._simulation.block, self._stopwatch.elapsed, self._robots
         time_simulated = block * self._scenario.block_duration
         return Status(
             scenario=self._scenario.name,
@@ -324,10 +263,12 @@ class Server:
             time=time_simulated,
             duration=self._scenario.duration,
             real_time_factor=time_simulated / wall_time if wall_time > 0.0 else 0.0,
-            late_blocks=self._late_blocks,
+            late_blocks=robots.late_blocks,
             loads=self._simulation.loads,
             slots_free=self._simulation.slots_free,
-            waiting_for=self._not_ready() if self._state == "waiting" else self._absences.waited_for + self._in_debt(),
+            waiting_for=robots.not_ready if self._state == "waiting" else robots.away + robots.in_debt,
+            estimator=self._estimators.chosen,
+            estimators=self._estimators.available,
             scene=self._simulation.scene,
         )
 

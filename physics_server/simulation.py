@@ -11,15 +11,17 @@ import numpy as np
 
 from coheft.errors import LoadError, SimulationError
 from coheft.estimation.measurement import ACCELERATION, WRENCH
-from coheft.estimation.spatial import Array
+from coheft.estimation.spatial import Array, rotation_from_quaternion
 from coheft.wire.messages import BoxShape, LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
-from coheft.wire.scenario import PHYSICS_RATE, Scenario, Vector
+from coheft.wire.scenario import PHYSICS_RATE, Scenario
+from coheft.wire.section import Vector
 from physics_server.encoders import Encoders, WristSamples
 from physics_server.impedance import Arms
 from physics_server.load_schedule import LoadSchedule
 from physics_server.loads import Loads
 from physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name, place_grasps
 from physics_server.sensors import READINGS, Sensors
+from physics_server.stability import check_stability
 from physics_server.torque_arms import TorqueArms
 
 SETTLING_TIME = 2.0
@@ -91,9 +93,11 @@ class Simulation:
             neighbours: The graph, for ``scene`` only.
 
         Raises:
-            ScenarioError: The scenario's load changes cannot all be made.
+            ScenarioError: The scenario's load changes cannot all be made, or its arms are too stiff for its payload.
         """
         grasps = place_grasps(scenario)
+        if scenario.robots.arms != "seven-joint":
+            check_stability(scenario.payload.inertia(), grasps, scenario.robots)
         names = scenario.robot_names
         self._scenario = scenario
         self._names = names
@@ -111,7 +115,6 @@ class Simulation:
         arms = TorqueArms if scenario.robots.arms == "seven-joint" else Arms
         self._arms = arms(scenario, names, self.model)
         self._settle()
-        self._sites = np.array([self.model.site(name).id for name in names])
         homes = [self.model.site(home_name(name)).id for name in names]
         self._home_rotations = self.data.site_xmat[homes].reshape(-1, 3, 3)
         self._home_positions = self.data.site_xpos[homes].copy()
@@ -254,7 +257,6 @@ class Simulation:
         positions = np.empty((samples, _FREE_JOINT))
         kinematics = np.empty((samples, count * READINGS))
         forces = np.empty((samples, self._arms.read_size))
-        rotations = np.empty((samples, count, 9))
         steps_per_sample = len(controls) // samples
         for step, control in enumerate(controls):
             sample, is_between = divmod(step, steps_per_sample)
@@ -264,15 +266,14 @@ class Simulation:
                 continue
             positions[sample] = data.qpos[:_FREE_JOINT]
             mujoco.mj_step(model, data)
-            # All that the engine derives belongs to the state before the step.
+            # Sensors, and with Euler's method all that the engine derives, belong to the state before the step.
             kinematics[sample] = data.sensordata[: count * READINGS]
             forces[sample] = self._arms.read(data)
-            data.site_xmat.take(self._sites, axis=0, out=rotations[sample])
         return _Readings(
             positions,
             kinematics.reshape(samples, count, READINGS),
             forces,
-            rotations.reshape(samples, count, 3, 3),
+            rotation_from_quaternion(positions[:, None, 3:]) @ self.scene.rotations,
         )
 
     def _truth(self, position: Array, samples: Array) -> Truth:

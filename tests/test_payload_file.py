@@ -174,6 +174,40 @@ def test_files_that_cannot_be_used(payload: str, expected: str, tmp_path: Path) 
     assert expected in str(error.value)
 
 
+def test_a_mesh_in_millimetres_without_its_scale_is_refused(tmp_path: Path) -> None:
+    write_stl(tmp_path / "part.stl", TRIANGLES)
+    for scale, advised in (("", "0.001"), ("scale = 0.1\n", "0.0001")):
+        with pytest.raises(ScenarioError) as error:
+            load(tmp_path, f'mesh = "part.stl"\n{scale}mass = 6.0')
+        length = 300 if not scale else 30
+        assert f"key 'payload.mesh': the mesh is {length} m long, expected at most 20 m: if it is" in str(error.value)
+        assert str(error.value).endswith(f"drawn in millimetres, set 'payload.scale' = {advised}")
+
+
+def test_a_model_in_millimetres_is_refused(tmp_path: Path) -> None:
+    model_file(tmp_path, '<body name="part"><geom type="box" size="200 100 50" mass="4"/></body>')
+    with pytest.raises(ScenarioError, match=r"'payload.mjcf': the body is 400 m long, .* are in metres"):
+        load(tmp_path, 'mjcf = "part.xml"')
+
+
+@pytest.mark.parametrize("x", [0.65, 3.2, 200.0])
+def test_hands_far_from_a_payload_from_a_file_are_named(x: float, tmp_path: Path) -> None:
+    write_stl(tmp_path / "part.stl", TRIANGLES)
+    grasps = f"grasps = [{{ position = [0, 0, 0] }}, {{ position = [{x}, 0, 0] }}]"
+    with pytest.raises(ScenarioError) as error:
+        load(tmp_path, 'mesh = "part.stl"\nscale = 0.001\nmass = 6.0', grasps)
+    outside = (
+        f"{x - 0.1:.3g} m outside the payload, which is 0.3 m long; expected at most 0.3 m: positions are in metres"
+    )
+    assert f"key 'robots.grasps[1].position': found [{x}, 0.0, 0.0], which is {outside}" in str(error.value)
+    site = f'<site name="near"/><site name="far" pos="{x} 0 0"/>'
+    model_file(tmp_path, BODY.format(site).replace('size="0.2', 'size="0.1').replace('0.1 0.05"', '0.02 0.05"'))
+    with pytest.raises(
+        ScenarioError, match=r"key 'robots.sites': site 'far' is .* m outside the payload, which is 0.2 m"
+    ):
+        load(tmp_path, 'mjcf = "part.xml"', 'sites = ["near", "far"]')
+
+
 def test_sites_need_a_model() -> None:
     text = 'name = "x"\npayload.boxes = [{ mass = 1, size = [1, 1, 1] }]\nrobots.sites = ["a", "b"]'
     with pytest.raises(ScenarioError, match=r"'robots.sites': found a, b, but only a model has sites"):

@@ -89,7 +89,16 @@ def test_good_scenario_is_good() -> None:
         ('name = "two"', 'name = "../two"', "name", "'../two'", "a-z"),
         ('name = "two"', 'name = "two"\nspeed = 3', "speed", "no such key", "duration"),
         ('kind = "line"', 'kind = "lien"', "graph.kind", "'lien'", "'line'"),
-        ('kind = "line"', 'kinds = "line"', "graph.kinds", "no such key", "edge_probability"),
+        ('kind = "line"', 'kinds = "line"', "graph.kinds", "no such key. Did you mean 'kind'?", "edge_probability"),
+        ("duration = 12.0", "durations = 12.0", "durations", "Did you mean 'duration'?", "Allowed here: name"),
+        ("duration = 12.0", "zzz = 12.0", "zzz", "there is no such key. Allowed here", "duration"),
+        (
+            "[graph]",
+            "[robots]\nsites = [{ position = [1, 2, 3] }]\n[graph]",
+            "robots.sites[0]",
+            "{'pos",
+            "names of sites",
+        ),
         ("frequency = [0.4, 1.6]", "frequency = [1.6, 0.4]", "motion.frequency", "[1.6, 0.4]", "lower"),
         ("frequency = [0.4, 1.6]", "ramp = -1", "motion.ramp", "-1", ">= 0"),
         ("duration = 12.0", "duration = 0", "duration", "0", "> 0"),
@@ -130,6 +139,27 @@ def test_text_that_is_not_toml() -> None:
 def test_names_that_are_not_there() -> None:
     with pytest.raises(ScenarioError, match=r"no scenario 'rign6'. Did you mean 'ring6'\?.*Shipped.*line4"):
         load_scenario("rign6")
+
+
+def test_a_file_is_meant_but_its_suffix_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lmesh.toml").write_text(GOOD)
+    with pytest.raises(ScenarioError, match=r"no scenario 'lmesh', but there is a file 'lmesh.toml': give its whole"):
+        load_scenario("lmesh")
+    with pytest.raises(ScenarioError, match=r"there is no scenario 'xxx"):
+        load_scenario(5000 * "x")
+
+
+def test_a_file_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ScenarioError) as error:
+        load_scenario("nofile.toml")
+    assert str(error.value) == (
+        f"nofile.toml: cannot be read: No such file or directory; looked for {tmp_path / 'nofile.toml'}. "
+        f"'coheft scenarios' lists the shipped ones, which have names without .toml"
+    )
+    with pytest.raises(ScenarioError, match=r"Did you mean 'ring6'\?"):
+        load_scenario("ring6.toml")
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:

@@ -26,6 +26,8 @@ STATUS = Status(
     loads=[],
     slots_free=4,
     waiting_for=[],
+    estimator="efficient",
+    estimators=["efficient", "seed"],
     scene=SCENE,
 )
 

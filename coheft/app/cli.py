@@ -52,8 +52,8 @@ def run_command_line(arguments: Sequence[str]) -> int:
         return _fail(str(error), EXIT_USAGE)
     except CoheftError as error:
         return _fail(str(error), EXIT_ERROR)
-    except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
+    except KeyboardInterrupt as interruption:  # a run says what it has not written
+        print(str(interruption) or "stopped", file=sys.stderr)
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # whoever read our output has seen enough, as 'head' does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -86,6 +86,28 @@ def _set_holding(folder: Path | None, robot: str, *, holding: bool) -> float:
 
 
 @app.command(group=CONTROL)
+def use(estimator: str | None = None, *, run: RunFolder = None) -> None:
+    """Let all robots of a run forget what they know and begin anew with another estimator.
+
+    Parameters
+    ----------
+    estimator:
+        efficient, seed, or your own if the run has begun with it; without one, tell which one is in use.
+    run:
+        Folder of the run, if it is not the newest of yours.
+    """
+    from coheft.app.observer import ask_run
+    from coheft.wire.requests import EstimatorRequest, StatusRequest
+
+    if estimator is None:
+        status = ask_run(StatusRequest(), run)
+        print(f"the robots use {status.estimator}; there are: {', '.join(status.estimators)}")
+    else:
+        status = ask_run(EstimatorRequest(estimator=estimator), run)
+        print(f"the robots use {status.estimator} from {status.time:.2f} s on, and begin anew")
+
+
+@app.command(group=CONTROL)
 def pause(*, run: RunFolder = None) -> None:
     """Stop the clock of a run.
 
@@ -148,7 +170,7 @@ def watch(*, run: RunFolder = None) -> None:
     from coheft.app.run_folder import find_run
     from coheft.app.terminal import make_display
 
-    watch_run(find_run(run), make_display(Console()))
+    print(watch_run(find_run(run), make_display(Console())))
 
 
 @app.command(group=CONTROL)

@@ -113,6 +113,7 @@ def run(
     from msgspec import structs
     from rich.console import Console
 
+    from coheft.app.broken_off import BrokenOff
     from coheft.app.final_table import print_report
     from coheft.app.follower import Follower
     from coheft.app.launch import launch
@@ -154,9 +155,13 @@ def run(
     with ExitStack() as stack:
         viewer = stack.enter_context(_view_beside(folder, console)) if view else None
         recorder = stack.enter_context(_recorder(record, chosen)) if record is not None else None
-        beside: list[Follower | None] = [page, viewer, recorder, carried]
+        broken_off = BrokenOff({"json": json, "report": report, "save_data": save_data, "record": record})
+        beside: list[Follower | None] = [page, viewer, recorder, carried, broken_off]
         followers = [follower for follower in beside if follower is not None]
-        found = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
+        try:
+            found = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(broken_off.sentence()) from None
         if carried is not None:
             found = structs.replace(found, carry=carried.report())
         if json is not None:

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import zenoh
 
-from coheft.app.heard import News, check_news
+from coheft.app.heard import News, check_news, check_status
 from coheft.app.run_folder import RunFile, find_run
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.inbox import Inbox, Received, Refused
-from coheft.wire.messages import Estimate, Problem, Scene, Truth
-from coheft.wire.planes import guard_observer
+from coheft.wire.messages import Estimate, Message, Problem, Scene, Truth
+from coheft.wire.planes import SERVER, guard_observer
 from coheft.wire.requests import CutLinks, LinkRequest, Refusal, Request, Status, StatusRequest
 from coheft.wire.security import Guard, credentials_in
 from coheft.wire.transport import Keys, Role, ask, ask_for, open_session
@@ -33,7 +33,10 @@ class Observer:
         self._request = self._keys.request(role)
         self._inbox = Inbox()
         at_server = self._keys.observe_server
-        self._inbox.listen(session, "server", {at_server("truth"): Truth, at_server("problem"): Problem})
+        self._last_word: Status | None = None
+        self._inbox.listen(
+            session, SERVER, {at_server("truth"): Truth, at_server("problem"): Problem, at_server("end"): Status}
+        )
         for name in run_file.agents:
             estimate, problem = (self._keys.observe_agent(name, topic) for topic in ("estimate", "problem"))
             self._inbox.listen(session, name, {estimate: Estimate, problem: Problem})
@@ -50,7 +53,7 @@ class Observer:
             match event:
                 case Received(source, message):
                     try:
-                        checked = check_news(source, message, scene)
+                        checked = self._take(source, message, scene)
                     except MessageError as error:
                         checked = _refusal(source, error)
                     if checked is not None:
@@ -62,8 +65,22 @@ class Observer:
             event = self._inbox.receive(0.0) if time.monotonic() < deadline else None
         return news
 
+    def _take(self, source: str, message: Message, scene: Scene) -> News | None:
+        """Check what has come, keep the server's last word, and return the rest.
+
+        Raises:
+            MessageError: It makes no sense.
+        """
+        if not isinstance(message, Status):
+            return check_news(source, message, scene)
+        check_status(message)
+        self._last_word = message
+        return None
+
     def status(self) -> Status | None:
-        """How the run is; None if the server does not answer (yet, or any more)."""
+        """How the run is, or how it ended; None if the server does not answer (yet, or any more)."""
+        if self._last_word is not None:
+            return self._last_word
         try:
             answer = ask(self._session, self._request, StatusRequest(), timeout=0.5)
         except LinkError:

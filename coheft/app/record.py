@@ -15,6 +15,13 @@ SILENT = 100
 """A robot that is so many blocks behind the truth is silent: no server runs so far ahead of its robots."""
 
 
+class EstimatorUse(msgspec.Struct, frozen=True):
+    """An estimator, and since when the robots have used it [s]."""
+
+    since_s: float
+    estimator: str
+
+
 class Record:
     """Truths and estimates of a run, compared with each other as they come and then let go.
 
@@ -33,6 +40,7 @@ class Record:
         periods: Of the load; the first one begins with the first truth.
         robots: What is kept of each robot's estimates.
         latest: The newest estimate of each robot that has said something, as it said it.
+        estimators: Which ones the robots have used, the newest last.
     """
 
     def __init__(self, scene: Scene, duration: float, *, with_history: bool = False) -> None:
@@ -45,6 +53,7 @@ class Record:
         self.periods: list[LoadPeriod] = []
         self.robots = {name: RobotRecord(self.judge, self.periods, with_history=with_history) for name in scene.robots}
         self.latest: dict[str, Estimate] = {}
+        self.estimators: list[EstimatorUse] = []
 
     @property
     def truth(self) -> Truth | None:
@@ -93,7 +102,15 @@ class Record:
     def add_estimate(self, estimate: Estimate) -> None:
         """Take in what a robot of the scene believes."""
         self.latest[estimate.robot] = estimate
+        self._note_estimator(estimate)
         self._compare(self._pairing.add_estimate(estimate))
+
+    def _note_estimator(self, estimate: Estimate) -> None:
+        """All robots change at the same block, and say so after it; what was said before it may come later."""
+        since = estimate.time * estimate.block / (estimate.block + 1)
+        newest = self.estimators[-1] if self.estimators else None
+        if newest is None or (since > newest.since_s and estimate.estimator != newest.estimator):
+            self.estimators.append(EstimatorUse(round(since, 9), estimate.estimator))
 
     def _compare(self, estimates: Iterable[Estimate]) -> None:
         """Compare estimates of which the truth has come."""

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import msgspec
-from msgspec import Meta
-
 from coheft.estimation.measurement import Positive
+from coheft.wire.section import NotNegative, Section
 
-NotNegative = Annotated[float, Meta(ge=0)]
 
-
-class Carry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Carry(Section, frozen=True):
     """A common path, a sinusoid per coordinate: how the first robot's grasp frame moves, in the axes of its home frame.
 
     All others follow as a rigid body would, each by what it has found out about where the first one holds the load.

@@ -8,8 +8,9 @@ import msgspec
 
 from coheft.estimation.measurement import SensorNoise
 from coheft.wire.carry import Carry
+from coheft.wire.estimator_settings import Converged, EfficientSettings, SeedSettings
 from coheft.wire.message_size import LEAST_LIMIT
-from coheft.wire.scenario import Converged, EfficientSettings, Motion, Scenario, SeedSettings
+from coheft.wire.scenario import Motion, Scenario
 from coheft.wire.security import Credentials
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import msgspec
 from msgspec import Meta
 
-NotNegative = Annotated[float, Meta(ge=0)]
+from coheft.wire.section import NotNegative, Section
 
 
-class EncoderErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class EncoderErrors(Section, frozen=True):
     """A force-controlled three-axis arm with a passive three-axis gimbal as wrist, as recordings see it.
 
     The wrist's position and force are measured in the axes of the robot's home frame, the gimbal's angles tell the

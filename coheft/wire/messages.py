@@ -7,7 +7,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-PROTOCOL_VERSION = 4
+PROTOCOL_VERSION = 5
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -46,6 +46,7 @@ class Measurements(Message, frozen=True):
             learned of the old world holds.
         attempt: Of the robot's ``Ready``, by which it knows measurements that were meant for it before it asked anew.
         holding: Whether its hand held the payload during the block.
+        estimator: Which one to use from this block on, the same for all robots; empty: that of its configuration.
     """
 
     robot: str
@@ -54,6 +55,7 @@ class Measurements(Message, frozen=True):
     world: int = 0
     attempt: int = 0
     holding: bool = True
+    estimator: str = ""
 
 
 class Reference(Message, frozen=True):
@@ -209,6 +211,7 @@ class Estimate(Message, frozen=True):
         reasons: Why it is not valid, in words, for instance "r3 is silent since 12.34 s".
         valid_block: Block to which payload and poses belong, the last valid one when stale; -1 if there is none.
         silent: Neighbours that it does not hear.
+        estimator: By which method.
     """
 
     robot: str
@@ -228,6 +231,7 @@ class Estimate(Message, frozen=True):
     reasons: list[str] = []
     valid_block: int = -1
     silent: list[str] = []
+    estimator: str = ""
 
 
 class Problem(Message, frozen=True):

@@ -16,7 +16,9 @@ import numpy as np
 from coheft.errors import ScenarioError, one_line
 from coheft.estimation.rigid_body import Inertia, combined
 from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion, rotation_log
-from coheft.wire.scenario import Grasp, MassProperties, Payload, Scenario
+from coheft.wire.payload import MassProperties, Payload
+from coheft.wire.payload_extent import Extent, check_holds, corners
+from coheft.wire.scenario import Grasp, Scenario
 
 if TYPE_CHECKING:
     import mujoco
@@ -37,21 +39,30 @@ def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
     """
     payload = scenario.payload
     if payload.mjcf is not None:
-        model = _read(folder, payload.mjcf, _compile_mjcf, f"{origin}: key 'payload.mjcf'")
-        root = _find_body(model, payload.body, f"{origin}: key 'payload.body'")
         place = f"{origin}: key 'payload.mjcf'"
+        model = _read(folder, payload.mjcf, _compile_mjcf, place)
+        root = _find_body(model, payload.body, f"{origin}: key 'payload.body'")
+        what, advice = "the body", "lengths in models are in metres"
     elif payload.mesh is not None:
         place = f"{origin}: key 'payload.mesh'"
         model = _read(folder, payload.mesh, lambda path: _compile_mesh(path, payload), place)
         _check_closed(model, place)
         root = 1
+        what, advice = "the mesh", f"if it is drawn in millimetres, set 'payload.scale' = {1e-3 * payload.scale:g}"
     else:
         return scenario
-    held = Payload(properties=_mass_properties(model, root, place), load_slots=payload.load_slots)
+    properties = _mass_properties(model, root, place)
+    extent = _extent(model, root, properties)
+    extent.check_size(place, what, advice)
+    check_holds(scenario, extent, origin)
     robots = scenario.robots
     if robots.sites:
-        grasps = _grasps(model, root, robots.sites, f"{origin}: key 'robots.sites'")
+        place = f"{origin}: key 'robots.sites'"
+        grasps = _grasps(model, root, robots.sites, place)
+        for name, grasp in zip(robots.sites, grasps, strict=True):
+            extent.check_hold(place, f"site {name!r}", grasp.position)
         robots = msgspec.structs.replace(robots, sites=(), grasps=grasps)
+    held = Payload(properties=properties, load_slots=payload.load_slots)
     return msgspec.structs.replace(scenario, payload=held, robots=robots)
 
 
@@ -161,6 +172,29 @@ def _mass_properties(model: mujoco.MjModel, root: int, place: str) -> MassProper
         principal=_vector(principal),
         axes_deg=_vector(np.degrees(rotation_log(axes))),
     )
+
+
+def _extent(model: mujoco.MjModel, root: int, properties: MassProperties) -> Extent:
+    """Of the shapes that are fixed to a body, or, if there are none, of a box with its mass properties."""
+    import mujoco
+
+    frames = _frames(model)
+    inside = _fixed_to(model, root)
+    unbounded = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+    points = []
+    for geom in range(model.ngeom):
+        body, kind = model.geom_bodyid[geom], model.geom_type[geom]
+        if body not in inside or kind in unbounded:
+            continue
+        on_root = frames[root].inverse() @ frames[body] @ _pose(model.geom_pos[geom], model.geom_quat[geom])
+        if kind == mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = model.geom_dataid[geom]
+            vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+            points.append(vertices @ on_root.rotation.T + on_root.translation)
+        else:
+            middle, halves = model.geom_aabb[geom].reshape(2, 3)
+            points.append(corners(on_root @ Pose(np.eye(3), middle), 2.0 * halves))
+    return Extent.around(np.concatenate(points)) if points else Extent.like(properties)
 
 
 def _grasps(model: mujoco.MjModel, root: int, names: Sequence[str], place: str) -> tuple[Grasp, ...]:

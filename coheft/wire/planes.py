@@ -75,7 +75,7 @@ def _down(keys: Keys, robot: str) -> tuple[str, ...]:
 
 
 def _of_server(keys: Keys) -> tuple[str, ...]:
-    return keys.observe_server("truth"), keys.observe_server("problem")
+    return tuple(keys.observe_server(topic) for topic in ("truth", "problem", "end"))
 
 
 def _asked(keys: Keys, agent: str, role: Role) -> tuple[str, ...]:

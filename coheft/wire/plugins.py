@@ -30,6 +30,14 @@ def available(kind: Kind) -> list[str]:
     return [*BUILT_IN[kind], *own]
 
 
+def usable_in_run(estimator: str) -> list[str]:
+    """Estimators that the robots of a run can use that has begun with ``estimator``.
+
+    Of one's own only that one: settings of others are not there, and they may not be installed on all hosts.
+    """
+    return list(dict.fromkeys([*BUILT_IN["estimator"], estimator]))
+
+
 def load_plugin(kind: Kind, name: str) -> Any:
     """What an installed package offers under a name.
 

@@ -34,6 +34,12 @@ class HoldRequest(Message, frozen=True, tag="hold"):
     holding: bool
 
 
+class EstimatorRequest(Message, frozen=True, tag="estimator"):
+    """Let all robots forget what they know and begin anew with another estimator, at the next block."""
+
+    estimator: str
+
+
 class PauseRequest(Message, frozen=True, tag="pause"):
     """Stop the clock, or let it go on."""
 
@@ -44,11 +50,27 @@ class StopRequest(Message, frozen=True, tag="stop"):
     """End the run."""
 
 
-Request = StatusRequest | InjectRequest | RemoveRequest | HoldRequest | PauseRequest | StopRequest
+Request = StatusRequest | InjectRequest | RemoveRequest | HoldRequest | EstimatorRequest | PauseRequest | StopRequest
 
 
 class Status(Message, frozen=True):
-    """The server's answer to every request that it carried out."""
+    """The server's answer to every request that it carried out, and its last word to all observers.
+
+    Attributes:
+        scenario: Its name.
+        state: Whether time runs.
+        block: Number of blocks that have been simulated.
+        time: Simulated so far [s].
+        duration: Of the whole run [s].
+        real_time_factor: Simulated time over the wall time for which the clock ran.
+        late_blocks: References that came too late.
+        loads: On the payload.
+        slots_free: How many more fit.
+        waiting_for: Robots without which it does not go on.
+        estimator: Which one the robots use, from the next block on at the latest.
+        estimators: Which ones may be chosen.
+        scene: What does not change.
+    """
 
     scenario: str
     state: Literal["waiting", "running", "paused", "finished"]
@@ -60,6 +82,8 @@ class Status(Message, frozen=True):
     loads: list[LoadState]
     slots_free: int
     waiting_for: list[str]
+    estimator: str
+    estimators: list[str]
     scene: Scene
 
 

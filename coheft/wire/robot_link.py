@@ -36,7 +36,6 @@ class RobotLink:
         missing: Neighbours that it cannot talk with yet, as it says.
         answered: The last block of measurements that it has answered or will never answer, -1 if none.
         joined: The block with which it began to take part.
-        was_late: Its reference of the latest block did not come in time.
         refused: Block of its latest reference that no arm can follow, -1 if its latest one is none.
     """
 
@@ -58,7 +57,6 @@ class RobotLink:
         self.missing: list[str] = []
         self.answered = -1
         self.joined = 0
-        self.was_late = False
         self.refused = -1
         self._attempt = -1
         self._world = world
@@ -151,10 +149,12 @@ class RobotLink:
         self._references = {index: other for index, other in self._references.items() if index > block}
         return reference
 
-    def send_measurements(self, measurements: Measurements) -> None:
-        """Send it its own measurements."""
+    def send_measurements(self, measurements: Measurements, estimator: str = "") -> None:
+        """Send it its own measurements; ``estimator`` is the one to use, if not that of its configuration."""
         self._sent = measurements.block
-        self._measurements.send(structs.replace(measurements, world=self._world, attempt=self._attempt))
+        self._measurements.send(
+            structs.replace(measurements, world=self._world, attempt=self._attempt, estimator=estimator)
+        )
 
     def send_stop(self, reason: str) -> None:
         """Tell it that the run is over."""

@@ -4,119 +4,31 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-import msgspec
-import numpy as np
-from msgspec import Meta
+from msgspec import Meta, field
 
 from coheft.estimation.measurement import Positive, SensorNoise
-from coheft.estimation.rigid_body import Inertia, combined
-from coheft.estimation.spatial import Pose, rotation_exp
+from coheft.estimation.spatial import Pose
 from coheft.wire.carry import Carry
 from coheft.wire.encoders import EncoderErrors
+from coheft.wire.estimator_settings import Converged, EfficientSettings, SeedSettings
+from coheft.wire.payload import Payload
+from coheft.wire.section import Lengths, Name, NotNegative, Section, Seed, Vector, pose_of
 from coheft.wire.via_points import ViaPoints
 
 PHYSICS_RATE = 1000
 """Physics steps per second."""
-MAX_ROBOTS = 256
+MAX_ROBOTS = 1024
 """Far more than one machine can serve; a bound, so that no number in a file can fill the memory."""
 MAX_DURATION = 1e7
 """Longest run [s]: four months."""
-
-Vector = tuple[float, float, float]
-NotNegative = Annotated[float, Meta(ge=0)]
-Seed = Annotated[int, Meta(ge=0, lt=2**32)]
-Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_-]{0,31}\Z")]
-Lengths = tuple[Positive, Positive, Positive]
-
-
-class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Base of all parts of a scenario: unknown keys are errors."""
-
-
-class Box(Section, frozen=True):
-    """A homogeneous box of the payload.
-
-    Attributes:
-        mass: Its mass [kg].
-        size: Its edge lengths [m].
-        position: Of its centre in the payload's frame [m].
-        rotation_deg: Of its edges against the payload's axes, rotation vector [degrees].
-    """
-
-    mass: Positive
-    size: Lengths
-    position: Vector = (0.0, 0.0, 0.0)
-    rotation_deg: Vector = (0.0, 0.0, 0.0)
-
-    def pose(self) -> Pose:
-        """Pose of the box in the payload's frame."""
-        return pose_of(self.position, self.rotation_deg)
-
-    def inertia(self) -> Inertia:
-        """Its mass properties in the payload's frame."""
-        return Inertia.of_box(self.mass, self.size, self.pose())
-
-
-class MassProperties(Section, frozen=True):
-    """A payload of which no more is known than how it moves.
-
-    Attributes:
-        mass: [kg].
-        com: Centre of mass in the payload's frame [m].
-        principal: Principal moments of inertia at the centre of mass [kg·m²].
-        axes_deg: Rotation vector from the payload's axes to the principal ones [degrees].
-    """
-
-    mass: Positive
-    com: Vector
-    principal: Lengths
-    axes_deg: Vector = (0.0, 0.0, 0.0)
-
-    def inertia(self) -> Inertia:
-        """The same in the payload's frame."""
-        at_com = Inertia(self.mass, np.zeros(3), np.diag(np.array(self.principal, dtype=np.float64)))
-        return at_com.carried(pose_of(self.com, self.axes_deg))
-
-
-class Payload(Section, frozen=True):
-    """The thing that is held: boxes fixed to each other, mere mass properties, or a file of your own.
-
-    Files are read when the scenario is, see ``payload_file``: what is left of them are mass properties. Their paths are
-    relative to the scenario's file.
-
-    Attributes:
-        boxes: What it is made of, fixed to each other.
-        properties: Instead: what it weighs.
-        mjcf: Instead: MuJoCo model, of which one body is held. The payload's frame is the frame of that body.
-        body: Name of that body, if the model has several.
-        mesh: Instead: its closed surface, an STL (binary), OBJ or MSH file, homogeneous inside. The payload's frame is
-            the frame of the mesh.
-        density: Of the mesh [kg/m³].
-        mass: Of the mesh, instead of its density [kg].
-        scale: Length of the mesh's unit [m]: 0.001 if it was drawn in millimetres.
-        load_slots: Number of loads that can lie on it at a time.
-    """
-
-    boxes: tuple[Box, ...] = ()
-    properties: MassProperties | None = None
-    mjcf: str | None = None
-    body: str | None = None
-    mesh: str | None = None
-    density: Positive | None = None
-    mass: Positive | None = None
-    scale: Positive = 1.0
-    load_slots: Annotated[int, Meta(ge=0, le=64)] = 4
-
-    def inertia(self) -> Inertia:
-        """Mass properties in the payload's frame, without loads."""
-        return self.properties.inertia() if self.properties else combined(box.inertia() for box in self.boxes)
 
 
 class Grasp(Section, frozen=True):
     """Where one robot holds the payload.
 
     Attributes:
-        position: Of its grasp frame's origin in the payload's frame [m].
+        position: Of its grasp frame's origin in the payload's frame [m]. No further outside of the payload than that is
+            long, or 0.3 m.
         rotation_deg: Of its grasp frame against the payload's, rotation vector [degrees].
     """
 
@@ -171,12 +83,15 @@ class Graph(Section, frozen=True):
     """Who talks with whom.
 
     Attributes:
-        kind: Its shape; ``random`` is a random connected graph.
+        kind: Its shape; ``grid`` is as square as may be, ``tree`` branches from the first robot, ``random`` is a random
+            connected graph.
+        branches: Of every robot, away from the first, for ``tree``.
         edge_probability: Of each edge beyond a random spanning tree, for ``random``.
         seed: Of the random graph, for ``random``.
     """
 
-    kind: Literal["ring", "line", "star", "complete", "random"] = "ring"
+    kind: Literal["ring", "line", "star", "grid", "tree", "complete", "random"] = "ring"
+    branches: Annotated[int, Meta(ge=1, le=64)] = 4
     edge_probability: Annotated[float, Meta(ge=0, le=1)] = 0.2
     seed: Seed = 0
 
@@ -261,57 +176,6 @@ class LoadChange(Section, frozen=True):
     remove: Annotated[int, Meta(ge=1)] | None = None
 
 
-class SeedSettings(Section, frozen=True):
-    """The seed paper's method, see ``agents.seed``.
-
-    Attributes:
-        memory: Time over which old samples are forgotten [s]; the forgetting factor per sample is
-            ``1 - 1 / (memory * rate)``.
-        rounds: Rounds of dynamic consensus that each sample goes through.
-        pose_rotation_deg: Largest standard deviation of a pose's rotation for it to have converged [degrees].
-        pose_translation_mm: And of its translation [mm].
-    """
-
-    memory: Positive = 2.0
-    rounds: Annotated[int, Meta(ge=1, le=256)] = 16
-    pose_rotation_deg: Positive = 0.06
-    pose_translation_mm: Positive = 1.2
-
-
-class EfficientSettings(Section, frozen=True):
-    """The method at the Cramér-Rao bound, see ``agents.efficient``.
-
-    Attributes:
-        start_rotation_deg: The search for better poses starts when all poses on a spanning tree are known to this
-            [degrees]; what it sums is not kept.
-        start_translation_mm: And to this [mm].
-        refit_share: Poses are fitted anew whenever the data have grown by this share.
-        offsets: Whether force and torque sensors may have constant offsets; these are then estimated as well.
-        memory: How long the past counts: "window" keeps all since the last load change that was noticed; a number
-            forgets exponentially over this time [s].
-    """
-
-    start_rotation_deg: Positive = 1.0
-    start_translation_mm: Positive = 20.0
-    refit_share: Positive = 0.01
-    offsets: bool = False
-    memory: Literal["window"] | Positive = "window"
-
-
-class Converged(Section, frozen=True):
-    """An agent calls its estimate converged when all standard deviations are below these.
-
-    Attributes:
-        mass_percent: Of the mass, relative [%].
-        com_mm: Of each coordinate of the centre of mass [mm].
-        inertia_percent: Of the inertia, Frobenius norm relative to its own [%].
-    """
-
-    mass_percent: Positive = 1.0
-    com_mm: Positive = 7.0
-    inertia_percent: Positive = 5.0
-
-
 class Scenario(Section, frozen=True):
     """Everything that defines a run. Two runs of equal scenarios in lockstep give identical numbers.
 
@@ -349,7 +213,7 @@ class Scenario(Section, frozen=True):
     estimator: Name = "efficient"
     seed_method: SeedSettings = SeedSettings()
     efficient: EfficientSettings = EfficientSettings()
-    settings: dict[str, dict[str, Any]] = {}
+    settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     converged: Converged = Converged()
     lookahead: Annotated[int, Meta(ge=1, le=64)] = 4
 
@@ -379,8 +243,3 @@ class Scenario(Section, frozen=True):
         """``r1``, ``r2``, …, as many digits as needed for alphabetical order to be the numbers' order."""
         digits = len(str(self.robot_count))
         return tuple(f"r{i + 1:0{digits}d}" for i in range(self.robot_count))
-
-
-def pose_of(position: Vector, rotation_deg: Vector) -> Pose:
-    """Pose from a position [m] and a rotation vector [degrees]."""
-    return Pose(rotation_exp(np.radians(rotation_deg)), np.array(position, dtype=np.float64))

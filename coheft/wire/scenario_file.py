@@ -7,6 +7,7 @@ was found there and what is allowed.
 from __future__ import annotations
 
 import difflib
+import os
 import re
 import tomllib
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Literal, get_args, get_origin
 import msgspec
 
 from coheft.errors import ScenarioError
+from coheft.wire.payload_extent import check_places
 from coheft.wire.payload_file import read_files
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_checks import check_changes_come, check_choices, check_scenario
@@ -43,6 +45,8 @@ def load_scenario(source: str | Path) -> Scenario:
         path = shipped[str(source)]
     try:
         data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise ScenarioError(_no_file(path, error)) from error
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError as error:
@@ -74,6 +78,7 @@ def parse_scenario(text: str, origin: str, folder: Path = Path()) -> Scenario:
     except msgspec.ValidationError as error:
         raise ScenarioError(f"{origin}: {explain(error, table)}") from error
     check_choices(scenario, origin)
+    check_places(scenario, origin)
     scenario = read_files(scenario, origin, folder)
     check_scenario(scenario, origin)
     check_changes_come(scenario, origin)
@@ -81,12 +86,26 @@ def parse_scenario(text: str, origin: str, folder: Path = Path()) -> Scenario:
 
 
 def _unknown_scenario(name: str, shipped: list[str]) -> str:
-    close = difflib.get_close_matches(name, shipped, n=1)
-    hint = f" Did you mean '{close[0]}'?" if close else ""
+    if os.path.isfile(f"{name}.toml"):  # Path would raise if the name is too long
+        return f"there is no scenario '{name}', but there is a file '{name}.toml': give its whole name, with .toml"
     return (
-        f"there is no scenario '{name}'.{hint} Shipped scenarios: {', '.join(shipped)}. "
+        f"there is no scenario '{name}'.{_did_you_mean(name, shipped)} Shipped scenarios: {', '.join(shipped)}. "
         f"For your own, give the path of a file that ends with .toml"
     )
+
+
+def _no_file(path: Path, error: OSError) -> str:
+    return (
+        f"{path}: cannot be read: {error.strerror}; looked for {path.absolute()}."
+        f"{_did_you_mean(path.stem, list(available_scenarios()))} "
+        f"'coheft scenarios' lists the shipped ones, which have names without .toml"
+    )
+
+
+def _did_you_mean(found: str, available: list[str]) -> str:
+    """A hint, with a space before it, or nothing."""
+    close = difflib.get_close_matches(found, available, n=1)
+    return f" Did you mean '{close[0]}'?" if close else ""
 
 
 def explain(error: msgspec.ValidationError, table: dict[str, object]) -> str:
@@ -99,7 +118,8 @@ def explain(error: msgspec.ValidationError, table: dict[str, object]) -> str:
     if unknown is not None:
         place = f"{place}.{unknown.group(1)}".lstrip(".")
         allowed = _allowed_keys(place)
-        return f"key '{_short(place)}': there is no such key; allowed here: {', '.join(allowed)}"
+        hint = _did_you_mean(unknown.group(1), allowed)
+        return f"key '{_short(place)}': there is no such key.{hint} Allowed here: {', '.join(allowed)}"
     missing = re.search(r"missing required field `(.*)`", text)
     if missing is not None:
         place = f"{place}.{missing.group(1)}".lstrip(".")
@@ -107,6 +127,8 @@ def explain(error: msgspec.ValidationError, table: dict[str, object]) -> str:
     found = _value_at(table, place)
     if text.startswith("Invalid enum value"):
         text = f"expected one of {', '.join(_allowed_values(place))}"
+    if place.startswith("robots.sites["):
+        text = "expected names of sites of the model, as text; places go under 'robots.grasps'"
     return f"key '{place or '(top)'}': {text[0].lower()}{text[1:]}; found {_shown(found)}"
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import msgspec
 from msgspec import Meta
 
-Positive = Annotated[float, Meta(gt=0)]
-NotNegative = Annotated[float, Meta(ge=0)]
+from coheft.estimation.measurement import Positive
+from coheft.wire.section import NotNegative, Section
 
 
-class ViaPoints(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class ViaPoints(Section, frozen=True):
     """Random via points in the range of ``Motion.translation`` and ``axes``, straight lines between them.
 
     Attributes:

@@ -83,7 +83,7 @@ class Reader:
             "python": f"'{sys.executable}'",
             "pip": f"'{sys.executable}' -m pip",
             "coheft": f"'{sys.executable}' -m coheft",
-            "make": f"'{shutil.which('make')}' -C '{ROOT}' -o .venv/installed BIN='{programs}'",
+            "make": f"'{shutil.which('make')}' -C '{ROOT}' -o .venv/installed -o .venv/runtime BIN='{programs}'",
         }.items():
             program = programs / name
             program.write_text(f'#!/bin/sh\nexec {command} "$@"\n')

@@ -62,12 +62,14 @@ class Surroundings:
         """Who has a link with its neighbour now."""
         return {str(peer) for peer in self.neighbour.info.peers_zid()}
 
-    def measure(self, block: int, world: int = 0, attempt: int | None = None) -> None:
+    def measure(self, block: int, world: int = 0, attempt: int | None = None, estimator: str = "") -> None:
         """Let its sensors measure something."""
         samples = self._rng.normal(size=(self._team.plan.agents[self.name].agent.block, SAMPLE_SIZE))
         attempt = self.attempt if attempt is None else attempt
         self._measurements.send(
-            Measurements(robot=self.name, block=block, samples=samples, world=world, attempt=attempt)
+            Measurements(
+                robot=self.name, block=block, samples=samples, world=world, attempt=attempt, estimator=estimator
+            )
         )
 
     def say(self, block: int, channels: dict[str, Array] | None = None) -> None:
@@ -205,3 +207,18 @@ def test_a_link_that_does_not_carry_to_the_neighbour_is_dialled_anew_and_one_tha
         around.measure(1)
         assert around.answers(1) == [1]
         around.finish()
+
+
+def test_another_estimator_is_used_from_the_block_of_its_measurements_on(tmp_path):
+    with lone_agent(tmp_path, patience=0.1) as around:
+        for block, estimator in enumerate(["", "efficient", "seed", "seed", ""]):
+            around.measure(block, estimator=estimator)
+        assert around.answers(5) == list(range(5))
+        around.measure(5, estimator="best")
+        around.measure(5, estimator="efficient")
+        assert around.answers(1) == [5]
+        assert around.finish().splitlines() == [
+            "uses the estimator 'seed' from 0.04 s on, and begins anew",
+            "uses the estimator 'efficient' from 0.08 s on, and begins anew",
+            "refused from the server: estimator is 'best' but expected one of efficient, seed",
+        ]

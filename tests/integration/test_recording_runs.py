@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,22 +18,9 @@ from coheft.app.recording.reader import read_recording
 from coheft.app.recording.recover import Saved, recover
 from coheft.errors import RecordingError
 from coheft.wire.messages import Estimate, Truth
-from tests.integration.test_run import Run, wait_for
+from tests.integration.command_line import Run, wait_for
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")
-
-
-@pytest.fixture
-def start(tmp_path: Path) -> Iterator[Callable[..., Run]]:
-    runs: list[Run] = []
-
-    def start_run(*arguments: str) -> Run:
-        runs.append(Run(tmp_path / f"run{len(runs)}", "ring3", *arguments))
-        return runs[-1]
-
-    yield start_run
-    for run in runs:
-        run.end()
 
 
 def last_messages(path: Path) -> dict[str, Any]:

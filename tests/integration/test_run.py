@@ -8,105 +8,19 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 
-from coheft.app.run_folder import RUN_FILE, RunFile
+from coheft.app.run_folder import RUN_FILE
+from tests.integration.command_line import PATIENCE, Run, wait_for
 
-PATIENCE = 60.0
 STOPS_WITHIN = 10.0  # 2 s on a machine that has nothing else to do
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")
-
-
-def alive(pid: int) -> bool:
-    """Whether a process runs; one that waits to be reaped does not."""
-    state = subprocess.run(["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True, check=False).stdout
-    return bool(state.strip()) and not state.startswith("Z")
-
-
-def wait_for(condition: Callable[[], Any], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, f"waited {PATIENCE:g} s in vain: {what}"
-        time.sleep(0.05)
-
-
-class Run:
-    """``coheft run`` in a process group of its own, as a terminal would start it."""
-
-    def __init__(self, folder: Path, *arguments: str) -> None:
-        self.folder = folder
-        self.output = folder.with_suffix(".out")
-        with self.output.open("wb") as output:
-            self.supervisor = subprocess.Popen(
-                [sys.executable, "-m", "coheft", "run", *arguments, "--logs", str(folder)],
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-        self.pids: dict[str, int] = {}
-
-    def wait_until_under_way(self) -> None:
-        """Wait for the first line about simulated time, and learn who is who."""
-        wait_for(lambda: " s of " in self.text or self.supervisor.poll() is not None, "the run to be under way")
-        assert self.supervisor.poll() is None, self.text
-        self.read_pids()
-        assert all(alive(pid) for pid in self.pids.values())
-
-    def read_pids(self) -> dict[str, int]:
-        """Who is who now."""
-        self.pids = msgspec.json.decode((self.folder / RUN_FILE).read_bytes(), type=RunFile).pids
-        return self.pids
-
-    def wait(self) -> int:
-        return self.supervisor.wait(PATIENCE)
-
-    @property
-    def text(self) -> str:
-        return self.output.read_text()
-
-    @property
-    def words(self) -> str:
-        return " ".join(self.text.split())
-
-    def ask(self, *arguments: str) -> tuple[int, str]:
-        """Another command on this run: its exit status and all its output."""
-        done = subprocess.run(
-            [sys.executable, "-m", "coheft", *arguments, "--run", str(self.folder)],
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE,
-            check=False,
-        )
-        return done.returncode, done.stdout + done.stderr
-
-    def left(self) -> list[str]:
-        return [name for name, pid in self.pids.items() if alive(pid)]
-
-    def end(self) -> None:
-        if self.supervisor.poll() is None:
-            self.supervisor.terminate()
-            self.supervisor.wait(PATIENCE)
-
-
-@pytest.fixture
-def start(tmp_path: Path) -> Iterator[Callable[..., Run]]:
-    """Starts runs of three robots, and sees to it that none is left after a failed test."""
-    runs: list[Run] = []
-
-    def start_run(*arguments: str) -> Run:
-        runs.append(Run(tmp_path / f"run{len(runs)}", "ring3", *arguments))
-        return runs[-1]
-
-    yield start_run
-    for run in runs:
-        run.end()
 
 
 def finished_run(folder: Path) -> dict[str, Any]:
@@ -192,16 +106,20 @@ def test_a_run_that_is_too_short_has_not_converged_and_says_so(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_ctrl_c_stops_everything_at_once(sign: signal.Signals, start: Callable[..., Run]) -> None:
-    """And so does a polite request to end, or a terminal that is closed."""
-    run = start("--duration", "10000")
+def test_ctrl_c_stops_everything_at_once(sign: signal.Signals, start: Callable[..., Run], tmp_path: Path) -> None:
+    """And so does a polite request to end, or a terminal that is closed. What is not written is said."""
+    data = tmp_path / "data.npz"
+    run = start("--duration", "10000", "--save-data", str(data))
     run.wait_until_under_way()
     pressed = time.monotonic()
     os.kill(run.supervisor.pid, sign)
     assert run.wait() == 130
     assert time.monotonic() - pressed < STOPS_WITHIN
     assert run.left() == []
-    assert run.text.endswith("stopped\n")
+    said = run.text.splitlines()[-1]
+    assert said.startswith("stopped at ")
+    assert said.endswith(" s: no data file (--save-data) was written; 'coheft stop' ends a run with it")
+    assert not data.exists()
     assert "Traceback" not in run.text
     assert not (run.folder / RUN_FILE).exists()
 
@@ -325,8 +243,9 @@ def test_watch_follows_a_run_to_its_end(start: Callable[..., Run]) -> None:
     )
     try:
         assert watcher.stdout is not None
-        assert " s of 10000 s: " in watcher.stdout.readline()
+        assert any(" s of 10000 s: " in line for line in watcher.stdout)
         assert run.ask("stop")[0] == 0
+        assert watcher.stdout.read().splitlines()[-1].startswith("the run has ended at ")
         assert watcher.wait(PATIENCE) == 0
     finally:
         watcher.kill()
@@ -335,6 +254,29 @@ def test_watch_follows_a_run_to_its_end(start: Callable[..., Run]) -> None:
         watcher.stdout.close()
     assert run.wait() in (0, 3)
     assert run.text == "", "quiet means quiet"
+
+
+def test_who_watches_is_patient_with_a_server_that_hangs_for_a_while(start: Callable[..., Run]) -> None:
+    run = start("--duration", "10000")
+    run.wait_until_under_way()
+    watcher = subprocess.Popen(
+        [sys.executable, "-m", "coheft", "watch", "--run", str(run.folder)], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert watcher.stdout is not None
+        assert any(" s of 10000 s: " in line for line in watcher.stdout)
+        os.kill(run.pids["server"], signal.SIGSTOP)
+        with pytest.raises(subprocess.TimeoutExpired):
+            watcher.wait(5.0)  # so long that it has asked at least once
+        os.kill(run.pids["server"], signal.SIGKILL)
+        assert "questions in a row: it has gone, or hangs" in watcher.stdout.read()
+        assert watcher.wait(PATIENCE) == 0
+    finally:
+        watcher.kill()
+        watcher.wait()
+        assert watcher.stdout is not None
+        watcher.stdout.close()
+    assert run.wait() == 1
 
 
 def test_the_parts_can_be_started_by_hand(tmp_path: Path) -> None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
 
 import msgspec
 import pytest
 
-from coheft.app.inprocess import run_in_process
+from coheft.app.inprocess import BlockRecord, run_in_process
 from coheft.app.record import Record
 from coheft.app.report import RunInfo, build_report
 from coheft.wire.codec import decode, encode
@@ -44,12 +45,12 @@ def received(message: M) -> M:
     return decode(encode(message, "key"), type(message), "key")
 
 
-def in_one_process(scenario: Scenario) -> dict[str, object]:
+def in_one_process(scenario: Scenario, blocks: Iterable[BlockRecord]) -> dict[str, object]:
     """The same from a run in this process."""
     graph = build_graph(scenario.graph, scenario.robot_names)
     scene = received(Simulation(scenario, graph).scene)
     record = Record(scene, scenario.duration, with_history=True)
-    for block in run_in_process(scenario):
+    for block in blocks:
         record.add_truth(received(block.truth))
         for estimate in block.estimates.values():
             record.add_estimate(received(estimate))
@@ -75,6 +76,6 @@ def test_the_same_numbers_in_one_process_and_in_many(estimator: str, tmp_path: P
         seed=5,
         load_changes=(LoadChange(at=6.0, mass=2.0, position=(0.2, 0.1, 0.08)),),
     )
-    one, many = in_one_process(scenario), in_processes(estimator, tmp_path)
+    one, many = in_one_process(scenario, run_in_process(scenario)), in_processes(estimator, tmp_path)
     for key in ("robots", "history", "load_changes", "consensus"):
         assert one[key] == many[key], key

@@ -25,7 +25,7 @@ from coheft.wire.inbox import Inbox, Received, Refused
 from coheft.wire.messages import Hello, Ready
 from coheft.wire.planes import guard_observer
 from coheft.wire.problem_log import BURST
-from coheft.wire.requests import InjectRequest, Refusal, Status, StatusRequest, StopRequest
+from coheft.wire.requests import EstimatorRequest, InjectRequest, Refusal, Status, StatusRequest, StopRequest
 from coheft.wire.transport import Keys, Role, Sender, ask, open_session
 
 from .attacker import Profile, raw_session, tls_settings
@@ -69,9 +69,10 @@ def test_only_the_operator_changes_the_load_and_the_server_tells_who_tried(secur
         with role_at(team, secure, "observer") as session:
             status = asked(session, team.keys.request("observer"), StatusRequest())
             assert isinstance(status, Status)
-            refused = asked(session, team.keys.request("observer"), load)
-            assert isinstance(refused, Refusal)
-            assert "only the operator may change a run" in refused.reason
+            for request in (load, EstimatorRequest(estimator="seed")):
+                refused = asked(session, team.keys.request("observer"), request)
+                assert isinstance(refused, Refusal)
+                assert "only the operator may change a run" in refused.reason
             with pytest.raises(LinkError, match="no answer"):
                 ask(session, team.keys.request("operator"), load, timeout=1.0)
         assert team.ask(StatusRequest()).loads == []
@@ -79,10 +80,11 @@ def test_only_the_operator_changes_the_load_and_the_server_tells_who_tried(secur
             done = asked(session, team.keys.request("operator"), load)
             assert isinstance(done, Status)
             assert [load.mass for load in done.loads] == [0.5]
+            assert done.estimator == "efficient"
         team.ask(StopRequest())
         assert team.exit_status("server") == 0
         log = team.log("server")
-        assert "refused to the observer: InjectRequest(mass=0.5" in log
+        assert "refused to the observer: put 0.5 kg onto the payload at" in log
         assert "done for the operator before block" in log
 
 

@@ -106,6 +106,11 @@ def click(page: Any, button: str) -> None:
     page.get_by_role("button", name=button, exact=True).first.evaluate("button => button.click()")
 
 
+def choose(page: Any, option: str) -> None:
+    """From a list, by script, too: without opening it."""
+    page.locator(f"[role=option][value='{option}']").first.evaluate("option => option.click()")
+
+
 @contextmanager
 def viewed_run(folder: Path, *arguments: str) -> Iterator[str]:
     """A run of three robots in real time, and the address of its view."""
@@ -122,13 +127,17 @@ def viewed_run(folder: Path, *arguments: str) -> Iterator[str]:
 
 def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_report(tmp_path, browser):
     folder, report = tmp_path / "run", tmp_path / "report.json"
-    with viewed_run(folder, "--duration", "1000", "--json", str(report)) as url, looking_at(browser, url) as page:
+    arguments = "--duration", "1000", "--change", "t=999,mass=1", "--json", str(report)  # no load before its time
+    with viewed_run(folder, *arguments) as url, looking_at(browser, url) as page:
         wait_for(lambda: "true mass" in text_of(page), "the numbers")
 
         click(page, "Pause")  # and the machine has time for the browser
         wait_for(lambda: "paused: Resume goes on" in text_of(page), "time to stand still")
         click(page, "Drop 3 kg")
         wait_for(lambda: [load.mass for load in status(folder).loads] == [3.0], "the load")
+        choose(page, "seed")
+        click(page, "Begin anew with it")
+        wait_for(lambda: status(folder).estimator == "seed", "the other estimator to be chosen")
         before = run_file(folder).pids["r1"]
         click(page, "Kill the chosen robot's agent")
         wait_for(lambda: run_file(folder).pids["r1"] != before, "the agent to come back")
@@ -138,12 +147,14 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
         click(page, "Resume")
         wait_for(lambda: "#1 of 3.0 kg" in inputs(page), "the load to be shown")
         wait_for(lambda: "r2 is silent" in text_of(page), "the cut to be noticed")
+        wait_for(lambda: "estimator seed" in text_of(page), "the other estimator to be used")
         click(page, "Mend")
         wait_for(lambda: "mended the link r1-r2" in text_of(page), "the link to be mended")
         click(page, "Stop the run")
         wait_for(lambda: "the run has ended" in text_of(page), "the end")
         wait_for(report.exists, "the report")
         told = json.loads(report.read_text())
+        assert told["estimator"] == "seed"
         robot = told["robots"]["r1"]
         assert [change["truth"]["mass"] for change in told["load_changes"]][-1] == pytest.approx(robot["mass"]["truth"])
         numbers = [f"{told['duration_s']:.1f} of 1000 s", f"{robot['mass']['truth']:.3f}"]

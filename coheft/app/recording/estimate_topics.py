@@ -30,6 +30,7 @@ def estimate_messages(time: int, estimate: Estimate, total_time: int) -> Iterato
         yield f"/{name}/estimate/total_wrench", ros.wrench(total_time, name, estimate.total_wrench)
     text = "converged" if estimate.status == "valid" and estimate.converged else estimate.status
     values = [
+        ("estimator", estimate.estimator),
         ("phase", estimate.phase),
         ("converged", estimate.converged),
         ("members of the team", estimate.members),

@@ -9,7 +9,8 @@ from coheft.app.recording.ros import RosMessage
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
 from coheft.estimation.spatial import quaternion_from_rotation
 from coheft.wire.messages import LoadState, Scene, Truth
-from coheft.wire.scenario import Payload, pose_of
+from coheft.wire.payload import Payload
+from coheft.wire.section import pose_of
 
 WORLD = "world"
 PAYLOAD = "payload"

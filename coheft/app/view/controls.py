@@ -18,7 +18,7 @@ from coheft.app.view.geometry import resting_place
 from coheft.app.view.model import Edge, ViewModel
 from coheft.app.view.page import Page
 from coheft.errors import CoheftError
-from coheft.wire.requests import InjectRequest, PauseRequest, RemoveRequest, Request, StopRequest
+from coheft.wire.requests import EstimatorRequest, InjectRequest, PauseRequest, RemoveRequest, Request, StopRequest
 
 _NOTE_SECONDS = 6.0
 _NO_LOAD = "nothing on it"
@@ -89,6 +89,13 @@ class Controls:
     def _add_run_controls(self, gui: viser.GuiApi) -> None:
         self._pause = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
         stop = gui.add_button("Stop the run", icon=viser.Icon.PLAYER_STOP, color="red")
+        status = self._model.status
+        choice = gui.add_dropdown("Estimator", status.estimators, initial_value=status.estimator)
+        begin_anew = gui.add_button(
+            "Begin anew with it",
+            icon=viser.Icon.REFRESH,
+            hint="All robots forget what they know, and use this estimator from the next block on",
+        )
 
         @self._pause.on_click
         def _(event: Any) -> None:
@@ -98,6 +105,11 @@ class Controls:
         @stop.on_click
         def _(event: Any) -> None:
             self._ask(event, StopRequest(), "stopped; whoever started the run gets its report")
+
+        @begin_anew.on_click
+        def _(event: Any) -> None:
+            request = EstimatorRequest(estimator=str(choice.value))
+            self._ask(event, request, f"the robots begin anew with {request.estimator}")
 
     def _add_team_controls(self, gui: viser.GuiApi) -> None:
         kill = gui.add_button(

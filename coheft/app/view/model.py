@@ -90,6 +90,12 @@ class ViewModel:
         return 0.0 if self.truth is None else self.truth.time
 
     @property
+    def estimator(self) -> str:
+        """The one that the robots use."""
+        newest = max(self._latest.values(), key=lambda estimate: estimate.block, default=None)
+        return self.status.estimator if newest is None else newest.estimator
+
+    @property
     def beliefs(self) -> dict[str, Estimate]:
         """The newest estimate of each robot, in the scene's order; stale where the robot has fallen silent."""
         return {name: as_of_now(self._latest[name], self.truth) for name in self.scene.robots if name in self._latest}

@@ -26,7 +26,7 @@ from coheft.estimation.measurement import WRENCH
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
 from coheft.wire.messages import Estimate, LoadState, Truth
-from coheft.wire.scenario import Vector, pose_of
+from coheft.wire.section import Vector, pose_of
 
 _NO_LINES = np.zeros((1, 2, 3))
 _FORCE_LENGTH = 0.15

@@ -35,7 +35,8 @@ def header(model: ViewModel, note: str = "") -> str:
     speed = f" · {status.real_time_factor:.2g} × real time" if status.real_time_factor > 0.0 else ""
     return _page(
         f'<div style="display:flex;justify-content:space-between;align-items:center">'
-        f'<span style="font-size:17px;font-weight:650">{escape(status.scenario)}</span>'
+        f'<span><span style="font-size:17px;font-weight:650">{escape(status.scenario)}</span>'
+        f'<span style="{_DIM}"> · estimator {escape(model.estimator)}</span></span>'
         f"{_chip(status.state, _STATES[status.state])}</div>{bar}"
         f'<div style="display:flex;justify-content:space-between"><span>{model.time:.1f} of {status.duration:g} s'
         f'<span style="{_DIM}">{speed}</span></span><span>{truth}</span></div>'

@@ -1,0 +1,88 @@
+"""``coheft run`` as somebody starts it, and other commands on that run."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from coheft.app.run_folder import RUN_FILE, RunFile
+
+PATIENCE = 60.0
+"""Nothing takes so long unless it is broken [s]."""
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs; one that waits to be reaped does not."""
+    state = subprocess.run(["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True, check=False).stdout
+    return bool(state.strip()) and not state.startswith("Z")
+
+
+def wait_for(condition: Callable[[], Any], what: str) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, f"waited {PATIENCE:g} s in vain: {what}"
+        time.sleep(0.05)
+
+
+class Run:
+    """``coheft run`` in a process group of its own, as a terminal would start it."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.folder = folder
+        self.output = folder.with_suffix(".out")
+        with self.output.open("wb") as output:
+            self.supervisor = subprocess.Popen(
+                [sys.executable, "-m", "coheft", "run", *arguments, "--logs", str(folder)],
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+        self.pids: dict[str, int] = {}
+
+    def wait_until_under_way(self) -> None:
+        """Wait for the first line about simulated time, and learn who is who."""
+        wait_for(lambda: " s of " in self.text or self.supervisor.poll() is not None, "the run to be under way")
+        assert self.supervisor.poll() is None, self.text
+        self.read_pids()
+        assert all(alive(pid) for pid in self.pids.values())
+
+    def read_pids(self) -> dict[str, int]:
+        """Who is who now."""
+        self.pids = msgspec.json.decode((self.folder / RUN_FILE).read_bytes(), type=RunFile).pids
+        return self.pids
+
+    def wait(self) -> int:
+        return self.supervisor.wait(PATIENCE)
+
+    @property
+    def text(self) -> str:
+        return self.output.read_text()
+
+    @property
+    def words(self) -> str:
+        return " ".join(self.text.split())
+
+    def ask(self, *arguments: str) -> tuple[int, str]:
+        """Another command on this run: its exit status and all its output."""
+        done = subprocess.run(
+            [sys.executable, "-m", "coheft", *arguments, "--run", str(self.folder)],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+            check=False,
+        )
+        return done.returncode, done.stdout + done.stderr
+
+    def left(self) -> list[str]:
+        return [name for name, pid in self.pids.items() if alive(pid)]
+
+    def end(self) -> None:
+        if self.supervisor.poll() is None:
+            self.supervisor.terminate()
+            self.supervisor.wait(PATIENCE)

@@ -1,0 +1,103 @@
+"""Another estimator while a run goes on: all robots begin anew at the same block, and equal runs stay equal."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from agents.agent import Agent
+from coheft.app.inprocess import BlockRecord
+from coheft.estimation.measurement import MeasurementBlock
+from coheft.wire.config import agent_config
+from coheft.wire.messages import NeighbourMessage, Reference
+from coheft.wire.requests import EstimatorRequest
+from coheft.wire.scenario import Scenario
+from coheft.wire.scenario_file import load_scenario
+from consensus.graph import build_graph
+from physics_server.simulation import Simulation
+from tests.integration.command_line import Run, wait_for
+from tests.integration.team import Team, running_team, small_scenario
+from tests.integration.test_same_numbers import in_one_process
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")
+
+
+def changing_run(scenario: Scenario, since: int, estimator: str) -> Iterator[BlockRecord]:
+    """In one process: agents that know nothing take the place of the others before block ``since``."""
+    graph = build_graph(scenario.graph, scenario.robot_names)
+    simulation = Simulation(scenario)
+    references: dict[int, dict[str, Reference]] = {}
+    messages: dict[str, NeighbourMessage] = {}
+    agents: dict[str, Agent] = {}
+    for block in range(scenario.blocks):
+        if block in (0, since):
+            chosen = msgspec.structs.replace(scenario, estimator=estimator if block == since else scenario.estimator)
+            agents = {name: Agent(agent_config(chosen, name, graph[name]), block) for name in graph}
+            messages = {}
+        result = simulation.advance(references.pop(block, {}))
+        outboxes = {
+            name: agent.step(
+                block,
+                MeasurementBlock(block, result.measurements[name].samples),
+                [messages[other] for other in graph[name] if other in messages],
+            )
+            for name, agent in agents.items()
+        }
+        messages = {name: outbox.message for name, outbox in outboxes.items()}
+        references[block + scenario.lookahead] = {name: outbox.reference for name, outbox in outboxes.items()}
+        yield BlockRecord(
+            result.truth, {name: out.estimate for name, out in outboxes.items() if out.estimate is not None}
+        )
+
+
+def test_robots_begin_anew_with_another_estimator_in_mid_run(start: Callable[..., Run], tmp_path: Path) -> None:
+    target = tmp_path / "report.json"
+    run = start("--duration", "10000", "--change", "t=9999,mass=1", "--history", "--json", str(target))
+    wait_for(lambda: "3 converged" in run.text, "the first estimator to find out")
+
+    status, text = run.ask("use", "best")
+    assert status == 1
+    assert "refused: this run has no estimator 'best'; there are: efficient, seed" in text
+    assert run.ask("use", "efficient")[0] == 1
+    assert run.ask("use") == (0, "the robots use efficient; there are: efficient, seed\n")
+    status, text = run.ask("use", "seed")
+    assert status == 0, text
+    assert run.ask("use") == (0, "the robots use seed; there are: efficient, seed\n")
+    wait_for(lambda: run.text.count("begins anew") == 3, "all robots to say so")
+    wait_for(lambda: "; mass" in run.text.rpartition("begins anew")[2], "an estimate by the other estimator")
+    assert run.ask("stop")[0] == 0
+    assert run.wait() in (0, 3), run.text
+
+    told = json.loads(target.read_text())
+    assert told["estimator"] == "seed"
+    (change,) = told["estimator_changes"]
+    assert change["estimator"] == "seed"
+    since = change["since_s"]
+    said = re.findall(r"(r\d): uses the estimator 'seed' from (\d+\.\d\d) s on, and begins anew", run.words)
+    assert sorted(said) == [(name, f"{since:.2f}") for name in ("r1", "r2", "r3")]
+    assert f"At {since:g} s the robots forgot all, and began anew with the estimator seed." in run.words
+
+    scenario = msgspec.structs.replace(load_scenario("ring3"), load_changes=(), duration=told["duration_s"])
+    again = in_one_process(scenario, changing_run(scenario, round(since / scenario.block_duration), "seed"))
+    for key in ("robots", "history", "consensus", "estimator_changes"):
+        assert told[key] == again[key], key
+
+
+def test_an_agent_that_comes_back_uses_what_the_others_use(tmp_path: Path) -> None:
+    def begun(team: Team, name: str) -> int:
+        return team.log(name).count("uses the estimator 'seed'")
+
+    with running_team(small_scenario(3), tmp_path, "realtime") as team:
+        team.wait_for_block(10)
+        assert team.ask(EstimatorRequest(estimator="seed")).estimator == "seed"
+        wait_for(lambda: all(begun(team, name) == 1 for name in team.plan.agents), "all agents to begin anew")
+        team.kill("r2")
+        team.restart("r2")
+        wait_for(lambda: begun(team, "r2") == 2, "the one that is back to do so, too")
+        assert [begun(team, name) for name in ("r1", "r3")] == [1, 1]

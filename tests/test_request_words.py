@@ -1,0 +1,35 @@
+"""Requests in words."""
+
+from __future__ import annotations
+
+import pytest
+
+from coheft.wire.messages import Message
+from coheft.wire.requests import (
+    EstimatorRequest,
+    HoldRequest,
+    InjectRequest,
+    PauseRequest,
+    RemoveRequest,
+    StatusRequest,
+    StopRequest,
+)
+from physics_server.request_words import in_words
+
+
+@pytest.mark.parametrize(
+    ("request_made", "words"),
+    [
+        (InjectRequest(mass=3.0, position=(0.4, 0.3, -0.1)), "put 3 kg onto the payload at (0.4, 0.3, -0.1) m"),
+        (RemoveRequest(load=7), "take load 7 away"),
+        (HoldRequest(robot="r2", holding=False), "let r2 let go"),
+        (HoldRequest(robot="r2", holding=True), "let r2 take hold again"),
+        (EstimatorRequest(estimator="seed"), "use the estimator 'seed'"),
+        (PauseRequest(paused=True), "pause the run"),
+        (PauseRequest(paused=False), "let the run go on"),
+        (StopRequest(), "stop the run"),
+        (StatusRequest(), "request 'status'"),
+    ],
+)
+def test_requests_are_told_in_words(request_made: Message, words: str) -> None:
+    assert in_words(request_made) == words
