@@ -1,0 +1,62 @@
+"""Regression guard: measures some ratios, and fails if one is more than 1.3 times worse than the committed one.
+
+    python -m benchmarks.check [--commit TABLE]
+
+Ratios of things that were measured side by side, not seconds. What seems to be worse is measured once more, and the
+better of the two counts. With --commit nothing is measured: the ratios of a table that 'python -m benchmarks' has
+written, build/bench/bench.json, become what later runs are compared with.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from benchmarks.compare import LIMIT, better_of, compare, load_committed, write_committed
+from benchmarks.figures import guarded, load_results
+from benchmarks.runner import GUARDED, measure_all
+from coheft.errors import CoheftError
+
+
+def check() -> int:
+    """Measure and compare; the exit status."""
+    committed = load_committed()
+    found = guarded(measure_all(GUARDED, "short").sections)
+    worse = [each for each in compare(committed, found) if each.is_regression and each.now is not None]
+    if worse:
+        again = sorted({each.name.partition(":")[0] for each in worse}, key=GUARDED.index)
+        print(f"once more, because of {'; '.join(map(str, worse))}", file=sys.stderr)
+        found = better_of(found, guarded(measure_all(again, "short").sections))
+    comparisons = compare(committed, found)
+    for each in comparisons:
+        print(f"{'WORSE ' if each.is_regression else 'ok    '}{each}")
+    for name in sorted(found.keys() - committed.keys()):
+        print(f"new   {name}: {found[name].value:.3g}; not compared with anything yet, see --commit")
+    count = sum(each.is_regression for each in comparisons)
+    if count:
+        print(
+            f"{count} of {len(comparisons)} ratios are more than {LIMIT:g} times worse than committed", file=sys.stderr
+        )
+    return 1 if count else 0
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.check", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--commit", metavar="TABLE", type=Path, help="make these ratios what is compared with")
+    table = parser.parse_args().commit
+    try:
+        if table is None:
+            sys.exit(check())
+        write_committed(guarded(load_results(table).sections))
+    except (CoheftError, OSError) as error:
+        sys.exit(str(error))
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,169 @@
+"""What a benchmark has found: figures in sections, as Markdown and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from coheft.errors import CoheftError
+
+Effort = Literal["short", "usual", "full"]
+"""How much to measure: what the regression guard compares, what fits into some minutes, everything."""
+
+
+class Figure(msgspec.Struct, frozen=True, kw_only=True):
+    """One figure.
+
+    Attributes:
+        name: What it is; no two figures of a section have the same.
+        value: The figure.
+        unit: Its unit; "times" for a ratio.
+        bar: What it should reach, None if nothing is asked of it.
+        more_is_better: Whether larger figures are better.
+        is_guarded: Whether the regression guard compares it: a ratio of two things that were measured side by side.
+        note: What to know about it.
+    """
+
+    name: str
+    value: float
+    unit: str = "times"
+    bar: float | None = None
+    more_is_better: bool = False
+    is_guarded: bool = False
+    note: str = ""
+
+    @property
+    def misses_bar(self) -> bool:
+        """Whether it does not reach what it should."""
+        if self.bar is None:
+            return False
+        return self.value < self.bar if self.more_is_better else self.value > self.bar
+
+
+class Skipped(msgspec.Struct, frozen=True):
+    """A measurement that was not made, and why."""
+
+    name: str
+    reason: str
+
+
+class Section(msgspec.Struct, frozen=True, kw_only=True):
+    """All figures of one benchmark.
+
+    Attributes:
+        name: Short name, that of its module.
+        title: What it is about.
+        figures: What was found.
+        skipped: What was not measured.
+        seconds: How long it took [s].
+    """
+
+    name: str
+    title: str
+    figures: list[Figure]
+    skipped: list[Skipped] = []
+    seconds: float = 0.0
+
+
+class Machine(msgspec.Struct, frozen=True, kw_only=True):
+    """Where it was measured, and how busy others were.
+
+    Attributes:
+        cores: Number of cores.
+        python: Version.
+        numpy: Version.
+        load_before: Processes that wanted to run in the minute before.
+        load_after: And in the last minute.
+    """
+
+    cores: int
+    python: str
+    numpy: str
+    load_before: float
+    load_after: float
+
+
+class Results(msgspec.Struct, frozen=True, kw_only=True):
+    """All benchmarks of one run."""
+
+    effort: Effort
+    machine: Machine
+    sections: list[Section]
+
+    def write(self, folder: Path) -> tuple[Path, Path]:
+        """Write ``bench.md`` and ``bench.json``; returns their paths."""
+        folder.mkdir(parents=True, exist_ok=True)
+        table, data = folder / "bench.md", folder / "bench.json"
+        table.write_text(self.markdown(), encoding="utf-8")
+        data.write_bytes(msgspec.json.format(msgspec.json.encode(self)) + b"\n")
+        return table, data
+
+    def markdown(self) -> str:
+        """A table for each section."""
+        machine = self.machine
+        lines = [
+            "# Benchmarks",
+            "",
+            f"{machine.cores} cores, Python {machine.python}, numpy {machine.numpy}; load average "
+            f"{machine.load_before:.1f} before, {machine.load_after:.1f} after. "
+            "Figures in bold miss what they should reach.",
+        ]
+        for section in self.sections:
+            lines += ["", f"## {section.title}", "", *section_lines(section)]
+        return "\n".join(lines) + "\n"
+
+
+def load_results(path: Path) -> Results:
+    """What ``Results.write`` has written as JSON.
+
+    Raises:
+        CoheftError: It cannot be read.
+    """
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Results)
+    except OSError as error:
+        raise CoheftError(f"{path}: cannot be read: {error.strerror}; 'python -m benchmarks' makes it") from error
+    except msgspec.DecodeError as error:
+        raise CoheftError(f"{path}: not a bench.json of 'python -m benchmarks': {error}") from error
+
+
+def section_lines(section: Section) -> list[str]:
+    """The table of a section, and what is missing in it."""
+    lines = []
+    if section.figures:
+        lines += ["| what | figure | should be | |", "|---|---:|---:|---|"]
+        lines += [_row(figure) for figure in section.figures]
+    lines += [f"- not measured: {each.name}: {each.reason}" for each in section.skipped]
+    return [*lines, "", f"Took {section.seconds:.0f} s."]
+
+
+def _row(figure: Figure) -> str:
+    value = f"{digits(figure.value)} {figure.unit}"
+    if figure.misses_bar:
+        value = f"**{value}**"
+    bar = ""
+    if figure.bar is not None:
+        bar = f"{'≥' if figure.more_is_better else '≤'} {digits(figure.bar)}"
+    return f"| {figure.name} | {value} | {bar} | {figure.note} |"
+
+
+def digits(value: float) -> str:
+    """Three digits that count, no exponent for what people can read without."""
+    if value != 0.0 and not 1e-3 <= abs(value) < 1e6:
+        return f"{value:.1e}"
+    if abs(value) >= 100.0 or value == int(value):
+        return f"{value:,.0f}"
+    return f"{value:.3g}"
+
+
+def guarded(sections: Iterable[Section]) -> dict[str, Figure]:
+    """Figures that the regression guard compares, by section and name."""
+    return {
+        f"{section.name}: {figure.name}": figure
+        for section in sections
+        for figure in section.figures
+        if figure.is_guarded
+    }

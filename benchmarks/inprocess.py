@@ -1,0 +1,153 @@
+"""Whole teams in one process on one core: simulated seconds per second of CPU time, with and without physics.
+
+    python -m benchmarks.inprocess [--effort short|usual|full]
+
+Teams run until every agent weighs the load; then they take turns, ten blocks each. CPU time of agents and of physics is
+counted separately. Sensors sample at 1 kHz where nothing else is said, a block lasts 20 ms.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from dataclasses import dataclass, field
+from typing import Literal
+
+from msgspec.structs import replace
+
+from benchmarks.figures import Effort, Figure, Section, Skipped
+from benchmarks.network import Network
+from benchmarks.replay import SETTLED
+from benchmarks.runner import run_alone
+from benchmarks.scenarios import team_scenario
+from benchmarks.timing import ratio
+from coheft.wire.scenario import Graph, Scenario
+
+BLOCK_DURATION = 0.02
+_TURN = 10
+_TURNS: dict[Effort, int] = {"short": 15, "usual": 25, "full": 50}
+_BAR = 20.0
+_SMALL, _LARGE = 6, 24
+_LARGER: dict[Effort, tuple[int, ...]] = {"short": (), "usual": (100,), "full": (100, 300, 1000)}
+_KINDS: dict[Effort, tuple[Literal["ring", "star"], ...]] = {"short": (), "usual": ("ring",), "full": ("ring", "star")}
+"""A ring's rounds grow with N, a star's do not, but its hub hears everybody."""
+_LIMIT: dict[Effort, float] = {"short": 0.0, "usual": 40.0, "full": 1200.0}
+"""A larger team is given up after so much CPU time [s]."""
+_SAME_COST = 1.2
+_STRONG = 24
+"""More robots than these are weaker in proportion: together they would shake the load apart."""
+
+
+@dataclass
+class Runner:
+    """A team, and what each of its turns took.
+
+    Attributes:
+        network: The team.
+        robots: How many.
+        agents: CPU time per agent and block, a number for each turn [s].
+        physics: CPU time of the physics per block, likewise [s].
+    """
+
+    network: Network
+    robots: int
+    agents: list[float] = field(default_factory=list)
+    physics: list[float] = field(default_factory=list)
+
+    def turn(self) -> None:
+        """Some blocks."""
+        agents, physics = self.network.agents_time, self.network.physics_time
+        for _ in range(_TURN):
+            self.network.step()
+        self.agents.append((self.network.agents_time - agents) / _TURN / self.robots)
+        self.physics.append((self.network.physics_time - physics) / _TURN)
+
+    def figures(self, name: str, bar: float | None = None) -> list[Figure]:
+        """How fast it is."""
+        agents, physics = statistics.mean(self.agents) * self.robots, statistics.mean(self.physics)
+        note = f"{1e6 * agents / self.robots:.0f} µs per agent and block"
+        return [
+            Figure(
+                name=f"{name}, physics included",
+                value=BLOCK_DURATION / (agents + physics),
+                unit="times real time",
+                bar=bar,
+                more_is_better=True,
+                note=f"{note}; physics {1e6 * physics:.0f} µs a block",
+            ),
+            Figure(
+                name=f"{name}, agents alone",
+                value=BLOCK_DURATION / agents,
+                unit="times real time",
+                more_is_better=True,
+                note=note,
+            ),
+        ]
+
+
+def measure(effort: Effort) -> Section:
+    """All teams."""
+    small, large = (Runner(Network(team_scenario(robots)), robots) for robots in (_SMALL, _LARGE))
+    teams = {f"ring of {_SMALL}": small, f"ring of {_LARGE}": large}
+    if effort != "short":
+        teams[f"ring of {_SMALL}, 500 Hz"] = Runner(Network(team_scenario(_SMALL, 500, 10)), _SMALL)
+    for team in teams.values():
+        team.network.run_until(SETTLED)
+    for _ in range(_TURNS[effort]):
+        for team in teams.values():
+            team.turn()
+    figures = [
+        *(figure for name, team in teams.items() for figure in team.figures(name, _BAR if team is small else None)),
+        Figure(
+            name=f"cost per agent and block, {_LARGE} against {_SMALL}",
+            value=ratio(large.agents, small.agents),
+            is_guarded=True,
+            note=f"a ring's rounds grow with N: {_LARGE // 2} against {_SMALL // 2}",
+        ),
+        Figure(
+            name=f"agents against physics, N = {_SMALL}",
+            value=ratio(small.agents, small.physics) * _SMALL,
+            is_guarded=True,
+            note="CPU time; physics is the yardstick here",
+        ),
+    ]
+    skipped: list[Skipped] = []
+    for robots in _LARGER[effort]:
+        for kind in _KINDS[effort]:
+            _measure_larger(robots, Graph(kind=kind), _LIMIT[effort], figures, skipped)
+    return Section(name="inprocess", title="Teams in one process, one core", figures=figures, skipped=skipped)
+
+
+def _measure_larger(robots: int, graph: Graph, limit: float, figures: list[Figure], skipped: list[Skipped]) -> None:
+    """A team of hundreds, if it comes to work within ``limit`` seconds."""
+    name = f"{graph.kind} of {robots}"
+    network = Network(_weaker(replace(team_scenario(robots), graph=graph)))
+    deadline = time.process_time() + limit
+    while not network.is_working and time.process_time() < deadline:
+        network.step()
+    if not network.is_working:
+        simulated = network.block * BLOCK_DURATION
+        reason = f"after {limit:.0f} s of CPU time it had simulated {simulated:.2f} s, and weighed no load yet"
+        skipped.append(Skipped(name, reason))
+        return
+    team = Runner(network, robots)
+    for _ in range(5):
+        team.turn()
+    figures.extend(team.figures(name))
+
+
+def _weaker(scenario: Scenario) -> Scenario:
+    """The same with arms that together are as strong as those of ``_STRONG``."""
+    robots, share = scenario.robots, min(1.0, _STRONG / scenario.robot_count)
+    return replace(
+        scenario,
+        robots=replace(
+            robots,
+            stiffness=(share * robots.stiffness[0], share * robots.stiffness[1]),
+            damping=(share * robots.damping[0], share * robots.damping[1]),
+        ),
+    )
+
+
+if __name__ == "__main__":
+    run_alone("inprocess", __doc__)

@@ -1,0 +1,158 @@
+"""Teams of real processes that run for a while, stand still, and run again: so that two of them can take turns."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import psutil
+import zenoh
+from msgspec.structs import replace
+
+from benchmarks.bench_server import SETTINGS
+from benchmarks.replay import SETTING
+from coheft.app.plan import Plan, make_plan
+from coheft.app.processes import Processes
+from coheft.errors import LinkError
+from coheft.wire.requests import PauseRequest, Refusal, Request, Status, StatusRequest, StopRequest
+from coheft.wire.scenario import Scenario
+from coheft.wire.transport import Keys, ask, open_session
+
+_LIMIT = 120.0
+"""Nothing takes so long unless it is broken [s]."""
+_ANSWER = 5.0
+_POLL = 0.05
+
+
+@dataclass(frozen=True)
+class Turn:
+    """What a team did while it ran.
+
+    Attributes:
+        first: Number of its first block.
+        blocks: How many there were.
+        wall: Time that they took [s].
+        cpu: CPU time of each process meanwhile, by name [s].
+    """
+
+    first: int
+    blocks: int
+    wall: float
+    cpu: dict[str, float]
+
+    @property
+    def block_time(self) -> float:
+        """Wall time per block [s]."""
+        return self.wall / self.blocks
+
+    @property
+    def agent_time(self) -> float:
+        """CPU time per agent and block [s]."""
+        agents = [seconds for name, seconds in self.cpu.items() if name != "server"]
+        return sum(agents) / len(agents) / self.blocks
+
+    @property
+    def server_time(self) -> float:
+        """CPU time of the server per block [s]."""
+        return self.cpu["server"] / self.blocks
+
+
+class PacedTeam:
+    """A team of processes in lockstep, see ``paced_team``."""
+
+    def __init__(self, plan: Plan, processes: Processes, session: zenoh.Session) -> None:
+        self._processes = processes
+        self._session = session
+        self._key = Keys(plan.run).request("operator")
+        self._children = {name: psutil.Process(pid) for name, pid in processes.pids.items()}
+
+    def run_until(self, seconds: float) -> None:
+        """Let it run up to a simulated time [s], then stand still.
+
+        Raises:
+            LinkError: It does not get there.
+        """
+        deadline = time.monotonic() + _LIMIT
+        while True:
+            self._processes.check()
+            if time.monotonic() > deadline:
+                raise LinkError(f"the team is not at {seconds:g} s after {_LIMIT:g} s; see {self._processes.folder}")
+            try:
+                status = self._ask(StatusRequest())
+            except LinkError:  # it has not begun to listen
+                continue
+            if status.state != "waiting" and status.time >= seconds:
+                break
+            time.sleep(_POLL)
+        self._ask(PauseRequest(paused=True))
+
+    def turn(self, seconds: float) -> Turn:
+        """Let it run for so long [s]; it stands still before and afterwards."""
+        cpu = self._cpu()
+        before = self._ask(PauseRequest(paused=False))
+        time.sleep(seconds)
+        after = self._ask(PauseRequest(paused=True))
+        time.sleep(_POLL)  # for the last answers
+        return Turn(
+            first=before.block,
+            blocks=after.block - before.block,
+            wall=_ran(after) - _ran(before),
+            cpu={name: now - cpu[name] for name, now in self._cpu().items()},
+        )
+
+    def memory(self) -> dict[str, float]:
+        """Resident memory of each process, by name [MB]."""
+        return {name: child.memory_info().rss / 1e6 for name, child in self._children.items()}
+
+    def stop(self) -> None:
+        """End the run, so that the server writes what it has noted."""
+        self._ask(PauseRequest(paused=False))
+        self._ask(StopRequest())
+        self._processes.wait_for_all_but("server", _LIMIT)
+
+    def _ask(self, request: Request) -> Status:
+        """The server's answer.
+
+        Raises:
+            LinkError: There is none, or it refuses.
+        """
+        answer = ask(self._session, self._key, request, timeout=_ANSWER)
+        if isinstance(answer, Refusal):
+            raise LinkError(f"the server refuses: {answer.reason}")
+        return answer
+
+    def _cpu(self) -> dict[str, float]:
+        times = {name: child.cpu_times() for name, child in self._children.items()}
+        return {name: each.user + each.system for name, each in times.items()}
+
+
+def _ran(status: Status) -> float:
+    """For how long the clock has run [s]."""
+    return status.time / status.real_time_factor if status.real_time_factor > 0.0 else 0.0
+
+
+@contextmanager
+def paced_team(scenario: Scenario, folder: Path, replay: Mapping[str, Path] | None = None) -> Iterator[PacedTeam]:
+    """Start a team.
+
+    Args:
+        scenario: What to run.
+        folder: For logs and times.
+        replay: What each agent shall say, see ``benchmarks.replay``: then there is no mathematics, and no physics.
+            None: the product as it is.
+    """
+    folder.mkdir()
+    settings = {SETTINGS: {"folder": str(folder), "physics": replay is None}}
+    plan = make_plan(replace(scenario, settings=settings))
+    with Processes(folder) as processes, open_session(connect=[plan.server.observe]) as session:
+        processes.start("server", "benchmarks.bench_server", plan.server)
+        for name, config in plan.agents.items():
+            if replay is None:
+                processes.start(name, "agents.process", config)
+            else:
+                agent = replace(config.agent, estimator_settings={SETTING: str(replay[name])})
+                processes.start(name, "benchmarks.bare_agent", replace(config, agent=agent))
+        yield PacedTeam(plan, processes, session)

@@ -1,0 +1,110 @@
+"""How many times faster than real time a team of processes is, and whether it keeps pace with the clock on the wall.
+
+    python -m benchmarks.realtime [--effort short|usual|full]
+
+Whole runs from the first block on, as 'coheft run' makes them. A block lasts 20 ms at every rate. In lockstep the
+server waits for everybody; in real time it waits for nobody, and counts answers that come too late. Other work on the
+machine makes runs slower: the note says what the CPU time would allow on all cores.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import psutil
+from rich.console import Console
+
+from benchmarks.figures import Effort, Figure, Section, Skipped
+from benchmarks.runner import run_alone
+from benchmarks.scenarios import team_scenario
+from coheft.app.launch import launch
+from coheft.app.plan import Clock, make_plan
+from coheft.app.terminal import make_display
+from coheft.errors import CoheftError
+
+BLOCKS_PER_SECOND = 50
+_BARS = {(6, 1000): 15.0, (24, 1000): 3.0}
+_DURATION = 12.0
+_MEMORY = 80e6
+"""What a process takes, with its share of the supervisor's [B]."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A team, its sensors' rate [Hz], and its clock."""
+
+    robots: int
+    rate: int
+    clock: Clock
+
+    def __str__(self) -> str:
+        return f"N = {self.robots}, {self.rate} Hz"
+
+
+def cases(effort: Effort) -> list[Case]:
+    """What to run."""
+    if effort == "full":
+        sizes, rates = (3, 6, 12, 24, 48), (100, 200, 500, 1000)
+        clocks: tuple[Clock, Clock] = ("lockstep", "realtime")
+        return [Case(robots, rate, clock) for clock in clocks for robots in sizes for rate in rates]
+    chosen = [Case(6, 1000, "lockstep"), Case(6, 1000, "realtime")]
+    if effort == "usual":
+        chosen += [Case(robots, 1000, "lockstep") for robots in (3, 12, 24)] + [Case(6, 100, "lockstep")]
+        chosen += [Case(24, 1000, "realtime")]
+    return chosen
+
+
+def measure(effort: Effort) -> Section:
+    """All runs."""
+    figures: list[Figure] = []
+    skipped: list[Skipped] = []
+    for case in cases(effort):
+        if (case.robots + 2) * _MEMORY > psutil.virtual_memory().available:
+            skipped.append(Skipped(str(case), "not enough memory"))
+            continue
+        try:
+            figures.append(_run(case))
+        except CoheftError as error:
+            skipped.append(Skipped(f"{case.clock}, {case}", " ".join(str(error).split())))
+    return Section(name="realtime", title="Real-time factor", figures=figures, skipped=skipped)
+
+
+def _run(case: Case) -> Figure:
+    scenario = team_scenario(case.robots, case.rate, case.rate // BLOCKS_PER_SECOND, _DURATION)
+    before = _cpu_time()
+    with tempfile.TemporaryDirectory() as folder:
+        report = launch(make_plan(scenario, case.clock), Path(folder), make_display(Console(stderr=True), quiet=True))
+    cpu = (_cpu_time() - before) / _DURATION
+    note = f"{cpu:.2f} s of CPU time per simulated second"
+    if case.clock == "lockstep":
+        return Figure(
+            name=f"lockstep, {case}",
+            value=report.real_time_factor,
+            unit="times real time",
+            bar=_BARS.get((case.robots, case.rate)),
+            more_is_better=True,
+            note=f"{note}: at most {(os.cpu_count() or 1) / cpu:.2f} times",
+        )
+    return Figure(
+        name=f"answers that came too late in real time, {case}",
+        value=report.late_blocks,
+        unit=f"of {case.robots * scenario.blocks}",
+        bar=0.0,
+        note=note,
+    )
+
+
+def _cpu_time() -> float:
+    """Of this process and of those of it that have ended [s]."""
+    return sum(
+        usage.ru_utime + usage.ru_stime
+        for usage in map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    )
+
+
+if __name__ == "__main__":
+    run_alone("realtime", __doc__)

@@ -1,0 +1,33 @@
+"""Scenarios of any number of robots, any rate, without load changes: what benchmarks run."""
+
+from __future__ import annotations
+
+from msgspec.structs import replace
+
+from coheft.wire.scenario import Scenario
+from coheft.wire.scenario_file import load_scenario
+
+RATE = 1000
+BLOCK = 20
+"""Samples per block: 50 blocks a second at 1 kHz."""
+_FOREVER = 1e6
+
+
+def team_scenario(robots: int, rate: int = RATE, block: int = BLOCK, duration: float = _FOREVER) -> Scenario:
+    """The shipped ring of at least as many robots, or the largest, with this number of them around the same payload.
+
+    Args:
+        robots: Number of robots.
+        rate: Samples per second.
+        block: Samples per block.
+        duration: Simulated time [s].
+    """
+    base = load_scenario(next((f"ring{count}" for count in (3, 6, 12, 24) if robots <= count), "ring24"))
+    assert base.robots.perimeter is not None
+    return replace(
+        base,
+        robots=replace(base.robots, perimeter=replace(base.robots.perimeter, count=robots)),
+        sensors=replace(base.sensors, rate=rate, block=block),
+        load_changes=(),
+        duration=duration,
+    )
