@@ -4,18 +4,19 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
+RUNTIME := $(VENV)/runtime
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fuzz faults check docs format clean
+.PHONY: help setup demo test fuzz faults bench bench-check check docs format clean
 
 help: ## Say what can be made
-	@sed -n 's/^\([a-z]*\):.*## /make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
+	@sed -n 's/^\([a-z-]*\):.*## /make \1\t/p' $(MAKEFILE_LIST) | expand -t 20
 
 setup: $(INSTALLED) ## Install everything into .venv
 
-demo: setup ## Six robots find out what they are holding
+demo: $(RUNTIME) ## Six robots find out what they are holding
 	$(BIN)/coheft run ring6
 
 test: setup ## Run all tests
@@ -26,6 +27,12 @@ fuzz: setup ## Give the decoders of messages and scenarios ten thousands of malf
 
 faults: setup ## Let things go wrong in 500 simulated runs, and check that the promises are kept
 	$(BIN)/coheft faults --seeds 500
+
+bench: setup ## Measure how fast everything is, some minutes; tables in build/bench
+	$(BIN)/python -m benchmarks --to build/bench
+
+bench-check: setup ## Check that nothing has become slower than the committed ratios say, some minutes
+	$(BIN)/python -m benchmarks.check
 
 check: setup ## Check format, lint and types
 	$(BIN)/ruff format --check
@@ -42,9 +49,19 @@ format: setup ## Put the code into its format
 clean: ## Remove all that was made
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
-# The stamp is written last: an installation that failed is done again.
-$(INSTALLED): pyproject.toml constraints.txt
-	@$(PYTHON) -c 'import sys; sys.exit("coheft needs Python 3.11 or later, but $(PYTHON) is " + sys.version.split()[0] + "; name another: make PYTHON=python3.12 setup" if sys.version_info < (3, 11) else 0)'
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+# Installs coheft with the extras $(1) into .venv. The stamp is written last: an installation that failed is done again.
+define install
+	@$(PYTHON) -c 'import sys; sys.exit("coheft needs Python 3.11 or later, but $(PYTHON) is " + sys.version.split()[0] + "; name another: make PYTHON=python3.12 $(MAKECMDGOALS)" if sys.version_info < (3, 11) else 0)'
+	@echo "Installing $(2) into $(VENV), once: $(3) on a fast line"
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[$(1)]'
 	@touch $@
+endef
+
+# What a run and its view need; the rest comes with whatever else is made.
+$(RUNTIME): pyproject.toml constraints.txt
+	$(call install,view,what a run needs,half a minute)
+
+$(INSTALLED): pyproject.toml constraints.txt
+	$(call install,dev,everything,some minutes)
+	@touch $(RUNTIME)

@@ -50,7 +50,9 @@ class MissingPackageError(CoheftError):
     """Something was asked for that takes a package which is not installed."""
 
     def __init__(self, package: str, extra: str) -> None:
-        super().__init__(f"this needs the package '{package}': install 'coheft[{extra}]'")
+        super().__init__(
+            f"this needs the package '{package}': install 'coheft[{extra}]'; in a clone 'make setup' installs all"
+        )
 
 
 class PluginError(CoheftError):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import tracemalloc
 
+import msgspec
 import numpy as np
 import pytest
 
+from coheft.app.final_table import sentences
 from coheft.app.pairing import REMEMBERED
-from coheft.app.record import SILENT, Record
+from coheft.app.record import SILENT, EstimatorUse, Record
 from coheft.app.report import RunInfo, build_report
 from coheft.wire.messages import LoadChangeNotice
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, changing_run, estimate, recorded, truth
@@ -58,6 +60,19 @@ def test_estimates_of_a_block_whose_truth_has_not_come_wait() -> None:
     report = record.robots["r1"].report
     assert report is not None
     assert report.mass.error_pct == pytest.approx(0.0, abs=1e-9)
+
+
+def test_estimators_change_once_though_what_was_said_before_comes_later() -> None:
+    record = Record(SCENE, duration=1.0)
+    said = [("r1", 4, "seed"), ("r1", 7, "efficient"), ("r2", 6, "seed"), ("r2", 7, "efficient"), ("r3", 5, "seed")]
+    for block in range(10):
+        record.add_truth(truth(block, LIGHT))
+    for name, block, estimator in said:
+        record.add_estimate(msgspec.structs.replace(estimate(name, block, LIGHT), estimator=estimator))
+    assert record.estimators == [EstimatorUse(4 * BLOCK, "seed"), EstimatorUse(7 * BLOCK, "efficient")]
+    report = build_report(INFO, record)
+    assert report.estimator_changes == record.estimators[1:]
+    assert "At 0.14 s the robots forgot all, and began anew with the estimator efficient." in sentences(report)
 
 
 def test_who_falls_silent_is_stale() -> None:

@@ -13,11 +13,14 @@ import msgspec
 import numpy as np
 import pytest
 
+from coheft.app.digits import error_and_std
+from coheft.app.figures import LIGHT
 from coheft.app.inprocess import run_in_process
 from coheft.app.record import Record
 from coheft.app.report import Report, RunInfo, build_report
 from coheft.app.run_report import data
 from coheft.app.run_report.convergence import ALL_SHOWN, curves
+from coheft.app.run_report.drawings import draw_overview
 from coheft.app.run_report.folder import prepare_folder, write_folder
 from coheft.app.run_report.page import SECTIONS
 from coheft.app.run_report.pictures import pictures_of
@@ -98,7 +101,8 @@ class Made:
         scene = Simulation(self.scenario, graph).scene
         status = Status(
             scenario="two", state="running", block=0, time=0.0, duration=9.0, real_time_factor=1.0, late_blocks=0,
-            loads=[], slots_free=4, waiting_for=[], scene=scene,
+            loads=[], slots_free=4, waiting_for=[], estimator="efficient",
+            estimators=["efficient", "seed"], scene=scene,
         )  # fmt: skip
         follower, record = SeriesFollower(), Record(scene, self.scenario.duration)
         follower.begin(status)
@@ -152,9 +156,12 @@ def test_the_numbers_are_those_of_the_report_for_programs(made: Made) -> None:
     assert report == json.loads(msgspec.json.encode(made.report))
     for name, robot in report["robots"].items():
         at = made.page.cells.index(name)
-        assert made.page.cells[at + 2 : at + 5] == [
-            f"{robot['mass']['truth']:.3f}", f"{robot['mass']['estimate']:.3f}", f"{robot['mass']['error_pct']:.2f} %",
-        ]  # fmt: skip
+        mass = robot["mass"]
+        assert made.page.cells[at + 2 : at + 6] == [
+            f"{mass['truth']:.3f}",
+            f"{mass['estimate']:.3f}",
+            *error_and_std(mass["error_pct"], 100.0 * mass["std"] / mass["truth"], "%"),
+        ]
     (change,) = report["load_changes"]
     assert f"{change['truth']['mass']:.3f}" in made.page.cells
     assert f"{change['detected_at_s'] - change['at_s']:.2f}" in made.page.cells
@@ -190,6 +197,21 @@ def test_the_change_is_shown_close_up_and_the_page_tells_who_was_stale(made: Mad
     assert levels[-1] in ("all", "converged")
     assert "looking" not in made.page.words
     assert "the load changed" in made.page.words.lower()
+
+
+def test_masses_that_are_stale_are_drawn_thin_and_dotted(made: Made) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure()
+    draw_overview(figure, LIGHT, made.series, made.report)
+    (axes,) = figure.axes
+    dotted = [line for line in axes.lines if line.get_linestyle() != "-" and line.get_linewidth() < 0.9]
+    assert "stale" in [line.get_label() for line in dotted]
+    for points in (list(robot.points) for robot in made.series.robots.values()):
+        stale = {round(point.time, 6) for point in points if point.is_stale}
+        assert stale
+        drawn = [{round(t, 6) for t, y in zip(*line.get_data(), strict=True) if np.isfinite(y)} for line in dotted[:2]]
+        assert any(stale <= times for times in drawn)
 
 
 def test_what_others_say_stays_text(made: Made) -> None:

@@ -8,15 +8,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 from rich.console import Console
 
-from coheft.app.final_table import print_report
+from coheft.app.digits import error_and_std, value_and_std
+from coheft.app.final_table import print_report, robot_rows, sentences
 from coheft.app.record import Record
 from coheft.app.report import RunInfo, build_report
 from coheft.app.terminal import LineDisplay, LiveDisplay, QuietDisplay, make_display
+from coheft.estimation.rigid_body import Inertia
 from coheft.wire.messages import Estimate, Problem
-from tests.synthetic_run import BLOCK, HEAVY, SCENE, changing_run, estimate, recorded, truth
+from tests.synthetic_run import BLOCK, GRASPS, HEAVY, SCENE, changing_run, estimate, recorded, truth
 
 INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, real_time_factor=1.0)
 ESCAPE = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
@@ -129,7 +132,58 @@ def test_the_final_table_tells_of_load_changes() -> None:
     console = terminal(is_terminal=False)
     print_report(console, build_report(INFO, recorded(truths, estimates)), Path("logs"))
     text = " ".join(drawn(console).split())
-    assert "At 2 s the payload changed from 10.00 kg to 13.00 kg. Noticed: 0.1 s after. Recovered: 0.4 s after." in text
+    assert "At 2 s the payload changed from 10.00 kg to 13.00 kg. The last robot noticed 0.1 s after." in text
+    assert "All recovered 0.4 s after." in text
+
+
+def test_error_and_own_std_are_in_one_unit_and_have_the_same_decimals() -> None:
+    believed = {"r1": Inertia(13.004, HEAVY.com, 1.001 * HEAVY.tensor), "r2": HEAVY, "r3": HEAVY}
+    last = {name: [estimate(name, 9, payload)] for name, payload in believed.items()}
+    report = build_report(INFO, recorded([truth(9, HEAVY)], last))
+    mass, com, inertia = robot_rows(report.robots["r1"])
+    assert mass == ("mass, kg", "13.000", "13.004", "0.03 %", "0.77 %")  # std 0.1 kg
+    assert com[3:] == ("0.0 mm", "3.7 mm")
+    assert inertia[3:] == ("0.1 %", "7.5 %")
+
+
+@pytest.mark.parametrize(
+    ("error", "std", "expected"),
+    [
+        (0.0004, 0.00113, ("0.0004 %", "0.0011 %")),
+        (31.4, 0.00113, ("31.4000 %", "0.0011 %")),
+        (0.4, 113.0, ("0 %", "113 %")),
+        (2e-9, 1.13e-8, ("2.0e-09 %", "1.1e-08 %")),
+        (0.0, 0.0, ("0 %", "0 %")),
+    ],
+)
+def test_a_std_is_never_rounded_to_nothing(error: float, std: float, expected: tuple[str, str]) -> None:
+    assert error_and_std(error, std, "%") == expected
+
+
+def test_small_payloads_show_digits_and_nothing_is_minus_zero() -> None:
+    principal = np.diag([0.00004, 0.0012, 0.0012])
+    small = Inertia(0.05, np.zeros(3), principal).carried(GRASPS["r1"])
+    off = Inertia(0.05, np.array([-1e-5, 0.0, 0.0]), principal).carried(GRASPS["r1"])
+    last = {name: [estimate(name, 9, off)] for name in SCENE.robots}
+    mass, com, inertia = robot_rows(build_report(INFO, recorded([truth(9, small)], last)).robots["r1"])
+    assert mass[1] == "0.05000"
+    assert com[1:3] == ("0 0 0", "0 0 0")
+    assert inertia[1] == "0.0000 0.0012 0.0012"
+
+
+def test_a_std_that_stands_beside_its_value_has_two_digits() -> None:
+    assert value_and_std(13.00004, 0.00113) == "13.0000 ± 0.0011"
+    assert value_and_std(13.00004, 0.1) == "13.000 ± 0.100"
+
+
+def test_a_machine_that_is_too_slow_for_real_time_gets_advice() -> None:
+    report = build_report(
+        INFO, recorded([truth(9, HEAVY)], {name: [estimate(name, 9, HEAVY)] for name in SCENE.robots})
+    )
+    said = [" ".join(sentences(msgspec.structs.replace(report, late_blocks=count))) for count in (0, 1, 1800)]
+    assert "too late" not in said[0]
+    assert "Once a robot answered too late" in said[1]
+    assert "1,800 times a robot answered too late: this machine was too slow for real time. Leave out" in said[2]
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,17 @@ from rich.console import Console
 from rich.table import Table
 
 from coheft.app.carry_table import print_carry
+from coheft.app.digits import decimals_for, error_and_std
 from coheft.app.judge import RobotReport, why_stale
+from coheft.app.record import EstimatorUse
 from coheft.app.report import LoadChangeReport, Report
+from coheft.estimation.spatial import Array
 
 HEADINGS = ("robot", "quantity", "truth", "estimate", "error", "own std")
 LEGEND = (
     "Centre of mass: x y z in the robot's grasp frame. Inertia: principal moments.",
-    "Own std: how far off the robot itself expects to be (standard deviation).",
+    "Own std: how far off the robot itself expects to be (standard deviation), in the",
+    "unit of the error. In %: of the truth.",
 )
 RECOVERED = "Recovered: mass within 3 %, centre of mass within 20 mm at every robot."
 
@@ -61,58 +65,80 @@ def robot_rows(robot: RobotReport) -> list[tuple[str, str, str, str, str]]:
 
 def _mass_row(robot: RobotReport) -> tuple[str, str, str, str, str]:
     mass = robot.mass
-    if mass.estimate is None or mass.std is None:
-        return "mass, kg", f"{mass.truth:.3f}", "not observable", "", ""
-    return "mass, kg", f"{mass.truth:.3f}", f"{mass.estimate:.3f}", f"{mass.error_pct:.2f} %", f"{mass.std:.3f}"
+    decimals = decimals_for(mass.truth, 4, at_least=3)
+    truth = f"{mass.truth:.{decimals}f}"
+    if mass.estimate is None or mass.std is None or mass.error_pct is None:
+        return "mass, kg", truth, "not observable", "", ""
+    compared = error_and_std(mass.error_pct, 100.0 * mass.std / mass.truth, "%")
+    return "mass, kg", truth, f"{mass.estimate:.{decimals}f}", *compared
 
 
 def _com_row(robot: RobotReport) -> tuple[str, str, str, str, str]:
     com = robot.com
-    truth = " ".join(f"{1e3 * x:.0f}" for x in com.truth)
-    if com.estimate is None or com.std is None:
+    truth = _numbers(1e3 * np.array(com.truth))
+    if com.estimate is None or com.std is None or com.error_mm is None:
         return "centre of mass, mm", truth, "not observable", "", ""
-    estimate = " ".join(f"{1e3 * x:.0f}" for x in com.estimate)
-    return "centre of mass, mm", truth, estimate, f"{com.error_mm:.1f} mm", f"{1e3 * np.linalg.norm(com.std):.1f}"
+    compared = error_and_std(com.error_mm, 1e3 * float(np.linalg.norm(com.std)), "mm")
+    return "centre of mass, mm", truth, _numbers(1e3 * np.array(com.estimate)), *compared
 
 
 def _inertia_row(robot: RobotReport) -> tuple[str, str, str, str, str]:
     inertia = robot.inertia
-    truth = _principal(inertia.truth)
-    if inertia.estimate is None or inertia.std is None:
+    moments = np.linalg.eigvalsh(np.array(inertia.truth))
+    decimals = decimals_for(moments.max(), 2, at_least=2)
+    truth = _numbers(moments, decimals)
+    if inertia.estimate is None or inertia.std is None or inertia.error_pct is None:
         return "inertia, kg·m²", truth, "not observable", "", ""
-    std = float(np.linalg.norm(inertia.std))
-    return "inertia, kg·m²", truth, _principal(inertia.estimate), f"{inertia.error_pct:.1f} %", f"{std:.3f}"
+    std_pct = 100.0 * float(np.linalg.norm(inertia.std) / np.linalg.norm(inertia.truth))
+    estimate = _numbers(np.linalg.eigvalsh(np.array(inertia.estimate)), decimals)
+    return "inertia, kg·m²", truth, estimate, *error_and_std(inertia.error_pct, std_pct, "%")
 
 
-def _principal(tensor: list[list[float]]) -> str:
-    return " ".join(f"{moment:.2f}" for moment in np.linalg.eigvalsh(np.array(tensor)))
+def _numbers(values: Array, decimals: int = 0) -> str:
+    return " ".join(f"{value:z.{decimals}f}" for value in values)  # z: nothing is minus zero
 
 
 def sentences(report: Report) -> list[str]:
     """What else is worth knowing."""
     return [
         *_most([_load_change_sentence(change) for change in report.load_changes]),
+        *_most([_estimator_sentence(change) for change in report.estimator_changes]),
         *_pose_sentence(report),
         *_not_observable_sentences(report),
         *_most([f"Stale at {', '.join(names)}: {reason}." for reason, names in why_stale(report.robots).items()]),
         _convergence_sentence(report),
         f"{report.duration_s:g} s simulated at {report.real_time_factor:.1f} times real time; "
         f"{report.processes} processes, {report.messages_per_s:,.0f} messages a second.",
-        *([f"{report.late_blocks} times a robot answered too late."] if report.late_blocks else []),
+        *_late_sentence(report.late_blocks),
+    ]
+
+
+def _late_sentence(late_blocks: int) -> list[str]:
+    if not late_blocks:
+        return []
+    times = "Once" if late_blocks == 1 else f"{late_blocks:,} times"
+    return [
+        f"{times} a robot answered too late: this machine was too slow for real time. Leave out --realtime (and "
+        f"--view), or raise 'lookahead' or 'sensors.block' in the scenario."
     ]
 
 
 def _load_change_sentence(change: LoadChangeReport) -> str:
-    def after(moment: float | None) -> str:
-        return "not by every robot" if moment is None else f"{moment - change.at_s:.1f} s after"
+    def told(first: str, verb: str, moment: float | None) -> str:
+        return f"{first} {verb} {moment - change.at_s:.1f} s after" if moment is not None else f"Not all {verb}"
 
+    noticed = told("The last robot", "noticed", change.detected_at_s)
+    recovered = told("All", "recovered", change.recovered_at_s)
     before = next((robot.mass.truth for robot in change.before_change.values()), None)
     start = f"from {before:.2f} kg " if before is not None else ""
     leak = f", leaking {change.leak_kg_s:g} kg/s" if change.leak_kg_s > 0.0 else ""
     return (
-        f"At {change.at_s:g} s the payload changed {start}to {change.truth.mass:.2f} kg{leak}. "
-        f"Noticed: {after(change.detected_at_s)}. Recovered: {after(change.recovered_at_s)}."
+        f"At {change.at_s:g} s the payload changed {start}to {change.truth.mass:.2f} kg{leak}. {noticed}. {recovered}."
     )
+
+
+def _estimator_sentence(change: EstimatorUse) -> str:
+    return f"At {change.since_s:g} s the robots forgot all, and began anew with the estimator {change.estimator}."
 
 
 def _pose_sentence(report: Report) -> list[str]:

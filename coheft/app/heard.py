@@ -44,7 +44,7 @@ def check_news(source: str, message: Message, scene: Scene) -> News | None:
 
 
 def check_status(status: Status) -> None:
-    """Check who holds the payload, and where.
+    """Check who holds the payload, and where, and with which estimators.
 
     Raises:
         MessageError: It cannot be a team.
@@ -56,6 +56,7 @@ def check_status(status: Status) -> None:
         _check_rotation(rotation, name)
     _check_numbers(scene.translations, (len(scene.robots), 3), "translations")
     check_field("neighbours are of the team", set(scene.neighbours) <= set(scene.robots), True)
+    check_field("estimator is one of the run's", status.estimator in status.estimators, True)
     for value in (
         *scene.home,
         *(number for box in scene.boxes for number in (*box.size, *box.position, *box.rotation_deg)),
@@ -114,7 +115,7 @@ def check_estimate(estimate: Estimate, source: str, robots: Collection[str]) -> 
         _check_number(notice.noticed_at, "noticed_at")
     for name in estimate.silent:
         check_field(f"{name!r} is in the team", name in robots, True)
-    for text in (*estimate.reasons, *estimate.not_observable):
+    for text in (*estimate.reasons, *estimate.not_observable, estimate.estimator):
         check_field("text in one line", text, one_line(text))
 
 

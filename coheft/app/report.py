@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from coheft.app.judge import Matrix, RobotReport
-from coheft.app.record import Record
+from coheft.app.record import EstimatorUse, Record
 from coheft.app.robot_record import HistoryPoint, LoadPeriod
 from coheft.errors import CoheftError
 
@@ -116,10 +116,11 @@ class Report(msgspec.Struct, frozen=True):
     Attributes:
         scenario: Its name.
         seed: Of sensors' noise and robots' motions.
-        estimator: The method.
+        estimator: The method that was in use at the end.
         duration_s: Simulated time [s].
         robots: What each robot believes at the end.
         load_changes: What happened to the payload.
+        estimator_changes: When the robots began anew with another method, and which.
         consensus: Errors of the total wrench.
         processes: Physics server and agents.
         real_time_factor: Simulated time over wall time.
@@ -137,6 +138,7 @@ class Report(msgspec.Struct, frozen=True):
     duration_s: float
     robots: dict[str, RobotReport]
     load_changes: list[LoadChangeReport]
+    estimator_changes: list[EstimatorUse]
     consensus: ConsensusReport
     processes: int
     real_time_factor: float
@@ -158,7 +160,7 @@ class RunInfo:
     Attributes:
         scenario: Name of the scenario.
         seed: Of the run.
-        estimator: Method of the agents.
+        estimator: Method of the agents, at the end.
         block_duration: Duration of a block [s].
         real_time_factor: Simulated time over the wall time for which the clock ran.
         late_blocks: As in the report.
@@ -196,6 +198,7 @@ def build_report(info: RunInfo, record: Record) -> Report:
         duration_s=record.time,
         robots=robots,
         load_changes=[_load_change(period, list(robots)) for period in record.periods[1:]],
+        estimator_changes=record.estimators[1:],
         consensus=_consensus(record),
         processes=len(robots) + 1,
         real_time_factor=info.real_time_factor,

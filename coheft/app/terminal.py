@@ -13,6 +13,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from coheft.app.digits import value_and_std
 from coheft.app.judge import RobotReport, why_stale
 from coheft.app.record import Record
 from coheft.wire.messages import Estimate, Problem, Truth
@@ -192,7 +193,7 @@ def _live_table(record: Record) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
     table.add_column("robot")
     table.add_column("state", min_width=18)
-    table.add_column("mass", justify="right", min_width=15)
+    table.add_column("mass", justify="right", min_width=19)
     table.add_column("centre of mass", justify="right")
     table.add_column("inertia", justify="right")
     for name, (estimate, report) in _beliefs(record).items():
@@ -200,7 +201,7 @@ def _live_table(record: Record) -> Table:
         table.add_row(
             name,
             Text(_state(estimate), style=_STATE_STYLES.get(_state(estimate), "dim")),
-            "" if mass.estimate is None else f"{mass.estimate:.3f} ± {mass.std or 0:.3f} kg",
+            "" if mass.estimate is None else f"{value_and_std(mass.estimate, mass.std or 0.0)} kg",
             "" if com.error_mm is None else f"off {com.error_mm:.1f} mm",
             "" if inertia.error_pct is None else f"off {inertia.error_pct:.1f} %",
         )

@@ -29,18 +29,9 @@ from coheft.app.faults.schedule import (
     SensorFailure,
     SensorFault,
 )
-from coheft.wire.scenario import (
-    Box,
-    Graph,
-    LoadChange,
-    Motion,
-    Payload,
-    Perimeter,
-    Robots,
-    Scenario,
-    Sensors,
-    Vector,
-)
+from coheft.wire.payload import Box, Payload
+from coheft.wire.scenario import Graph, LoadChange, Motion, Perimeter, Robots, Scenario, Sensors
+from coheft.wire.section import Vector
 from consensus.graph import build_graph
 
 MOST_FAULTS = 4

@@ -52,14 +52,14 @@ def _wrong_tick(advance: Method) -> Method:
     return mutant
 
 
-def _no_lever_arm(enter: Method) -> Method:
+def _no_lever_arm(carried: Method) -> Method:
     """Torques are carried to the body frame as if all grasps lay in its origin."""
 
-    def mutant(self: TeamSums, entered: Entered | None) -> None:
-        enter(self, entered)
-        if entered is not None:
-            wrench = entered.samples[:, WRENCH].reshape(-1, 2, 3) @ entered.pose.rotation.T
-            self._pipeline.stages[0, :, :6] = wrench.reshape(-1, 6)
+    def mutant(self: TeamSums, entered: Entered) -> Array:
+        result: Array = carried(self, entered)
+        wrench = entered.samples[:, WRENCH].reshape(-1, 2, 3) @ entered.pose.rotation.T
+        result[:, :6] = wrench.reshape(-1, 6)
+        return result
 
     return mutant
 
@@ -89,7 +89,7 @@ def _replayed_message(take: Method) -> Method:
 MUTANTS: dict[str, tuple[type, str, Callable[[Method], Method]]] = {
     "half-done-sum": (Pipeline, "advance", _half_done_sum),
     "wrong-tick": (TeamSums, "advance", _wrong_tick),
-    "no-lever-arm": (TeamSums, "enter", _no_lever_arm),
+    "no-lever-arm": (TeamSums, "_carried", _no_lever_arm),
     "wrong-side": (LoadWindow, "forget_before", _wrong_side),
     "replayed-message": (NeighbourInbox, "take", _replayed_message),
 }

@@ -10,7 +10,8 @@ from msgspec import Meta
 
 from coheft.errors import ScenarioError
 from coheft.estimation.measurement import Positive
-from coheft.wire.scenario import NotNegative, Scenario, Seed
+from coheft.wire.scenario import Scenario
+from coheft.wire.section import NotNegative, Seed
 
 Probability = Annotated[float, Meta(ge=0, le=1)]
 Count = Annotated[int, Meta(ge=1)]

@@ -16,6 +16,9 @@ from coheft.app.run_report.series import AFTER, BEFORE, Series
 from coheft.app.run_report.states import LEVELS, Level
 from coheft.estimation.spatial import Array
 
+STALE_STYLE: dict[str, Any] = {"linestyle": (0, (1, 2)), "linewidth": 0.8, "label": "stale"}
+"""How lines look where a robot could not know whether its estimate still held."""
+
 
 def draw_overview(figure: Any, theme: Theme, series: Series, report: Report) -> None:
     """The mass that every robot believes in, and the truth."""
@@ -36,7 +39,9 @@ def draw_overview(figure: Any, theme: Theme, series: Series, report: Report) -> 
         times = np.array([point.time for point in points])
         mass, std, _, _ = _mass_and_com(points)
         axes.fill_between(times, mass - 3.0 * std, mass + 3.0 * std, color=theme.of_curve(k), alpha=0.12, linewidth=0)
-        axes.plot(times, mass, color=theme.of_curve(k), linewidth=1.1, label=None if len(names) > 12 else name)
+        style = {"color": theme.of_curve(k), "linewidth": 1.1, "label": None if len(names) > 12 else name}
+        _draw_masses(axes, points, times, mass, style)
+    _name_stale(axes, theme, [list(series.robots[name].points) for name in names])
     truths = np.array([p.truth[0] for p in points])
     _fit_masses(axes, truths, [list(series.robots[name].points) for name in names])
     mark_changes(axes, theme, report)
@@ -65,9 +70,12 @@ def draw_close_ups(figure: Any, theme: Theme, series: Series, report: Report) ->
             mass, std, off, band = _mass_and_com(points)
             colour = theme.of_curve(k)
             left.fill_between(when, mass - 3.0 * std, mass + 3.0 * std, color=colour, alpha=0.10, linewidth=0)
-            left.plot(when, mass, color=colour, marker="o", markersize=2.2, linewidth=1.0)
+            _draw_masses(
+                left, points, when, mass, {"color": colour, "marker": "o", "markersize": 2.2, "linewidth": 1.0}
+            )
             right.plot(when, band, color=colour, linewidth=0.8, linestyle=(0, (4, 2)))
             right.plot(when, off, color=colour, marker="o", markersize=2.2, linewidth=1.0, label=name)
+        _name_stale(left, theme, [close_up.points[name] for name in names])
         _fit_masses(left, masses, close_up.points.values())
         use_logarithm(right)
         moments = {} if change is None else {"noticed": change.detected_at_s, "recovered": change.recovered_at_s}
@@ -86,6 +94,23 @@ def draw_close_ups(figure: Any, theme: Theme, series: Series, report: Report) ->
     grid[0][0].set_xlim(-BEFORE, AFTER)
     for axes in grid[-1]:
         axes.set_xlabel("time since the change [s]")
+
+
+def _draw_masses(axes: Any, points: Sequence[Point], times: Array, masses: Array, style: dict[str, Any]) -> None:
+    """What one robot believed: solid, but dotted where it was stale.
+
+    A report speaks for the time since the one before it.
+    """
+    stale = np.array([point.is_stale for point in points], dtype=bool)
+    for chosen, more in ((~stale, {}), (stale, {**STALE_STYLE, "label": None})):
+        reached = chosen | np.append(chosen[1:], False)
+        axes.plot(times, np.where(reached, masses, np.nan), **{**style, **more})
+
+
+def _name_stale(axes: Any, theme: Theme, robots: Iterable[Sequence[Point]]) -> None:
+    """A place in the legend for dotted lines, if there are any."""
+    if any(point.is_stale for points in robots for point in points):
+        axes.plot([], [], color=theme.muted, **STALE_STYLE)
 
 
 def _mark_moment(axes: Any, theme: Theme, moment: float, text: str) -> None:

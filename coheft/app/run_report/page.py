@@ -163,9 +163,16 @@ def run_rows(scenario: Scenario, clock: str, report: Report) -> list[tuple[str, 
     return [
         ("scenario", scenario.name),
         ("seed", f"{report.seed}"),
-        ("estimator", report.estimator),
+        ("estimator", ", then ".join(_estimators(scenario, report))),
         ("robots", f"{len(report.robots)}, linked in a {scenario.graph.kind}"),
         ("duration", f"{report.duration_s:g} s of {scenario.duration:g} s"),
         ("sensors", f"{sensors.rate} samples per second, in blocks of {sensors.block}"),
         ("clock", clocks[clock]),
     ]
+
+
+def _estimators(scenario: Scenario, report: Report) -> Iterable[str]:
+    if not report.estimator_changes:
+        return [report.estimator]
+    changes = [f"{change.estimator} from {change.since_s:g} s on" for change in report.estimator_changes]
+    return [scenario.estimator, *changes]

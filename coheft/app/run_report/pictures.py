@@ -55,7 +55,8 @@ def pictures_of(series: Series, report: Report) -> list[Picture]:
             "glance",
             "The mass that each robot believes in",
             "Grey: what the load really weighs. Coloured: what each robot takes it for, and around it the band of "
-            f"three of its own standard deviations, often too narrow to be seen. Dotted: the load changed.{some}",
+            "three of its own standard deviations, often too narrow to be seen. Thin and dotted: stale, nobody should "
+            f"rely on it. Upright, dotted: the load changed.{some}",
             (10.0, 3.2),
             draw_overview,
         )
@@ -75,8 +76,8 @@ def pictures_of(series: Series, report: Report) -> list[Picture]:
                 "Left: the mass that each robot believes in, and the truth in grey. Right: by how far the centre of "
                 "mass is off, and dashed three own standard deviations. Every dot is a report. Orange: when the "
                 "last robot had noticed that the load is another one, and when all were near the truth again. Between "
-                "the two they call their estimate stale: the old one no longer holds, and there is no new one yet."
-                + some,
+                "the two they call their estimate stale, on the left thin and dotted: the old one no longer holds, and "
+                "there is no new one yet." + some,
                 close_up_size(series),
                 draw_close_ups,
             )
