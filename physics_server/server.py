@@ -122,10 +122,10 @@ class Server:
         finally:
             self._stopwatch.stop()
             self._state = "finished"
-            self._end.send(self._status())
             self._robots.send_stop(reason)
             if self._recorder is not None and self._save_data is not None and self._simulation.block > 0:
                 write_recording(self._recorder.recording(), Path(self._save_data))
+            self._end.send(self._status())  # whoever hears it may end this process
 
     def linger(self, seconds: float) -> None:
         """Go on answering requests."""
