@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from agents.early_sums import PACE
 from agents.watch import MISFIT, Watch
 from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array, Pose
@@ -33,7 +34,8 @@ class Contradictions:
         self.flood = Flood(len(names), 1)
         self._names = names
         self._own = names.index(config.name)
-        self._watch, self._early_watch = (Watch(config.noise, config.rate / config.block) for _ in range(2))
+        blocks_per_second = config.rate / config.block
+        self._watch, self._early_watch = (Watch(config.noise, blocks_per_second / pace) for pace in (1, PACE))
         self._every = config.blocks(_TOLD)
         self._patience = config.blocks(_BLAMED)
         self._blamed = 0
@@ -44,7 +46,7 @@ class Contradictions:
         self._watch.add(moments)
 
     def add_early(self, moments: RegistrationMoments) -> None:
-        """The same of a block from before the start of the sums."""
+        """The same of blocks that came early, ``PACE`` of them."""
         self._early_watch.add(moments)
 
     def forget_early(self) -> None:

@@ -1,8 +1,15 @@
-"""Samples from before the start of a team's sums follow, the newest first, through sums of their own."""
+"""Samples from before a team's sums follow, the newest first, through sums of their own.
+
+When the team's first poses turn out to have been too rough for the sums since the start, those samples follow again:
+what poses did to them could be corrected in the mean of all only, and whether the load changed meanwhile, or a sensor
+was off, would stay unknown.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+
+import numpy as np
 
 from agents.sums import Entered, TeamSums
 from coheft.estimation.spatial import Array, Pose
@@ -11,6 +18,8 @@ from consensus.schedule import Schedule
 
 EARLY = 10.0
 """How far back from their start the sums reach [s]."""
+PACE = 2
+"""So many blocks go back with every step, as one: the past is caught up with in half the time that it took."""
 
 
 class EarlySums:
@@ -23,6 +32,9 @@ class EarlySums:
         start: First block of the sums of the present.
         history: Own samples of the blocks before, by number. Everybody goes back equally far; whoever does not have a
             block any more lets it be left out.
+
+    Attributes:
+        start: All blocks before this one go through these sums.
     """
 
     def __init__(
@@ -33,13 +45,33 @@ class EarlySums:
         start: int,
         history: Mapping[int, Array],
     ) -> None:
-        self._sums = TeamSums("early", config.name, neighbours, schedule, config.block, config.noise)
-        self._start = start
-        self._end = start + schedule.rounds + min(start, config.blocks(EARLY))
+        self._config = config
+        self._neighbours = neighbours
+        self._schedule = schedule
         self._history = dict(history)
+        self._may_begin_again = True
+        self.begin(start)
+
+    def begin(self, start: int) -> None:
+        """All blocks before this one are to go through, those that have done so already, too."""
+        config = self._config
+        samples = PACE * config.block
+        self._sums = TeamSums("early", config.name, self._neighbours, self._schedule, samples, config.noise)
+        self.start = start
+        self._end = start + self._schedule.rounds + min(start, config.blocks(EARLY)) // PACE
+
+    def remember(self, block: int, samples: Array) -> None:
+        """Own samples of a block that may have to go through, if these sums begin again."""
+        if self._may_begin_again:
+            self._history[block] = samples
+            self._history.pop(block - self._config.blocks(EARLY), None)
+
+    def settle(self) -> None:
+        """They will not begin again."""
+        self._may_begin_again = False
 
     def end(self) -> None:
-        """Let no more go through."""
+        """Let nothing through of what is remembered."""
         self._end = 0
         self._history.clear()
 
@@ -54,11 +86,19 @@ class EarlySums:
     def step(
         self, index: int, pose: Pose, version: int, inbox: Mapping[str, Mapping[str, Array]]
     ) -> tuple[Entered, Array] | None:
-        """One block enters, carried with ``pose`` of a version, and another leaves: see ``TeamSums.advance``."""
+        """The next blocks enter, carried with ``pose`` of a version, and others leave: see ``TeamSums.advance``.
+
+        Blocks travel ``PACE`` at a time, as one that has the number of the oldest and the samples of all.
+        """
         finished = self._sums.advance(inbox)
-        block = 2 * self._start - 1 - index
-        samples = self._history.pop(block, None)
-        self._sums.enter(None if samples is None else Entered(block, samples, pose, version))
+        first = self.start - PACE * (index - self.start + 1)
+        blocks = [self._history.get(first + later) for later in range(PACE)]
+        if not self._may_begin_again:
+            for later in range(PACE):
+                self._history.pop(first + later, None)
+        samples = [block for block in blocks if block is not None]
+        is_whole = len(samples) == PACE
+        self._sums.enter(Entered(first, np.concatenate(samples), pose, version) if is_whole else None)
         return finished
 
     def fit(self, channels: Mapping[str, Array]) -> bool:

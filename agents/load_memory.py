@@ -38,6 +38,8 @@ _ROUGH = 2.0
 """Where they disturb wrenches more than this, what they do to the load is not of first order only."""
 _OTHER_LOAD = 3.0
 """An early block with such a mean square of its residuals over what it should be, and all before it, are of another."""
+_KNOWN = 1.0
+"""From samples over so long the load is known well enough to tell; before, tests between samples have to do [s]."""
 _NEW = 0.5
 """A load is so much less certain, in variance, as the square of this over the time of its samples: in few samples the
 motions' noise is not what it is on average [s]."""
@@ -76,6 +78,8 @@ class LoadMemory:
             self._window = ForgettingWindow(blocks, floor, riders=RIDERS)
         self._first_block = self._last_block = self._changed_at = -1
         self._is_early_over = False
+        # Whether the samples of the correction under way were forgotten, to come again.
+        self._comes_again = False
         self._poses: Sequence[Pose] = ()
         self._kernel = slope_kernel(config.rate, config.block)
         self._sensitivity: PoseSensitivity | None = None
@@ -203,8 +207,10 @@ class LoadMemory:
 
     def push_early(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> None:
         """Take in a block from before all others, as ``push``, unless it is of another load."""
+        is_known = self.count >= _KNOWN * self._config.rate
         expected = _OTHER_LOAD * (1.0 + min(self._disturbance, _SPOILT))
-        self._is_early_over |= self.changed_at >= 0 or self._surprise(motion, wrench) > expected
+        is_surprise = is_known and self._surprise(motion, wrench) > expected
+        self._is_early_over |= block < self._changed_at or is_surprise
         if not self._is_early_over:
             self._first_block = block
             self._window.push_early(block, load_moments(motion, wrench, own_wrench, min(self._disturbance, _SPOILT)))
@@ -262,18 +268,23 @@ class LoadMemory:
         correction, self._correction = self._correction, None
         if correction is None:
             return
-        is_possible = rows is not None and correction.is_possible(rows, self._changed_at)
-        self._told_count = correction.count if is_possible else 0.0
-        if rows is not None and is_possible:
-            self._mean_crosses = told_mean_crosses(rows)
-            self._window.revise(lambda sums: correction.apply(sums, self._mean_crosses))
-        else:
-            self._window.forget_borders_before(correction.last_block + 1)
-        if self._disturbance > _ROUGH and not (rows is not None and is_possible and correction.is_exact(rows)):
-            self._forget_before(correction.last_block + 1)  # means will not do for poses that were so rough
+        told = rows if rows is not None and correction.is_possible(rows, self._changed_at) else None
+        if told is not None:
+            self._mean_crosses = told_mean_crosses(told)
+        if not self._comes_again:
+            self._apply(correction, told)
         if rows is not None:
             self._expect_disturbance(wrench_disturbance(self._poses, team.covariance, told_forces(rows)))
         self._compare(is_new=True)  # what was told may have been nonsense
+
+    def _apply(self, correction: WrenchCorrection, rows: Array | None) -> None:
+        self._told_count = 0.0 if rows is None else correction.count
+        if rows is None:
+            self._window.forget_borders_before(correction.last_block + 1)
+        else:
+            self._window.revise(lambda sums: correction.apply(sums, self._mean_crosses))
+        if self._disturbance > _ROUGH and (rows is None or not correction.is_exact(rows)):
+            self._forget_before(correction.last_block + 1)  # means will not do for poses that were so rough
 
     def _expect_disturbance(self, covariance: Array) -> None:
         """From now on samples are spoilt with this covariance (6, 6), beside their noise."""
@@ -291,6 +302,17 @@ class LoadMemory:
         self._correction = WrenchCorrection(
             self._window.total, self._changed_at, self._last_block, old_poses, new_poses
         )
+        self._comes_again = False
+
+    def begin_again(self, team: TeamPoses) -> None:
+        """All samples come again, carried with poses that are known as said: forget them."""
+        self._window.forget_before(self._last_block + 1)
+        self._told_count = 0.0
+        self._first_block, self._is_early_over, self._comes_again = -1, False, True
+        self._late.begin()
+        # Until everybody's forces have been heard, as if they were as large as the own ones.
+        forces = np.full(len(self._poses), self._forces.mean)
+        self._expect_disturbance(wrench_disturbance(self._poses, team.covariance, forces))
 
     def payload(self, own: int, team: TeamPoses) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
         """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable."""

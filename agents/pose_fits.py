@@ -4,7 +4,8 @@
 2. *fit*: when it has heard all, the reference robot computes the joint step, and tells all poses and the block from
    which they count. Anybody could, but not everybody need be of the same opinion on the poses, where messages were
    lost, and must not be of another one for that;
-3. *switch*: from that block on samples that enter the sums are carried with the new poses, and bear their version.
+3. *switch*: from that block on samples that enter the sums are carried with the new poses, and bear their version. If
+   the poses before were too rough to weigh with, all samples from before go through sums again (``agents.early_sums``).
 
 Every step waits for what it needs, however long that takes.
 """
@@ -38,6 +39,8 @@ _UNTRIED = 1.5
 """Poses are so much less certain, in variance, as the square of this over the time of samples that they were fitted to
 [s]: what is left out of their covariance is of second order, and matters when they are new."""
 _SCORE_SIZE, _POSE_SIZE = 6, 12
+_FIT_SIZE = 2 + _POSE_SIZE
+"""From which block on the poses count, before which one samples go through sums again, and a pose."""
 
 
 class PoseFits:
@@ -55,6 +58,7 @@ class PoseFits:
         common: Moments over the samples that all have.
         told_moments: The same as they were when the own score was told last.
         carried: Version of the poses that samples are carried with now, 0 at the start.
+        again_before: Samples from before this block go through sums again, carried with these poses.
         spoilt: Poses of versions up to this one were fitted to samples that something may have spoilt.
         floods: What is told to neighbours and heard from them, by name.
     """
@@ -71,13 +75,16 @@ class PoseFits:
         self._unsure = -(-config.blocks(UNNOTICED) // chunk) + 1
         self.common = CommonMoments(robots, own, start, chunk, parts=2, unsure=self._unsure)
         self._scores = Flood(robots, 1 + _SCORE_SIZE)
-        self._fits = Flood(robots, 1 + _POSE_SIZE)
+        self._fits = Flood(robots, _FIT_SIZE)
         self.floods = {"common": self.common.flood, "scores": self._scores, "fits": self._fits}
         self.told_moments = RegistrationMoments.none()
         self.carried, self.spoilt, self._told_chunk = 0, -1, 0
+        self.again_before = start
         self._told_poses: dict[int, tuple[Pose, ...]] = {}
 
-    def step(self, index: int, version: int, poses: Sequence[Pose], is_settled: bool, is_spoilt: bool) -> None:
+    def step(
+        self, index: int, version: int, poses: Sequence[Pose], is_settled: bool, is_spoilt: bool, are_rough: bool
+    ) -> None:
         """Whatever is due at a block.
 
         Args:
@@ -86,6 +93,7 @@ class PoseFits:
             poses: In use.
             is_settled: Whether everything accumulated is seen with these poses.
             is_spoilt: Whether something contradicts the team's motion.
+            are_rough: Whether the poses in use are too rough to weigh with.
         """
         if is_spoilt:
             self.common.spoil(index - 1)
@@ -94,12 +102,12 @@ class PoseFits:
                 self._look_at_spoilt()
             self._tell_score(version, poses, is_settled and self.carried == version)
         if self._own == 0:
-            self._fit(index, version, poses)
+            self._fit(index, version, poses, are_rough)
         told_version, _ = self._fits.row(0)
         fitted = self._fits.rows(told_version) if told_version > self.carried else None
         if fitted is not None and index >= fitted[0, 0]:
-            self._told_poses[told_version] = tuple(Pose.of_numbers(row[1:]) for row in fitted)
-            self.carried = told_version
+            self._told_poses[told_version] = tuple(Pose.of_numbers(row[2:]) for row in fitted)
+            self.carried, self.again_before = told_version, int(fitted[0, 1])
 
     def carrying_pose(self, poses: Sequence[Pose]) -> Pose:
         """Own pose to carry samples with; ``poses`` are those in use."""
@@ -150,7 +158,7 @@ class PoseFits:
             self.spoilt = self._tells
             self._tell_step = min(self._tell_step, self.common.steps + self._longest)
 
-    def _fit(self, index: int, version: int, poses: Sequence[Pose]) -> None:
+    def _fit(self, index: int, version: int, poses: Sequence[Pose], are_rough: bool) -> None:
         """As the reference robot: all poses after the joint step, once everybody's score at those in use is known."""
         rows = self._scores.rows(self._tells)
         if self._tells <= self.carried or self._fits.row(0)[0] >= self._tells or rows is None:
@@ -158,8 +166,10 @@ class PoseFits:
         if np.any(rows[:, 0] != version):
             return
         fitted = register_team(poses, rows[:, 1:], self.told_moments, self._config.noise, kernel=self._kernel)
+        since = index + self._hearing
+        again_before = since if are_rough else self.again_before
         for robot, pose in enumerate(fitted.poses):
-            self._fits.tell(robot, self._tells, np.array([index + self._hearing, *pose.numbers()]))
+            self._fits.tell(robot, self._tells, np.array([since, again_before, *pose.numbers()]))
 
 
 def largest_step(fitted: TeamPoses, steps: Sequence[Array]) -> float:

@@ -71,7 +71,14 @@ class PoseSearch:
         self._next = index + 1
         for name, channels in inbox.items():
             self._floods.hear(name, channels)
-        self._fits.step(index, self._version, self._poses, True, self._contradictions.by is not None)
+        self._fits.step(
+            index,
+            self._version,
+            self._poses,
+            is_settled=True,
+            is_spoilt=self._contradictions.by is not None,
+            are_rough=False,
+        )
         finished = self._sums.advance(inbox)
         self._fits.common.add(index, (None if finished is None else self._moments(*finished), None))
         pose, version = self._fits.carrying_pose(self._poses), self._fits.carried

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from agents.contradictions import Contradictions
-from agents.early_sums import EarlySums
+from agents.early_sums import PACE, EarlySums
 from agents.load_changes import LoadChanges
 from agents.load_memory import LoadMemory
 from agents.pose_fits import UNNOTICED, PoseFits, largest_step
@@ -129,6 +129,8 @@ class Team:
         self._fits = PoseFits(config, members, self._own, start, schedule.rounds, self._hearing)
         # Versions of the poses that the past was mapped to, and corrected for.
         self._version = self._corrected = 0
+        # What is remembered of the load came of samples since, or before, this block, with poses since then.
+        self._counted_from = self._first_common = start
         self._largest_step = np.inf
         self._crosses = Flood(members, LoadMemory.told_size)
         self._contradictions = Contradictions(config, self._names)
@@ -155,6 +157,7 @@ class Team:
             self._sums.clear()
             self._early_sums.clear()
         self._next = index + 1
+        self._remember(index, samples)
         for name, channels in inbox.items():
             self._floods.hear(name, channels)
             self._hear_of_change(channels.get("load_change"), index)
@@ -240,7 +243,7 @@ class Team:
             self._memory.forget_late(UNNOTICED)
             if not self._early_sums.are_over(self._next):
                 self._memory.forget_early(UNNOTICED)
-                self._early_sums.end()
+            self._early_sums.end()
 
     def _pose_deviations(self) -> Array:
         """Standard deviations of the pose that is known worst (6,): the reference robot's defines the frame."""
@@ -253,8 +256,15 @@ class Team:
             return None
         return Entered(block, samples, self._fits.carrying_pose(self._poses), self._fits.carried)
 
+    def _remember(self, index: int, samples: Array | None) -> None:
+        """Until poses are good enough to weigh with, samples may have to go through the sums again."""
+        if self._fitted is not None and not self._memory.is_spoilt:
+            self._early_sums.settle()
+        elif samples is not None and not self._is_contradicted:
+            self._early_sums.remember(index, samples)
+
     def _catch_up(self, index: int, inbox: Mapping[str, Mapping[str, Array]]) -> RegistrationMoments | None:
-        """One block from before the start enters the sums, and another leaves them."""
+        """Blocks from before the start enter the sums, and others leave them."""
         pose, version = self._fits.carrying_pose(self._poses), self._fits.carried
         finished = self._early_sums.step(index, pose, version, inbox)
         if finished is None or self._motion.needs_slope or finished[0].version != self._version:
@@ -266,7 +276,9 @@ class Team:
         if self._fitted is not None and block_misfit(moments, self._poses[self._own], self._config.noise) > _UNLIKELY:
             return None
         self._memory.push_early(entered.block, motion, sums[:, 0], entered.samples[:, WRENCH])
-        return moments
+        is_new = entered.block + PACE <= self._first_common
+        self._first_common = min(entered.block, self._first_common)
+        return moments if is_new else None
 
     def _take_in(self, entered: Entered, sums: Array, index: int) -> RegistrationMoments | None:
         """The team's sums of a block, in the body frame; returns what they say of the own pose."""
@@ -315,7 +327,16 @@ class Team:
     # --- poses ---
 
     def _fit_poses(self, index: int) -> None:
-        self._fits.step(index, self._version, self._poses, self._corrected == self._version, self._is_contradicted)
+        self._fits.step(
+            index,
+            self._version,
+            self._poses,
+            is_settled=self._corrected == self._version,
+            is_spoilt=self._is_contradicted,
+            are_rough=self._memory.is_spoilt and not self._motion.needs_slope,
+        )
+        if self._fits.again_before > self._early_sums.start:
+            self._early_sums.begin(self._fits.again_before)
         rows = self._crosses.rows(self._version)
         if self._fitted is None or self._corrected == self._version or rows is None:
             return
@@ -339,3 +360,6 @@ class Team:
         self._fitted = self._fits.known(poses, steps)
         self._largest_step = largest_step(self._fitted, steps)
         self._crosses.tell(self._own, version, self._memory.told())
+        if self._fits.again_before > self._counted_from:
+            self._counted_from = self._fits.again_before
+            self._memory.begin_again(self._fitted)

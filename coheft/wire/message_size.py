@@ -23,8 +23,8 @@ PER_MESSAGE = 32
 _NUMBER = 8
 _SEED_NUMBERS = 10
 """Per sample in the sums of the estimator ``seed``: wrench, angular acceleration, and whether both are measured."""
-_EFFICIENT_NUMBERS = 2 * 18
-"""Per sample in those of ``efficient``: its summands twice, because the first samples are summed again meanwhile."""
+_EFFICIENT_NUMBERS = 3 * 18
+"""Per sample in those of ``efficient``: its summands of the present, and of two samples of before the start."""
 _KINEMATICS = 9
 _PER_LINE = 4096
 """For a robot's line in gossip and in the tables that are handed on [B]."""

@@ -13,6 +13,7 @@ from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.invariants import Violation
 from coheft.app.faults.mutants import MUTANTS, mutated
 from coheft.app.faults.run import FaultyRun
+from coheft.app.faults.schedule import SensorFault
 from coheft.app.faults.summary import summarise
 from coheft.app.faults.trial import Outcome, try_schedule
 from coheft.wire.codec import encode
@@ -108,3 +109,14 @@ def test_a_mutant_leaves_nothing_behind(mutant: str):
 @pytest.mark.parametrize("mutant", MUTANTS)
 def test_a_campaign_finds_every_deliberate_bug(mutant: str):
     assert any(try_seed(seed, mutant).violations and not try_seed(seed).violations for seed in range(36))
+
+
+@pytest.mark.parametrize(("team", "start"), [(1, 1.8), (3, 1.0), (8, 1.0), (11, 1.0)])
+def test_a_sensor_that_was_off_while_poses_were_rough_spoils_no_estimate(team: int, start: float):
+    """Nobody can see it at the time: samples are summed again as soon as poses are good enough."""
+    schedule = draw_schedule(team)
+    scenario = _replace(schedule.scenario, duration=5.0, load_changes=())
+    offset = SensorFault(start=start, end=start + 0.6, robot="r1", sensor="force", how="offset", size=5.0)
+    outcome = try_schedule(_replace(schedule, scenario=scenario, faults=(offset,)))
+    assert outcome.first_valid is not None
+    assert outcome.violations == []
