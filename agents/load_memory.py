@@ -78,6 +78,8 @@ class LoadMemory:
             self._window = ForgettingWindow(blocks, floor, riders=RIDERS)
         self._first_block = self._last_block = self._changed_at = -1
         self._is_early_over = False
+        # What has come early since the last block: it counts only when it has been tested together with the next one.
+        self._early: list[tuple[int, Array]] = []
         # Whether the samples of the correction under way were forgotten, to come again.
         self._comes_again = False
         self._poses: Sequence[Pose] = ()
@@ -151,6 +153,7 @@ class LoadMemory:
         assert self._model is not None
         moments = load_moments(motion, wrench, own_wrench, min(self._disturbance, _SPOILT))
         self._window.push(block, moments)
+        self._take_early()
         self._forces.add(own_wrench[:, :3])
         self._last_block = block
         self._told_count *= self._kept
@@ -201,6 +204,7 @@ class LoadMemory:
 
     def _begin(self, changed_at: int) -> None:
         """What is remembered is of another load than before."""
+        self._early.clear()
         self._changed_at = changed_at
         self._told_count = 0.0
         self._late.begin()
@@ -213,7 +217,13 @@ class LoadMemory:
         self._is_early_over |= block < self._changed_at or is_surprise
         if not self._is_early_over:
             self._first_block = block
-            self._window.push_early(block, load_moments(motion, wrench, own_wrench, min(self._disturbance, _SPOILT)))
+            moments = load_moments(motion, wrench, own_wrench, min(self._disturbance, _SPOILT))
+            self._early.append((block, moments))
+
+    def _take_early(self) -> None:
+        for block, moments in self._early:
+            self._window.push_early(block, moments)
+        self._early.clear()
 
     def adopt(self, changed_at: int) -> bool:
         """A neighbour says that the load changed at this block. Returns whether that is news."""
@@ -238,6 +248,7 @@ class LoadMemory:
     def _forget_before(self, block: int) -> None:
         """Blocks with smaller numbers do not count; what comes of them yet is not known to be of the same load."""
         self._window.forget_before(block)
+        self._early.clear()
         self._is_early_over = True
         self._have_forgotten()
 
@@ -296,6 +307,7 @@ class LoadMemory:
 
     def map_features(self, feature_map: Array, old_poses: Sequence[Pose], new_poses: Sequence[Pose]) -> None:
         """All samples' motions count as if they had been fused with new poses: ``refit_map`` (28, 28)."""
+        self._take_early()
         to_new = gram_map(feature_map)
         self._window.revise(lambda sums: mapped(sums, to_new))
         self._late.map(to_new)

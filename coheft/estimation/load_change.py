@@ -126,6 +126,7 @@ class LoadWindow:
         self._moved: Array = np.zeros(0)
         self._count = 0
         self._last_block = -1
+        self._has_early = False
         # Border k is the beginning of block _firsts[k], the _orders[k]-th that came; _sums[k] is all that came since.
         self._firsts = np.zeros(64, dtype=np.int64)
         self._orders = np.zeros(64, dtype=np.int64)
@@ -177,6 +178,7 @@ class LoadWindow:
         self._firsts[0], self._orders[0] = block, self._orders[1] - 1
         self._sums[0] += gram
         self._borders += 1
+        self._has_early = True
 
     def _make_room(self) -> None:
         """For another border."""
@@ -189,19 +191,23 @@ class LoadWindow:
     def review(self, model: InertiaModel, is_coherent: bool = False) -> LoadChange | None:
         """Test whether the load changed at one of the borders; if so, forget all that is older than the likeliest.
 
+        What has come early is tested at once, and not in turns: nothing was known of its load when it came.
+
         Args:
             model: The weights.
             is_coherent: Whether disturbances now keep their direction all along.
         """
         self._reviews += 1
         turn, rest = divmod(self._reviews, self._every)
-        if rest:
+        everything = slice(1, self._borders)
+        tested = everything if self._has_early else slice(1 + turn % self._stride, self._borders, self._stride)
+        if rest and not self._has_early:
             return None
-        phase = 1 + turn % self._stride
-        statistics, threshold = self._statistics(model, is_coherent, slice(phase, self._borders, self._stride))
+        self._has_early = False
+        statistics, threshold = self._statistics(model, is_coherent, tested)
         if not np.any(statistics > threshold):
             return None
-        statistics, _ = self._statistics(model, is_coherent, slice(1, self._borders))
+        statistics, _ = self._statistics(model, is_coherent, everything)
         found = int(np.argmax(statistics))
         change = LoadChange(int(self._firsts[1 + found]), self._last_block, float(statistics[found]))
         self._begin(1 + found, change.statistic / threshold, model)
