@@ -154,3 +154,13 @@ def test_a_fresh_agent_gets_nothing_from_before():
         network.post(block, said(block))
     network.forget(20, "r2")
     assert network.collect(20, "r2") == []
+
+
+def test_a_fresh_agent_gets_no_copies_of_what_its_former_life_has_had():
+    network = Network(schedule(Duplication(start=0.0, end=END, probability=1.0, blocks=12)), GRAPH)
+    for block in range(10):
+        network.collect(block, "r2")
+        network.post(block, said(block))
+    network.forget(10, "r2")
+    came = [message.block for block in range(10, 30) for message in network.collect(block, "r2")]
+    assert came == [9]

@@ -92,11 +92,14 @@ class Network:
         return [inbox[k] for k in self._order.permutation(len(inbox))]
 
     def forget(self, block: int, receiver: str) -> None:
-        """An agent starts anew with a block: what came before is gone, and it has not had it."""
+        """An agent starts anew with a block: what came before is gone, and it has not had it.
+
+        So copies of it that were still to come would not be copies any more, but news.
+        """
         for sender in self._graph[receiver]:
             link = self._links[sender, receiver]
             _take(link.under_way, block - 1)
-            _take(link.extra, block - 1)
+            link.extra.clear()
             link.had.clear()
 
     def _active(self, block: int) -> _Active:
