@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from agents.disturbance import COHERENCE, Disturbance
 from agents.late_wrenches import LateWrenches
 from agents.load_moments import CROSS_SHAPE, RIDERS, gram_map, load_moments, mapped, number_of_samples
 from agents.seen_payload import seen_payload
-from agents.wrench_correction import TOLD_SIZE, WrenchCorrection, told_forces, told_mean_crosses
+from agents.wrench_correction import TOLD_SIZE, MeanSquare, WrenchCorrection, told_forces, told_mean_crosses
 from coheft.estimation.acceleration import MotionFusion, slope_kernel
 from coheft.estimation.forgetting_window import ForgettingWindow
 from coheft.estimation.inertia import (
@@ -30,12 +31,6 @@ from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import PayloadEstimate
 
-_COHERENCE = 1.0
-"""Time for which what the robots push against each other keeps its direction, more or less [s]."""
-_SPOILT = 10.0
-"""Where poses disturb wrenches more than this, samples are not compared. First fits of few samples disturb less."""
-_ROUGH = 2.0
-"""Where they disturb wrenches more than this, what they do to the load is not of first order only."""
 _OTHER_LOAD = 3.0
 """An early block with such a mean square of its residuals over what it should be, and all before it, are of another."""
 _KNOWN = 1.0
@@ -69,7 +64,7 @@ class LoadMemory:
         memory = config.efficient.memory
         self._kept = 1.0
         if memory == "window":
-            coherence = _COHERENCE * config.rate
+            coherence = COHERENCE * config.rate
             self._window = LoadWindow(riders=RIDERS, coherence=coherence, every=_TURNS, turn=own)
         else:
             blocks = memory * config.rate / config.block
@@ -90,10 +85,9 @@ class LoadMemory:
         self._parameters: Array | None = None
         self._correction: WrenchCorrection | None = None
         self._told_count = 0.0
-        self._forces = _MeanSquare()
+        self._forces = MeanSquare()
         self._mean_crosses = np.zeros((robots, *CROSS_SHAPE))
-        self._disturbance = np.inf
-        self._disturbance_shape: Array | None = None
+        self._disturbance = Disturbance(config.rate)
         self._late = LateWrenches(config.rate / config.block)
 
     @property
@@ -104,7 +98,7 @@ class LoadMemory:
     @property
     def is_spoilt(self) -> bool:
         """Whether poses are so rough that a change of the load would not be seen."""
-        return self._disturbance > _SPOILT
+        return self._disturbance.is_spoiling
 
     def set_poses(self, poses: Sequence[Pose], fusion: MotionFusion) -> None:
         """All that is remembered, and what comes, is seen with these poses."""
@@ -124,8 +118,7 @@ class LoadMemory:
             self._parameters,
             with_offset=self._offsets,
         )
-        if self._disturbance_shape is not None:
-            self._model.expect_disturbance(self._disturbance_shape)
+        self._disturbance.tell(self._model)
 
     def _find_parameters(self, model: InertiaModel) -> None:
         self._parameters = self._solve(self._window.information(model)).parameters
@@ -151,7 +144,7 @@ class LoadMemory:
             The first block of a new load, if a change was found.
         """
         assert self._model is not None
-        moments = load_moments(motion, wrench, own_wrench, min(self._disturbance, _SPOILT))
+        moments = load_moments(motion, wrench, own_wrench, self._disturbance.per_sample)
         self._window.push(block, moments)
         self._take_early()
         self._forces.add(own_wrench[:, :3])
@@ -159,7 +152,7 @@ class LoadMemory:
         self._told_count *= self._kept
         if self._correction is not None:
             self._correction.age(self._kept, moments)
-        if self._disturbance > _SPOILT:
+        if self._disturbance.is_spoiling:
             self._window.forget_borders_before(block)  # later, too, these samples cannot be told apart by their load
             self._look_back(block, moments)
             return None
@@ -174,7 +167,7 @@ class LoadMemory:
 
     def surprise(self, motion: Array, wrench: Array) -> float:
         """Mean square of a block's residuals over what it should be, by what is known of the load; 0 if nothing is."""
-        return self._surprise(motion, wrench) / (1.0 + self._disturbance)
+        return self._surprise(motion, wrench) / (1.0 + self._disturbance.size)
 
     def _surprise(self, motion: Array, wrench: Array) -> float:
         """The same in units of the noise."""
@@ -199,8 +192,7 @@ class LoadMemory:
             return
         if is_new:
             self._late.solve(self._window.information(self._model))
-        shape = np.zeros((6, 6)) if self._disturbance_shape is None else self._disturbance_shape
-        self._late.compare(self._model, (0.0 if self._disturbance_shape is None else self._disturbance) * shape)
+        self._late.compare(self._model, self._disturbance.covariance)
 
     def _begin(self, changed_at: int) -> None:
         """What is remembered is of another load than before."""
@@ -212,12 +204,12 @@ class LoadMemory:
     def push_early(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> None:
         """Take in a block from before all others, as ``push``, unless it is of another load."""
         is_known = self.count >= _KNOWN * self._config.rate
-        expected = _OTHER_LOAD * (1.0 + min(self._disturbance, _SPOILT))
+        expected = _OTHER_LOAD * (1.0 + self._disturbance.per_sample)
         is_surprise = is_known and self._surprise(motion, wrench) > expected
         self._is_early_over |= block < self._changed_at or is_surprise
         if not self._is_early_over:
             self._first_block = block
-            moments = load_moments(motion, wrench, own_wrench, min(self._disturbance, _SPOILT))
+            moments = load_moments(motion, wrench, own_wrench, self._disturbance.per_sample)
             self._early.append((block, moments))
 
     def _take_early(self) -> None:
@@ -294,16 +286,15 @@ class LoadMemory:
             self._window.forget_borders_before(correction.last_block + 1)
         else:
             self._window.revise(lambda sums: correction.apply(sums, self._mean_crosses))
-        if self._disturbance > _ROUGH and (rows is None or not correction.is_exact(rows)):
+        if self._disturbance.is_rough and (rows is None or not correction.is_exact(rows)):
             self._forget_before(correction.last_block + 1)  # means will not do for poses that were so rough
 
     def _expect_disturbance(self, covariance: Array) -> None:
         """From now on samples are spoilt with this covariance (6, 6), beside their noise."""
         assert self._fusion is not None
         assert self._model is not None
-        self._disturbance = float(np.trace(np.linalg.solve(self._fusion.wrench_covariance, covariance))) / 6.0
-        self._disturbance_shape = covariance / self._disturbance
-        self._model.expect_disturbance(self._disturbance_shape)
+        self._disturbance.expect(covariance, self._fusion.wrench_covariance)
+        self._disturbance.tell(self._model)
 
     def map_features(self, feature_map: Array, old_poses: Sequence[Pose], new_poses: Sequence[Pose]) -> None:
         """All samples' motions count as if they had been fused with new poses: ``refit_map`` (28, 28)."""
@@ -344,11 +335,9 @@ class LoadMemory:
     def _by_untold(self, model: InertiaModel, information: InertiaInformation) -> Array:
         """Covariance (10, 10) of ``theta`` by what poses do to samples that others have not told of yet."""
         untold = self.count - self._told_count
-        if untold < 1.0 or self._disturbance_shape is None:
+        if untold < 1.0:
             return np.zeros((INERTIA_SIZE, INERTIA_SIZE))
-        gram = self._window.total[:GRAM_SIZE] * (untold / self.count)
-        coherent = min(untold, _COHERENCE * self._config.rate)
-        scores = coherent * self._disturbance * model.disturbance(gram)
+        scores = self._disturbance.of_scores(model, self._window.total[:GRAM_SIZE] * (untold / self.count))
         inverse = np.linalg.inv(information.uncompensated)
         covariance: Array = (inverse @ scores @ inverse)[:INERTIA_SIZE, :INERTIA_SIZE]
         return covariance
@@ -371,21 +360,3 @@ class LoadMemory:
 
     def _is_enough(self) -> bool:
         return self.count >= _LEAST * self._config.rate
-
-
-class _MeanSquare:
-    """Mean square of the norm of the vectors seen so far."""
-
-    def __init__(self) -> None:
-        self._sum = 0.0
-        self._count = 0
-
-    def add(self, vectors: Array) -> None:
-        """Take in vectors, shape (n, 3)."""
-        self._sum += float(np.square(vectors).sum())
-        self._count += len(vectors)
-
-    @property
-    def mean(self) -> float:
-        """The mean, 0 of none."""
-        return self._sum / max(self._count, 1)

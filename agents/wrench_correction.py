@@ -103,3 +103,21 @@ def told_mean_crosses(rows: Array) -> Array:
     """Everybody's ``C_j`` per sample, shape (N, 13, 6), of everybody's ``told``."""
     result: Array = rows[:, 3:].reshape(-1, *CROSS_SHAPE) / rows[:, 1, None, None]
     return result
+
+
+class MeanSquare:
+    """Mean square of the norm of the vectors seen so far."""
+
+    def __init__(self) -> None:
+        self._sum = 0.0
+        self._count = 0
+
+    def add(self, vectors: Array) -> None:
+        """Take in vectors, shape (n, 3)."""
+        self._sum += float(np.square(vectors).sum())
+        self._count += len(vectors)
+
+    @property
+    def mean(self) -> float:
+        """The mean, 0 of none."""
+        return self._sum / max(self._count, 1)
