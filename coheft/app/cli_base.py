@@ -43,7 +43,7 @@ app = cyclopts.App(
 )
 
 Vector = Annotated[tuple[float, float, float], Parameter(negative=())]
-RunFolder = Annotated[Path | None, Parameter(name="--run")]
+RunFolder = Annotated[Path | None, Parameter(name="--run", help="Folder of the run, if it is not the newest of yours.")]
 Flag = Annotated[bool, Parameter(negative=(), show_default=False)]
 
 

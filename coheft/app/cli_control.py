@@ -19,8 +19,6 @@ def inject(*, mass: float, at: Vector, size: Vector = (0.1, 0.1, 0.1), run: RunF
         Where its centre comes to lie, in the payload's frame [m].
     size:
         Its edge lengths [m].
-    run:
-        Folder of the run, if it is not the newest of yours.
     """
     from coheft.app.observer import ask_run
     from coheft.wire.requests import InjectRequest
@@ -37,8 +35,6 @@ def remove(load: int, *, run: RunFolder = None) -> None:
     ----------
     load:
         Its number, as 'coheft inject' told; loads are numbered from 1 as they come.
-    run:
-        Folder of the run, if it is not the newest of yours.
     """
     from coheft.app.observer import ask_run
     from coheft.wire.requests import RemoveRequest
@@ -55,8 +51,6 @@ def release(robot: str, *, run: RunFolder = None) -> None:
     ----------
     robot:
         Its name.
-    run:
-        Folder of the run, if it is not the newest of yours.
     """
     time = _set_holding(run, robot, holding=False)
     print(f"{robot} let go at {time:.2f} s; 'coheft grasp {robot}' lets it take hold again")
@@ -70,8 +64,6 @@ def grasp(robot: str, *, run: RunFolder = None) -> None:
     ----------
     robot:
         Its name.
-    run:
-        Folder of the run, if it is not the newest of yours.
     """
     time = _set_holding(run, robot, holding=True)
     print(f"{robot} took hold at {time:.2f} s")
@@ -93,8 +85,6 @@ def use(estimator: str | None = None, *, run: RunFolder = None) -> None:
     ----------
     estimator:
         efficient, seed, or your own if the run has begun with it; without one, tell which one is in use.
-    run:
-        Folder of the run, if it is not the newest of yours.
     """
     from coheft.app.observer import ask_run
     from coheft.wire.requests import EstimatorRequest, StatusRequest
@@ -109,13 +99,7 @@ def use(estimator: str | None = None, *, run: RunFolder = None) -> None:
 
 @app.command(group=CONTROL)
 def pause(*, run: RunFolder = None) -> None:
-    """Stop the clock of a run.
-
-    Parameters
-    ----------
-    run:
-        Folder of the run, if it is not the newest of yours.
-    """
+    """Stop the clock of a run."""
     from coheft.app.observer import ask_run
     from coheft.wire.requests import PauseRequest
 
@@ -125,13 +109,7 @@ def pause(*, run: RunFolder = None) -> None:
 
 @app.command(group=CONTROL)
 def resume(*, run: RunFolder = None) -> None:
-    """Let a paused run go on.
-
-    Parameters
-    ----------
-    run:
-        Folder of the run, if it is not the newest of yours.
-    """
+    """Let a paused run go on."""
     from coheft.app.observer import ask_run
     from coheft.wire.requests import PauseRequest
 
@@ -141,13 +119,7 @@ def resume(*, run: RunFolder = None) -> None:
 
 @app.command(group=CONTROL)
 def stop(*, run: RunFolder = None) -> None:
-    """End a run now; whoever started it gets its report.
-
-    Parameters
-    ----------
-    run:
-        Folder of the run, if it is not the newest of yours.
-    """
+    """End a run now; whoever started it gets its report."""
     from coheft.app.observer import ask_run
     from coheft.wire.requests import StopRequest
 
@@ -157,13 +129,7 @@ def stop(*, run: RunFolder = None) -> None:
 
 @app.command(group=CONTROL)
 def watch(*, run: RunFolder = None) -> None:
-    """Watch a run that goes on, until it ends.
-
-    Parameters
-    ----------
-    run:
-        Folder of the run, if it is not the newest of yours.
-    """
+    """Watch a run that goes on, until it ends."""
     from rich.console import Console
 
     from coheft.app.launch import watch as watch_run
@@ -183,8 +149,6 @@ def cut(one: str, other: str, *, run: RunFolder = None) -> None:
         A robot, for instance r1.
     other:
         Its neighbour.
-    run:
-        Folder of the run, if it is not the newest of yours.
     """
     _set_link(run, one, other, cut=True)
     print(f"{one} and {other} do not hear each other any more; 'coheft mend {one} {other}' links them again")
@@ -200,8 +164,6 @@ def mend(one: str, other: str, *, run: RunFolder = None) -> None:
         A robot, for instance r1.
     other:
         Its neighbour.
-    run:
-        Folder of the run, if it is not the newest of yours.
     """
     _set_link(run, one, other, cut=False)
     print(f"{one} and {other} may hear each other again")

@@ -21,8 +21,6 @@ def ros2_bridge(run: RunFolder = None, *, domain: Domain = 0, endpoint: str = RO
 
     Parameters
     ----------
-    run:
-        Folder of the run, if it is not the newest of yours.
     domain:
         Number of the ROS domain, as in ROS_DOMAIN_ID.
     endpoint:
