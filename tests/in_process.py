@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import msgspec
 import numpy as np
 
-from agents.agent import Agent
+from agents.agent import Agent, Outbox
 from coheft.app.judge import Judge, RobotReport
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.config import agent_config
@@ -44,6 +44,41 @@ class Recording:
         return {name: estimates[-1] for name, estimates in self.estimates.items()}
 
 
+def steps(
+    scenario: Scenario,
+    is_measured: Callable[[int, str], bool] = lambda block, name: True,
+    arrives: Callable[[int, str, str], bool] = lambda block, to, sender: True,
+    anew: Mapping[int, Scenario] | None = None,
+) -> Iterator[tuple[Truth, dict[str, Outbox]]]:
+    """A run, block by block: the truth, and what every agent sends.
+
+    Args:
+        scenario: What to run.
+        is_measured: Whether the sensors of a robot work in a block.
+        arrives: Whether the message that ``sender`` sent after the block before reaches ``to``.
+        anew: By block before which agents that know nothing take the place of the others: what they are told to do.
+    """
+    graph = build_graph(scenario.graph, scenario.robot_names)
+    simulation = Simulation(scenario, graph)
+    references: dict[int, dict[str, Reference]] = {}
+    messages: dict[str, NeighbourMessage] = {}
+    agents: dict[str, Agent] = {}
+    for block in range(scenario.blocks):
+        chosen = {0: scenario, **(anew or {})}.get(block)
+        if chosen is not None:
+            agents = {name: Agent(agent_config(chosen, name, graph[name]), block) for name in graph}
+            messages = {}
+        result = simulation.advance(references.pop(block, {}))
+        outboxes = {}
+        for name, agent in agents.items():
+            inbox = [messages[other] for other in graph[name] if other in messages and arrives(block, name, other)]
+            measured = MeasurementBlock(block, result.measurements[name].samples) if is_measured(block, name) else None
+            outboxes[name] = agent.step(block, measured, inbox)
+        messages = {name: outbox.message for name, outbox in outboxes.items()}
+        references[block + scenario.lookahead] = {name: outbox.reference for name, outbox in outboxes.items()}
+        yield result.truth, outboxes
+
+
 def run_with_faults(
     scenario: Scenario,
     is_measured: Callable[[int, str], bool] = lambda block, name: True,
@@ -56,22 +91,9 @@ def run_with_faults(
         is_measured: Whether the sensors of a robot work in a block.
         arrives: Whether the message that ``sender`` sent after the block before reaches ``to``.
     """
-    graph = build_graph(scenario.graph, scenario.robot_names)
-    agents = {name: Agent(agent_config(scenario, name, graph[name])) for name in graph}
-    simulation = Simulation(scenario, graph)
-    recording = Recording(simulation.scene, [], {name: [] for name in graph})
-    references: dict[int, dict[str, Reference]] = {}
-    messages: dict[str, NeighbourMessage] = {}
-    for block in range(scenario.blocks):
-        result = simulation.advance(references.pop(block, {}))
-        recording.truths.append(result.truth)
-        outboxes = {}
-        for name, agent in agents.items():
-            inbox = [messages[other] for other in graph[name] if other in messages and arrives(block, name, other)]
-            measured = MeasurementBlock(block, result.measurements[name].samples) if is_measured(block, name) else None
-            outboxes[name] = agent.step(block, measured, inbox)
-        messages = {name: outbox.message for name, outbox in outboxes.items()}
-        references[block + scenario.lookahead] = {name: outbox.reference for name, outbox in outboxes.items()}
+    recording = Recording(Simulation(scenario).scene, [], {name: [] for name in scenario.robot_names})
+    for truth, outboxes in steps(scenario, is_measured, arrives):
+        recording.truths.append(truth)
         for name, outbox in outboxes.items():
             if outbox.estimate is not None:
                 recording.estimates[name].append(outbox.estimate)

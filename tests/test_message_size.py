@@ -5,40 +5,15 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from agents.agent import Agent
-from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.codec import encode
-from coheft.wire.config import agent_config
 from coheft.wire.estimator_settings import SeedSettings
 from coheft.wire.message_size import LARGEST, LEAST_LIMIT, largest_message, message_limit
-from coheft.wire.messages import NeighbourMessage, Reference
 from coheft.wire.scenario import Graph, Scenario
-from consensus.graph import build_graph
-from physics_server.simulation import Simulation
-from tests.in_process import changed
+from tests.in_process import changed, steps
 
 
 def largest_found(scenario: Scenario) -> int:
-    graph = build_graph(scenario.graph, scenario.robot_names)
-    agents = {name: Agent(agent_config(scenario, name, graph[name])) for name in graph}
-    simulation = Simulation(scenario)
-    references: dict[int, dict[str, Reference]] = {}
-    messages: dict[str, NeighbourMessage] = {}
-    largest = 0
-    for block in range(scenario.blocks):
-        result = simulation.advance(references.pop(block, {}))
-        outboxes = {
-            name: agent.step(
-                block,
-                MeasurementBlock(block, result.measurements[name].samples),
-                [messages[other] for other in graph[name] if other in messages],
-            )
-            for name, agent in agents.items()
-        }
-        messages = {name: outbox.message for name, outbox in outboxes.items()}
-        references[block + scenario.lookahead] = {name: outbox.reference for name, outbox in outboxes.items()}
-        largest = max(largest, *(len(encode(message, "key")) for message in messages.values()))
-    return largest
+    return max(len(encode(outbox.message, "key")) for _, outboxes in steps(scenario) for outbox in outboxes.values())
 
 
 @pytest.mark.parametrize("name", ["line4", "ring12"])

@@ -11,16 +11,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from agents.agent import Agent
 from coheft.app.inprocess import BlockRecord
-from coheft.estimation.measurement import MeasurementBlock
-from coheft.wire.config import agent_config
-from coheft.wire.messages import NeighbourMessage, Reference
 from coheft.wire.requests import EstimatorRequest
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import load_scenario
-from consensus.graph import build_graph
-from physics_server.simulation import Simulation
+from tests.in_process import steps
 from tests.integration.command_line import Run, wait_for
 from tests.integration.team import Team, running_team, small_scenario
 from tests.integration.test_same_numbers import in_one_process
@@ -30,30 +25,8 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX"
 
 def changing_run(scenario: Scenario, since: int, estimator: str) -> Iterator[BlockRecord]:
     """In one process: agents that know nothing take the place of the others before block ``since``."""
-    graph = build_graph(scenario.graph, scenario.robot_names)
-    simulation = Simulation(scenario)
-    references: dict[int, dict[str, Reference]] = {}
-    messages: dict[str, NeighbourMessage] = {}
-    agents: dict[str, Agent] = {}
-    for block in range(scenario.blocks):
-        if block in (0, since):
-            chosen = msgspec.structs.replace(scenario, estimator=estimator if block == since else scenario.estimator)
-            agents = {name: Agent(agent_config(chosen, name, graph[name]), block) for name in graph}
-            messages = {}
-        result = simulation.advance(references.pop(block, {}))
-        outboxes = {
-            name: agent.step(
-                block,
-                MeasurementBlock(block, result.measurements[name].samples),
-                [messages[other] for other in graph[name] if other in messages],
-            )
-            for name, agent in agents.items()
-        }
-        messages = {name: outbox.message for name, outbox in outboxes.items()}
-        references[block + scenario.lookahead] = {name: outbox.reference for name, outbox in outboxes.items()}
-        yield BlockRecord(
-            result.truth, {name: out.estimate for name, out in outboxes.items() if out.estimate is not None}
-        )
+    for truth, outboxes in steps(scenario, anew={since: msgspec.structs.replace(scenario, estimator=estimator)}):
+        yield BlockRecord(truth, {name: out.estimate for name, out in outboxes.items() if out.estimate is not None})
 
 
 def test_robots_begin_anew_with_another_estimator_in_mid_run(start: Callable[..., Run], tmp_path: Path) -> None:
