@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from typing import TYPE_CHECKING
 
 import zenoh
 
 from coheft.errors import MessageError
-from coheft.wire.cart import CartAgentProcessConfig
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.dialled import DialledLink
 from coheft.wire.inbox import Event, Inbox, LinkChange, Presence, Question, Received, Refused
@@ -19,6 +19,9 @@ from coheft.wire.problem_log import ProblemLog
 from coheft.wire.requests import CutLinks, LinkRequest, Refusal
 from coheft.wire.security import Credentials
 from coheft.wire.transport import Keys, Sender, open_session, session_id
+
+if TYPE_CHECKING:  # robots without a cart need not load it
+    from coheft.wire.cart import CartAgentProcessConfig
 
 SERVER = "the server"
 """What the server is called in events."""

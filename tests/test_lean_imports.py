@@ -11,7 +11,7 @@ import pytest
 @pytest.mark.parametrize(
     ("module", "heavy"),
     [
-        ("agents.process", {"scipy", "mujoco", "physics_server", "cyclopts", "rich", "unittest"}),
+        ("agents.process", {"scipy", "mujoco", "physics_server", "cyclopts", "rich", "unittest", "coheft.wire.cart"}),
         ("physics_server.server", {"agents", "cyclopts", "rich", "matplotlib"}),
         ("coheft.app.cli", {"zenoh", "mujoco", "numpy", "scipy", "matplotlib", "joblib"}),
     ],
