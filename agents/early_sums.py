@@ -1,8 +1,8 @@
 """Samples from before a team's sums follow, the newest first, through sums of their own.
 
-When the team's first poses turn out to have been too rough for the sums since the start, those samples follow again:
-what poses did to them could be corrected in the mean of all only, and whether the load changed meanwhile, or a sensor
-was off, would stay unknown.
+With the first fit of the team's poses, and after any other poses that proved too rough, all samples of the last ten
+seconds follow again: what poses did to them could be corrected in the mean of all only, and whether the load changed
+meanwhile, or a sensor was off, would stay unknown.
 """
 
 from __future__ import annotations
@@ -48,8 +48,7 @@ class EarlySums:
         self._config = config
         self._neighbours = neighbours
         self._schedule = schedule
-        self._history = dict(history)
-        self._may_begin_again = True
+        self._history = dict(sorted(history.items()))
         self.begin(start)
 
     def begin(self, start: int) -> None:
@@ -61,14 +60,10 @@ class EarlySums:
         self._end = start + self._schedule.rounds + min(start, config.blocks(EARLY)) // PACE
 
     def remember(self, block: int, samples: Array) -> None:
-        """Own samples of a block that may have to go through, if these sums begin again."""
-        if self._may_begin_again:
-            self._history[block] = samples
-            self._history.pop(block - self._config.blocks(EARLY), None)
-
-    def settle(self) -> None:
-        """They will not begin again."""
-        self._may_begin_again = False
+        """Own samples of a block, larger than all before, that has to go through if these sums begin again."""
+        self._history[block] = samples
+        while (oldest := next(iter(self._history))) <= block - self._config.blocks(EARLY):
+            del self._history[oldest]
 
     def end(self) -> None:
         """Let nothing through of what is remembered."""
@@ -92,11 +87,7 @@ class EarlySums:
         """
         finished = self._sums.advance(inbox)
         first = self.start - PACE * (index - self.start + 1)
-        blocks = [self._history.get(first + later) for later in range(PACE)]
-        if not self._may_begin_again:
-            for later in range(PACE):
-                self._history.pop(first + later, None)
-        samples = [block for block in blocks if block is not None]
+        samples = [self._history[block] for block in range(first, first + PACE) if block in self._history]
         is_whole = len(samples) == PACE
         self._sums.enter(Entered(first, np.concatenate(samples), pose, version) if is_whole else None)
         return finished

@@ -202,7 +202,10 @@ class LoadMemory:
         self._late.begin()
 
     def push_early(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> None:
-        """Take in a block from before all others, as ``push``, unless it is of another load."""
+        """Take in what is from before all others, as ``push``, unless it is of another load.
+
+        It counts from the next ``push`` on.
+        """
         is_known = self.count >= _KNOWN * self._config.rate
         expected = _OTHER_LOAD * (1.0 + self._disturbance.per_sample)
         is_surprise = is_known and self._surprise(motion, wrench) > expected
@@ -227,7 +230,8 @@ class LoadMemory:
         return True
 
     def forget_late(self, duration: float) -> None:
-        """What came in the last so many seconds does not count."""
+        """What came in the last so many seconds does not count, nor what has come early since then."""
+        self._early.clear()
         self._window.forget_since(self._last_block - self._config.blocks(duration))
         self._late.begin()
         self._have_forgotten()
@@ -308,10 +312,14 @@ class LoadMemory:
         self._comes_again = False
 
     def begin_again(self, team: TeamPoses) -> None:
-        """All samples come again, carried with poses that are known as said: forget them."""
+        """The samples of late come again, carried with poses that are known as said: forget all.
+
+        A memory that fades keeps what it has, to be corrected, and takes nothing early.
+        """
         self._window.forget_before(self._last_block + 1)
+        self._comes_again = self.count == 0.0
         self._told_count = 0.0
-        self._first_block, self._is_early_over, self._comes_again = -1, False, True
+        self._first_block, self._is_early_over = -1, False
         self._late.begin()
         # Until everybody's forces have been heard, as if they were as large as the own ones.
         forces = np.full(len(self._poses), self._forces.mean)

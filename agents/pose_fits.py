@@ -5,7 +5,8 @@
    which they count. Anybody could, but not everybody need be of the same opinion on the poses, where messages were
    lost, and must not be of another one for that;
 3. *switch*: from that block on samples that enter the sums are carried with the new poses, and bear their version. If
-   the poses before were too rough to weigh with, all samples from before go through sums again (``agents.early_sums``).
+   the poses before were too rough to weigh with, or nobody knows, all samples from before go through sums again
+   (``agents.early_sums``).
 
 Every step waits for what it needs, however long that takes.
 """
@@ -93,7 +94,7 @@ class PoseFits:
             poses: In use.
             is_settled: Whether everything accumulated is seen with these poses.
             is_spoilt: Whether something contradicts the team's motion.
-            are_rough: Whether the poses in use are too rough to weigh with.
+            are_rough: Whether the poses in use are, or may be, too rough to weigh with.
         """
         if is_spoilt:
             self.common.spoil(index - 1)

@@ -129,8 +129,8 @@ class Team:
         self._fits = PoseFits(config, members, self._own, start, schedule.rounds, self._hearing)
         # Versions of the poses that the past was mapped to, and corrected for.
         self._version = self._corrected = 0
-        # What is remembered of the load came of samples since, or before, this block, with poses since then.
-        self._counted_from = self._first_common = start
+        # The last start of the early sums that the memory knows of, and the oldest block that they have given.
+        self._counted_from = self._first_early = start
         self._largest_step = np.inf
         self._crosses = Flood(members, LoadMemory.told_size)
         self._contradictions = Contradictions(config, self._names)
@@ -157,7 +157,8 @@ class Team:
             self._sums.clear()
             self._early_sums.clear()
         self._next = index + 1
-        self._remember(index, samples)
+        if samples is not None and not self._is_contradicted:
+            self._early_sums.remember(index, samples)
         for name, channels in inbox.items():
             self._floods.hear(name, channels)
             self._hear_of_change(channels.get("load_change"), index)
@@ -242,7 +243,7 @@ class Team:
             self._held = None
             self._memory.forget_late(UNNOTICED)
             if not self._early_sums.are_over(self._next):
-                self._memory.forget_early(UNNOTICED)
+                self._memory.forget_early(PACE * UNNOTICED)
             self._early_sums.end()
 
     def _pose_deviations(self) -> Array:
@@ -255,13 +256,6 @@ class Team:
         if samples is None:
             return None
         return Entered(block, samples, self._fits.carrying_pose(self._poses), self._fits.carried)
-
-    def _remember(self, index: int, samples: Array | None) -> None:
-        """Until poses are good enough to weigh with, samples may have to go through the sums again."""
-        if self._fitted is not None and not self._memory.is_spoilt:
-            self._early_sums.settle()
-        elif samples is not None and not self._is_contradicted:
-            self._early_sums.remember(index, samples)
 
     def _catch_up(self, index: int, inbox: Mapping[str, Mapping[str, Array]]) -> RegistrationMoments | None:
         """Blocks from before the start enter the sums, and others leave them."""
@@ -276,9 +270,9 @@ class Team:
         if self._fitted is not None and block_misfit(moments, self._poses[self._own], self._config.noise) > _UNLIKELY:
             return None
         self._memory.push_early(entered.block, motion, sums[:, 0], entered.samples[:, WRENCH])
-        is_new = entered.block + PACE <= self._first_common
-        self._first_common = min(entered.block, self._first_common)
-        return moments if is_new else None
+        is_uncounted = entered.block + PACE <= self._first_early
+        self._first_early = min(entered.block, self._first_early)
+        return moments if is_uncounted else None
 
     def _take_in(self, entered: Entered, sums: Array, index: int) -> RegistrationMoments | None:
         """The team's sums of a block, in the body frame; returns what they say of the own pose."""
@@ -337,6 +331,7 @@ class Team:
         )
         if self._fits.again_before > self._early_sums.start:
             self._early_sums.begin(self._fits.again_before)
+            self._contradictions.forget_early()
         rows = self._crosses.rows(self._version)
         if self._fitted is None or self._corrected == self._version or rows is None:
             return
@@ -362,4 +357,5 @@ class Team:
         self._crosses.tell(self._own, version, self._memory.told())
         if self._fits.again_before > self._counted_from:
             self._counted_from = self._fits.again_before
-            self._memory.begin_again(self._fitted)
+            if not self._motion.needs_slope:
+                self._memory.begin_again(self._fitted)

@@ -123,9 +123,11 @@ class Server:
             self._stopwatch.stop()
             self._state = "finished"
             self._robots.send_stop(reason)
-            if self._recorder is not None and self._save_data is not None and self._simulation.block > 0:
-                write_recording(self._recorder.recording(), Path(self._save_data))
-            self._end.send(self._status())  # whoever hears it may end this process
+            try:
+                if self._recorder is not None and self._save_data is not None and self._simulation.block > 0:
+                    write_recording(self._recorder.recording(), Path(self._save_data))
+            finally:
+                self._end.send(self._status())  # whoever hears it may end this process
 
     def linger(self, seconds: float) -> None:
         """Go on answering requests."""

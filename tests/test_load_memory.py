@@ -58,12 +58,30 @@ class Memories:
         """Blocks ``first`` to ``last - 1``, of a load so many times as heavy. Returns what the first robot found."""
         found = []
         for block in range(first, last):
-            samples = self.team.exact[BLOCK * block : BLOCK * (block + 1)] * np.repeat([1.0, load], [9, 6])
-            motion = fused_motion(samples, self.poses, self.team.noise)
-            wrench = np.sum([samples[:, i, WRENCH] @ pose.adjoint().T for i, pose in enumerate(self.poses)], axis=0)
-            changes = [memory.push(block, motion, wrench, samples[:, i, WRENCH]) for i, memory in enumerate(self.each)]
+            changes = [
+                memory.push(block, *sums) for memory, sums in zip(self.each, self.sums(block, load), strict=True)
+            ]
             found.append(changes[0])
         return found
+
+    def sums(self, block: int, load: float) -> list[tuple[Array, Array, Array]]:
+        """Motion, total and own wrench of a block, for each robot."""
+        samples = self.team.exact[BLOCK * block : BLOCK * (block + 1)] * np.repeat([1.0, load], [9, 6])
+        motion = fused_motion(samples, self.poses, self.team.noise)
+        wrench = np.sum([samples[:, i, WRENCH] @ pose.adjoint().T for i, pose in enumerate(self.poses)], axis=0)
+        return [(motion, wrench, samples[:, i, WRENCH]) for i in range(COUNT)]
+
+    def push_early(self, first: int, last: int, load: float = 1.0) -> None:
+        """Blocks ``last - 1`` back to ``first``, from before all others."""
+        for block in range(last - 1, first - 1, -1):
+            for memory, sums in zip(self.each, self.sums(block, load), strict=True):
+                memory.push_early(block, *sums)
+
+    def begin_again(self, poses: Sequence[Pose]) -> None:
+        """New poses come into use, and with them all samples again."""
+        self.map_to(poses)
+        for memory in self.each:
+            memory.begin_again(self.team_poses())
 
     def map_to(self, poses: Sequence[Pose]) -> None:
         feature_map = refit_map(self.poses, poses, self.team.noise)
@@ -233,6 +251,63 @@ def test_forgetting_follows_a_fit_too(config: AgentConfig, team: Team) -> None:
     forgetting = msgspec.structs.replace(config, efficient=settings)
     stale, _, corrected = errors_after_a_fit(forgetting, team, 2e-3)
     assert corrected < 0.01 * stale
+
+
+def test_samples_that_come_again_count_as_if_they_had_come_once(config: AgentConfig, team: Team) -> None:
+    memories = Memories(config, team, moved(team, 1e-2))
+    memories.push(0, 20)
+    memories.begin_again(team.poses)
+    rows = memories.told()
+    memories.push(20, 22)
+    memories.push_early(10, 20)
+    memories.correct(rows)
+    memories.push_early(0, 10)
+    assert memories.push(22, 40) == 18 * [None]
+    fresh = Memories(config, team, team.poses)
+    fresh.push(0, 40)
+    assert [memory.count for memory in memories.each] == COUNT * [40 * BLOCK]
+    np.testing.assert_allclose(memories.estimate(), fresh.estimate(), rtol=1e-4, atol=1e-4)
+
+
+def test_what_comes_early_counts_only_when_it_has_been_tested_and_is_of_the_same_load(
+    config: AgentConfig, team: Team
+) -> None:
+    memories = Memories(config, team, moved(team, 1e-4))
+    memories.push(0, 20)
+    memories.begin_again(team.poses)
+    memories.correct(memories.told())
+    memories.push(20, 24)
+    for block in range(19, 9, -1):  # the load changed before block 14
+        memories.push_early(block, block + 1, load=1.0 if block >= 14 else 0.7)
+        before = memories.estimate()
+        np.testing.assert_allclose(before[0], team.inertia.carried(team.poses[OWN].inverse()).mass, rtol=1e-2)
+        memories.push(43 - block, 44 - block)
+    assert memories.each[0].count == (34 - 14) * BLOCK
+    np.testing.assert_allclose(memories.estimate()[0], team.inertia.mass, rtol=1e-3)
+
+
+def test_what_was_forgotten_does_not_come_back_early(config: AgentConfig, team: Team) -> None:
+    for forget in (lambda memory: memory.adopt(19), lambda memory: memory.forget_late(0.5)):
+        memories = Memories(config, team, team.poses)
+        memories.push(10, 20)
+        memories.push_early(0, 10)
+        for memory in memories.each:
+            forget(memory)
+        memories.push(20, 21)
+        assert all(memory.count <= 10 * BLOCK for memory in memories.each)
+
+
+def test_a_memory_that_fades_is_corrected_though_samples_come_again(config: AgentConfig, team: Team) -> None:
+    fading = msgspec.structs.replace(config, efficient=EfficientSettings(memory=2.0))
+    memories = Memories(fading, team, moved(team, 2e-3))
+    memories.push(0, 30)
+    memories.begin_again(team.poses)
+    memories.correct(memories.told())
+    memories.push_early(0, 30)
+    memories.push(30, 60)
+    fresh = Memories(fading, team, team.poses)
+    fresh.push(0, 60)
+    np.testing.assert_allclose(memories.estimate(), fresh.estimate(), rtol=1e-3, atol=1e-3)
 
 
 def test_what_is_seen_is_told_though_the_rest_is_not(config: AgentConfig) -> None:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import pytest
 
+from agents.early_sums import PACE
+from agents.load_memory import LoadMemory
 from coheft.app.faults.invariants import Watch
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, Loss, Partition, Release
+from coheft.estimation.spatial import Array
+from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.messages import Estimate
 from coheft.wire.scenario import LoadChange
 from tests.in_process import changed
@@ -135,3 +140,34 @@ def test_lost_messages_cost_time_and_never_the_truth(loss: float, seed: int) -> 
         for estimates in story.estimates.values():
             seen = [estimate for estimate in estimates if 3.0 < estimate.time < load.at]
             assert sum(estimate.status == "valid" for estimate in seen) > 0.5 * len(seen)
+
+
+def test_each_block_counts_once_though_messages_get_lost_when_sums_begin_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    counted: dict[LoadMemory, list[int]] = {}
+    push, push_early, begin_again = LoadMemory.push, LoadMemory.push_early, LoadMemory.begin_again
+
+    def counting(method: Any) -> Any:
+        def count(self: LoadMemory, block: int, *sums: Array) -> Any:
+            blocks = range(block, block + (PACE if method is push_early else 1))
+            assert not set(blocks) & set(counted.setdefault(self, []))
+            counted[self] += blocks
+            return method(self, block, *sums)
+
+        return count
+
+    def beginning(self: LoadMemory, team: TeamPoses) -> None:
+        began.append(len(counted.pop(self, [])))
+        begin_again(self, team)
+
+    began: list[int] = []
+    monkeypatch.setattr(LoadMemory, "push", counting(push))
+    monkeypatch.setattr(LoadMemory, "push_early", counting(push_early))
+    monkeypatch.setattr(LoadMemory, "begin_again", beginning)
+    for seed in range(3):
+        counted.clear()
+        began.clear()
+        Story(6.0, [Loss(start=2.0, end=5.0, probability=0.1, seed=seed)], seed=seed + 1)
+        assert sum(began) > 0
+        assert all(len(blocks) > 20 for blocks in counted.values())
