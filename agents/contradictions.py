@@ -41,13 +41,19 @@ class Contradictions:
         self._blamed = 0
         self._told = 0.0
 
-    def add(self, moments: RegistrationMoments) -> None:
-        """Take in what a block says of the own pose."""
-        self._watch.add(moments)
+    def add(self, moments: RegistrationMoments, pose: Pose, deviations: Array) -> bool:
+        """Take in what a block says of the own pose; returns whether it is like those of late.
 
-    def add_early(self, moments: RegistrationMoments) -> None:
+        Args:
+            moments: Of the block.
+            pose: The own one.
+            deviations: Standard deviations of poses, shape (6,).
+        """
+        return self._watch.add(moments, pose, np.diag(deviations**2))
+
+    def add_early(self, moments: RegistrationMoments, pose: Pose, deviations: Array) -> bool:
         """The same of blocks that came early, ``PACE`` of them."""
-        self._early_watch.add(moments)
+        return self._early_watch.add(moments, pose, np.diag(deviations**2))
 
     def forget_early(self) -> None:
         """They do not matter any more."""

@@ -82,13 +82,12 @@ class PoseSearch:
         finished = self._sums.advance(inbox)
         self._fits.common.add(index, (None if finished is None else self._moments(*finished), None))
         pose, version = self._fits.carrying_pose(self._poses), self._fits.carried
-        deviations = _ROUGHLY_KNOWN if self._fitted is None else _FIRST_FITS * self._fitted.deviations.max(axis=0)
-        self._contradictions.step(index, self._poses[self._own], deviations)
+        self._contradictions.step(index, self._poses[self._own], self._pose_deviations())
         self._sums.enter(None if samples is None else Entered(index, samples, pose, version))
         return self._sums.channels() | self._floods.channels()
 
     def _moments(self, entered: Entered, sums: Array) -> RegistrationMoments | None:
-        """What a block says of the own pose."""
+        """What a block says of the own pose; None if it is not complete, or unlike those of late."""
         block = self._motion.add(entered, sums)
         seen = self._motion.look_at(block, self._last_block, self._use_poses)
         if seen is None:
@@ -96,8 +95,12 @@ class PoseSearch:
         entered, _, motion = seen
         self._last_block = block
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
-        self._contradictions.add(moments)
-        return moments
+        is_like_others = self._contradictions.add(moments, self._poses[self._own], self._pose_deviations())
+        return moments if is_like_others else None
+
+    def _pose_deviations(self) -> Array:
+        """Standard deviations of the pose that is known worst (6,)."""
+        return _ROUGHLY_KNOWN if self._fitted is None else _FIRST_FITS * self._fitted.deviations.max(axis=0)
 
     def _use_poses(self, version: int) -> None:
         """All samples so far count from now on as if they had been carried with the poses of a version."""

@@ -266,8 +266,10 @@ class Team:
         entered, sums = finished
         motion = self._motion.fusion.motion(sums)
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
-        self._contradictions.add_early(moments)
-        if self._fitted is not None and block_misfit(moments, self._poses[self._own], self._config.noise) > _UNLIKELY:
+        pose, deviations = self._poses[self._own], self._pose_deviations()
+        is_like_others = self._contradictions.add_early(moments, pose, deviations)
+        is_unlikely = not is_like_others or block_misfit(moments, pose, self._config.noise) > _UNLIKELY
+        if self._fitted is not None and is_unlikely:
             return None
         self._memory.push_early(entered.block, motion, sums[:, 0], entered.samples[:, WRENCH])
         is_uncounted = entered.block + PACE <= self._first_early
@@ -288,11 +290,12 @@ class Team:
         entered, sums, motion = seen
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
         found = _Block(block, motion, sums[:, 0], entered.samples[:, WRENCH], moments)
-        self._contradictions.add(moments)
+        pose = self._poses[self._own]
+        is_like_others = self._contradictions.add(moments, pose, self._pose_deviations())
         held, self._held = self._held, None
         if self._is_contradicted:
             return None
-        if block_misfit(moments, self._poses[self._own], self._config.noise) > _NONSENSE:
+        if not is_like_others or block_misfit(moments, pose, self._config.noise) > _NONSENSE:
             return None
         if self._memory.surprise(motion, found.wrench) <= _JUMP:
             return self._learn(found, index)

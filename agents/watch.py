@@ -8,6 +8,7 @@ sums say the body has, and they can tell each other how well that fits.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -33,6 +34,9 @@ _SIGMAS = 8.0
 """Standard deviations by which they may be larger by chance."""
 _MEAN_LIMIT = 80.0
 """Limit of the chi-square of the accelerometers' mean residual, three degrees of freedom: 1e-17 by chance."""
+_JUMP_LIMIT = 50.0
+"""Limit of the chi-square of how far gyro and velocity are from their mean residual of late, six degrees of freedom:
+5e-9 by chance. Accelerations are left out: when a load drops, they change faster than they are measured."""
 _CLOCK = 5e-4
 """So far a robot's clock may be off, always [s]."""
 _STILL = 1e-6
@@ -52,11 +56,22 @@ class Watch:
 
     def __init__(self, noise: SensorNoise, blocks_per_second: float) -> None:
         self._noise = noise
-        self._recent: deque[RegistrationMoments] = deque(maxlen=max(2, round(_MEMORY * blocks_per_second)))
+        # Moments of blocks, and whether each was like those before it.
+        self._recent: deque[tuple[RegistrationMoments, bool]] = deque(maxlen=max(2, round(_MEMORY * blocks_per_second)))
 
-    def add(self, moments: RegistrationMoments) -> None:
-        """Take in the moments of a block."""
-        self._recent.append(moments)
+    def add(self, moments: RegistrationMoments, pose: Pose, covariance: Array) -> bool:
+        """Take in the moments of a block; returns whether it is like those of late.
+
+        A sensor that is off for a moment does harm, but not for long enough to contradict anything.
+
+        Args:
+            moments: Of the block.
+            pose: Own pose in the body frame.
+            covariance: Of its perturbation, shape (6, 6).
+        """
+        is_like = not self._recent or self._jump(moments, pose, covariance) < _JUMP_LIMIT
+        self._recent.append((moments, is_like))
+        return is_like
 
     def clear(self) -> None:
         """Look back no farther than now."""
@@ -64,8 +79,11 @@ class Watch:
 
     def map(self, feature_map: Array) -> None:
         """As if every sample's features had been ``feature_map`` (28, 28) times what they were."""
-        for k, moments in enumerate(self._recent):
-            self._recent[k] = moments.mapped(feature_map)
+        for k, (moments, is_like) in enumerate(self._recent):
+            self._recent[k] = moments.mapped(feature_map), is_like
+
+    def _all(self) -> list[RegistrationMoments]:
+        return [moments for moments, _ in self._recent]
 
     def misfit(self, pose: Pose, covariance: Array) -> float:
         """How badly the own sensors fit lately; ``MISFIT`` is the limit.
@@ -76,7 +94,7 @@ class Watch:
         """
         if not self._recent:
             return 0.0
-        recent = RegistrationMoments(np.sum([moments.gram for moments in self._recent], axis=0))
+        recent = _sum(self._all())
         count = recent.count
         _, information, cost = score_and_information(recent, pose, self._noise)
         by_noise = 9.0 * count
@@ -87,12 +105,22 @@ class Watch:
 
     def _mean_statistic(self, recent: RegistrationMoments, pose: Pose, covariance: Array) -> float:
         """Chi-square of the accelerometer's mean residual; constant offsets of other sensors do no harm."""
-        count, rows = recent.count, ACCELERATION_ROWS
-        means = recent.gram[:, 0] / count
+        means = recent.gram[:, 0] / recent.count
+        return self._statistic(means, 1.0 / recent.count, ACCELERATION_ROWS, pose, covariance)
+
+    def _jump(self, block: RegistrationMoments, pose: Pose, covariance: Array) -> float:
+        """Chi-square of how far a block's gyro and velocity are from those of late; constant offsets do no harm."""
+        usual = _sum([moments for moments, is_like in self._recent if is_like] or self._all())
+        means = block.gram[:, 0] / block.count - usual.gram[:, 0] / usual.count
+        share = 1.0 / block.count + 1.0 / usual.count
+        return self._statistic(means, share, TWIST_ROWS, pose, covariance)
+
+    def _statistic(self, means: Array, share: float, rows: slice, pose: Pose, covariance: Array) -> float:
+        """Chi-square of the residuals at mean features (28,), with this share of a sample's variance."""
         residual = residual_operator(pose)[rows] @ means
         derivative = residual_derivative(pose)[:, rows] @ means
         deviations = self._noise.per_column()[KINEMATICS][rows]
-        spread = np.diag(deviations**2) / count + _OTHERS * derivative.T @ covariance @ derivative
+        spread = share * np.diag(deviations**2) + _OTHERS * derivative.T @ covariance @ derivative
         return float(residual @ np.linalg.solve(spread, residual))
 
     def _clock_misfit(self, recent: RegistrationMoments, pose: Pose) -> float:
@@ -109,3 +137,7 @@ def block_misfit(moments: RegistrationMoments, pose: Pose, noise: SensorNoise) -
     operator, gram = residual_operator(pose)[TWIST_ROWS], moments.centred()
     weights = noise.per_column()[KINEMATICS][TWIST_ROWS, None] ** -2
     return float(np.vdot(weights * (operator @ gram), operator) / (6.0 * max(moments.count, 1.0)))
+
+
+def _sum(blocks: Sequence[RegistrationMoments]) -> RegistrationMoments:
+    return RegistrationMoments(np.sum([moments.gram for moments in blocks], axis=0))

@@ -16,6 +16,8 @@ from tests.in_process import changed
 NAMES = ("r1", "r2", "r3")
 DEVIATIONS = np.repeat([1e-4, 1e-4], 3)
 BLOCK = 10
+MEMORY = 15
+"""Blocks that are looked back on."""
 
 
 def numbered(table: Array) -> Array:
@@ -33,6 +35,7 @@ class Watching:
         for name, offset in wrong.items():
             self.samples[:, NAMES.index(name), :3] *= 1.0 + offset
         scenario = changed("ring3")
+        self.unlike: list[tuple[int, str]] = []
         self.robots = [
             Contradictions(agent_config(scenario, name, tuple(o for o in NAMES if o != name)), NAMES) for name in NAMES
         ]
@@ -42,7 +45,8 @@ class Watching:
             rows = slice(block * BLOCK, (block + 1) * BLOCK)
             for k, robot in enumerate(self.robots):
                 moments = RegistrationMoments.of(self.samples[rows, k, KINEMATICS], self.team.motion[rows])
-                (robot.add_early if early else robot.add)(moments)
+                like = (robot.add_early if early else robot.add)(moments, self.team.poses[k], DEVIATIONS)
+                self.unlike += [] if like else [(block, NAMES[k])]
                 robot.step(block, self.team.poses[k], DEVIATIONS)
             for robot in self.robots:
                 for other in self.robots:
@@ -54,6 +58,7 @@ def test_nobody_is_blamed_without_reason() -> None:
     watching.run(0, 70)
     assert [robot.by for robot in watching.robots] == [None] * 3
     assert not any(robot.have_lasted for robot in watching.robots)
+    assert watching.unlike == []
 
 
 @pytest.mark.parametrize("early", [False, True])
@@ -62,6 +67,31 @@ def test_who_is_wrong_is_named_by_all_and_starts_over(early: bool) -> None:
     watching.run(0, 70, early=early)
     assert [robot.by for robot in watching.robots] == ["r2"] * 3
     assert [robot.have_lasted for robot in watching.robots] == [False, True, False]
+
+
+@pytest.mark.parametrize("early", [False, True])
+@pytest.mark.parametrize("column", [0, 3], ids=["gyro", "velocity"])
+def test_blocks_with_a_sensor_that_is_off_for_a_moment_are_not_used(column: int, early: bool) -> None:
+    watching = Watching({})
+    sigma = watching.team.noise.per_column()[column]
+    watching.samples[30 * BLOCK : 32 * BLOCK, 1, column : column + 3] += 6.0 * sigma
+    watching.run(0, 70, early=early)
+    assert {block for block, name in watching.unlike if name == "r2"} >= {30, 31}
+    assert all(30 <= block < 32 for block, _ in watching.unlike)
+
+
+def test_a_sensor_that_stays_off_is_taken_as_it_is_after_a_while() -> None:
+    watching = Watching({})
+    watching.samples[30 * BLOCK :, 1, :3] += 6.0 * watching.team.noise.gyro
+    watching.run(0, 70)
+    assert {block for block, name in watching.unlike if name == "r2"} == set(range(30, 30 + MEMORY))
+
+
+def test_a_constant_offset_does_no_harm() -> None:
+    watching = Watching({})
+    watching.samples[:, 1, :6] += 3.0 * watching.team.noise.per_column()[:6]
+    watching.run(0, 70)
+    assert watching.unlike == []
 
 
 def test_two_that_take_turns_do_not_go_on_for_ever() -> None:
