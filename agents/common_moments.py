@@ -4,7 +4,8 @@ Poses of a team are fitted to sums over samples, each robot's to its own. Where 
 same samples, and what errors of the common body motion would cancel between robots does not: a fit to sums over
 different samples is far worse than it believes. So robots tell each other which blocks they have, a chunk of steps at a
 time, and count only what all of them have. If one of them says that something contradicts the team's motion, the chunks
-of late, in which it went unnoticed, do not count.
+of late, in which it went unnoticed, do not count. If one of them says that all samples come again, what was counted
+before is forgotten.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array
 from consensus.flood import Flood
 
+_TOLD = 3
+"""Numbers that robots tell of a chunk beside which blocks of it they have."""
 _BITS = 32
 """As many are in a number of a table; with 40 it could be larger than any that neighbours take (``agents.inbox``)."""
 
@@ -39,6 +42,7 @@ class CommonMoments:
     Attributes:
         chunks: Number of chunks that are agreed upon.
         steps: Step, counted from the first, at which the next one begins.
+        forgotten: Samples that counted before all came again.
         is_spoilt: Whether somebody said with the last one that something is wrong.
         flood: Tells the others, and hears them: per robot what it says about the chunk before, and about the present.
     """
@@ -49,14 +53,16 @@ class CommonMoments:
         self._unsure: deque[RegistrationMoments] = deque([RegistrationMoments.none()] * unsure, maxlen=unsure)
         self._spoilt_step = -1
         self.is_spoilt = False
+        self._again, self._told_again = 0, 0
+        self.forgotten = 0.0
         self.chunks = self.steps = 0
-        self.flood = Flood(robots, 2 * (2 + self._words))
+        self.flood = Flood(robots, 2 * (_TOLD + self._words))
         self._own = own
         self._start = start
         self._chunk = chunk
         self._parts = parts
         self._pending: dict[int, RegistrationMoments] = {}
-        self._told_before = np.zeros(2 + self._words)
+        self._told_before = np.zeros(_TOLD + self._words)
 
     def add(self, step: int, blocks: Sequence[RegistrationMoments | None]) -> None:
         """Take in what a step has given: moments of ``parts`` blocks, None for each that is missing."""
@@ -74,6 +80,10 @@ class CommonMoments:
         """Something contradicts the team's motion at a step, and may have done so for a while."""
         self._spoilt_step = step - self._start
 
+    def begin_again(self, step: int) -> None:
+        """From this step on all samples come again: those of steps before are not to count any more."""
+        self._told_again = step - self._start
+
     def agree(self, step: int) -> bool:
         """Count the next chunk if everybody has told what it has of it; returns whether that was so.
 
@@ -87,18 +97,21 @@ class CommonMoments:
         if stamp < self.chunks:
             # Only whole chunks, so that robots that are a step or two apart propose the same.
             following = self.steps + (passed - self.steps) // self._chunk * self._chunk
-            row = np.concatenate([self._told_before, [following, float(self.steps <= self._spoilt_step)], self._mask()])
+            present = [following, float(self.steps <= self._spoilt_step), self._told_again]
+            row = np.concatenate([self._told_before, present, self._mask()])
             self.flood.tell(self._own, self.chunks, row)
         told = self._told()
         if told is None:
             return False
         self._told_before = row[len(row) // 2 :]
-        common = np.bitwise_and.reduce(told[:, 2:].astype(np.int64), axis=0)
+        self._forget(int(told[:, 2].max()))
+        common = np.bitwise_and.reduce(told[:, _TOLD:].astype(np.int64), axis=0)
         first, self.steps = self.steps * self._parts, int(told[:, 0].max())
         chunk = RegistrationMoments.none()
         for key in [key for key in self._pending if key < self.steps * self._parts]:
             moments, (word, bit) = self._pending.pop(key), divmod(key - first, _BITS)
-            if 0 <= key - first < self._chunk * self._parts and common[word] >> bit & 1:
+            is_told = 0 <= key - first < self._chunk * self._parts and key >= self._again * self._parts
+            if is_told and common[word] >> bit & 1:
                 chunk += moments
         self.is_spoilt = bool(np.any(told[:, 1] > 0.0))
         if self.is_spoilt:
@@ -109,6 +122,13 @@ class CommonMoments:
             self._unsure.append(chunk)
         self.chunks += 1
         return True
+
+    def _forget(self, again: int) -> None:
+        """What came before a step, if that is news."""
+        if again > self._again:
+            self._again, self.forgotten = again, self.total.count
+            self._sure = RegistrationMoments.none()
+            self._unsure.extend([RegistrationMoments.none()] * len(self._unsure))
 
     def _mask(self) -> Array:
         words = np.zeros(self._words)

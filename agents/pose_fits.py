@@ -108,7 +108,10 @@ class PoseFits:
         fitted = self._fits.rows(told_version) if told_version > self.carried else None
         if fitted is not None and index >= fitted[0, 0]:
             self._told_poses[told_version] = tuple(Pose.of_numbers(row[2:]) for row in fitted)
-            self.carried, self.again_before = told_version, int(fitted[0, 1])
+            self.carried = told_version
+            if fitted[0, 1] > self.again_before:
+                self.again_before = int(fitted[0, 1])
+                self.common.begin_again(self.again_before)
 
     def carrying_pose(self, poses: Sequence[Pose]) -> Pose:
         """Own pose to carry samples with; ``poses`` are those in use."""
@@ -142,8 +145,8 @@ class PoseFits:
 
         When it is time depends on the agreed steps only: everybody tells of the same samples.
         """
-        steps = self.common.steps
-        if steps < self._tell_step or self.common.total.count < _FIRST * self._config.rate:
+        steps, least = self.common.steps, max(_FIRST * self._config.rate, self.common.forgotten)
+        if steps < self._tell_step or self.common.total.count < least:
             return
         self._tells, self._told_chunk = self._tells + 1, self.common.chunks
         grown = round(self._config.efficient.refit_share * steps)

@@ -129,8 +129,8 @@ class Team:
         self._fits = PoseFits(config, members, self._own, start, schedule.rounds, self._hearing)
         # Versions of the poses that the past was mapped to, and corrected for.
         self._version = self._corrected = 0
-        # The last start of the early sums that the memory knows of, and the oldest block that they have given.
-        self._counted_from = self._first_early = start
+        # The last start of the early sums that the memory knows of.
+        self._counted_from = start
         self._largest_step = np.inf
         self._crosses = Flood(members, LoadMemory.told_size)
         self._contradictions = Contradictions(config, self._names)
@@ -272,9 +272,7 @@ class Team:
         if self._fitted is not None and is_unlikely:
             return None
         self._memory.push_early(entered.block, motion, sums[:, 0], entered.samples[:, WRENCH])
-        is_uncounted = entered.block + PACE <= self._first_early
-        self._first_early = min(entered.block, self._first_early)
-        return moments if is_uncounted else None
+        return moments
 
     def _take_in(self, entered: Entered, sums: Array, index: int) -> RegistrationMoments | None:
         """The team's sums of a block, in the body frame; returns what they say of the own pose."""
