@@ -78,7 +78,8 @@ class Contradictions:
             if max(misfit, self._told) > MISFIT:
                 self.flood.tell(self._own, index, np.array([misfit]))
                 self._told = misfit
-        self._blamed = 0 if self.by is None else self._blamed + (self.by == self._names[self._own])
+        by = self.by  # one that is blamed again and again is blamed, too
+        self._blamed = max(0, self._blamed - 1) if by is None else self._blamed + (by == self._names[self._own])
 
     @property
     def by(self) -> str | None:

@@ -204,3 +204,25 @@ def test_what_is_told_of_a_long_chunk_is_no_nonsense_to_neighbours() -> None:
     used, _, problems = NeighbourInbox(["r0"]).take(1, [message])
     assert not problems
     assert list(used) == ["r0"]
+
+
+@given(small_graphs, chunks, st.floats(0.0, 0.7), seeds)
+def test_what_comes_again_does_not_count_twice_whoever_hears_of_it_when(
+    graph: Neighbours, chunk: int, loss: float, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    team, again = Team(graph, chunk), START + 25
+    hears = {name: again + (int(rng.integers(0, 20)) if k else 0) for k, name in enumerate(team.robots)}
+    for step in range(START, START + 60):
+        for name, robot in team.robots.items():
+            if hears[name] == step:
+                robot.begin_again(again)
+        team.step(step, rng, loss, 0.1)
+    for step in range(START + 60, START + 60 + 4 * (diameter(graph) + chunk + 2)):
+        team.step(step, rng, 0.0, 0.0)
+    longest = max(team.totals.values(), key=len)
+    for totals in team.totals.values():
+        assert totals == longest[: len(totals)]
+    assert all(step >= again for step, _ in longest[-1])
+    forgotten = {robot.forgotten for robot in team.robots.values()}
+    assert len(forgotten) == 1
