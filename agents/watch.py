@@ -8,7 +8,6 @@ sums say the body has, and they can tell each other how well that fits.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -94,7 +93,7 @@ class Watch:
         """
         if not self._recent:
             return 0.0
-        recent = _sum(self._all())
+        recent = RegistrationMoments(np.sum([moments.gram for moments in self._all()], axis=0))
         count = recent.count
         _, information, cost = score_and_information(recent, pose, self._noise)
         by_noise = 9.0 * count
@@ -110,10 +109,10 @@ class Watch:
 
     def _jump(self, block: RegistrationMoments, pose: Pose, covariance: Array) -> float:
         """Chi-square of how far a block's gyro and velocity are from those of late; constant offsets do no harm."""
-        usual = _sum([moments for moments, is_like in self._recent if is_like] or self._all())
-        means = block.gram[:, 0] / block.count - usual.gram[:, 0] / usual.count
-        share = 1.0 / block.count + 1.0 / usual.count
-        return self._statistic(means, share, TWIST_ROWS, pose, covariance)
+        usual = [moments for moments, is_like in self._recent if is_like] or self._all()
+        sums = np.sum([moments.gram[0] for moments in usual], axis=0)
+        means = block.gram[0] / block.count - sums / sums[0]
+        return self._statistic(means, 1.0 / block.count + 1.0 / sums[0], TWIST_ROWS, pose, covariance)
 
     def _statistic(self, means: Array, share: float, rows: slice, pose: Pose, covariance: Array) -> float:
         """Chi-square of the residuals at mean features (28,), with this share of a sample's variance."""
@@ -137,7 +136,3 @@ def block_misfit(moments: RegistrationMoments, pose: Pose, noise: SensorNoise) -
     operator, gram = residual_operator(pose)[TWIST_ROWS], moments.centred()
     weights = noise.per_column()[KINEMATICS][TWIST_ROWS, None] ** -2
     return float(np.vdot(weights * (operator @ gram), operator) / (6.0 * max(moments.count, 1.0)))
-
-
-def _sum(blocks: Sequence[RegistrationMoments]) -> RegistrationMoments:
-    return RegistrationMoments(np.sum([moments.gram for moments in blocks], axis=0))
