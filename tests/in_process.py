@@ -91,7 +91,8 @@ def run_with_faults(
         is_measured: Whether the sensors of a robot work in a block.
         arrives: Whether the message that ``sender`` sent after the block before reaches ``to``.
     """
-    recording = Recording(Simulation(scenario).scene, [], {name: [] for name in scenario.robot_names})
+    graph = build_graph(scenario.graph, scenario.robot_names)
+    recording = Recording(Simulation(scenario, graph).scene, [], {name: [] for name in graph})
     for truth, outboxes in steps(scenario, is_measured, arrives):
         recording.truths.append(truth)
         for name, outbox in outboxes.items():
