@@ -33,7 +33,7 @@ from coheft.wire.messages import PayloadEstimate
 
 _OTHER_LOAD = 3.0
 """An early block with such a mean square of its residuals over what it should be, and all before it, are of another."""
-_KNOWN = 1.0
+_KNOWN = 0.6
 """From samples over so long the load is known well enough to tell; before, tests between samples have to do [s]."""
 _NEW = 0.5
 """A load is so much less certain, in variance, as the square of this over the time of its samples: in few samples the
