@@ -33,7 +33,7 @@ from coheft.wire.messages import PayloadEstimate
 
 _OTHER_LOAD = 3.0
 """An early block with such a mean square of its residuals over what it should be, and all before it, are of another."""
-_KNOWN = 0.6
+_KNOWN = 0.8
 """From samples over so long the load is known well enough to tell; before, tests between samples have to do [s]."""
 _NEW = 0.5
 """A load is so much less certain, in variance, as the square of this over the time of its samples: in few samples the
@@ -337,7 +337,7 @@ class LoadMemory:
         solution = replace(solution, covariance=solution.covariance + untold)
         by_poses = self._by_poses(information, solution.parameters)
         estimate = solution.made_possible(by_poses @ team.covariance @ by_poses.T)
-        inflation = 1.0 + (_NEW * self._config.rate / self.count) ** 2
+        inflation = self._window.doubt * (1.0 + (_NEW * self._config.rate / self.count) ** 2)
         return seen_payload(estimate, by_poses, own, team, inflation, solution.length)
 
     def _by_untold(self, model: InertiaModel, information: InertiaInformation) -> Array:

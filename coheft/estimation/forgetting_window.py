@@ -35,6 +35,11 @@ class ForgettingWindow:
         self._factors = np.array([[self._factor], [self._factor**2]])
 
     @property
+    def doubt(self) -> float:
+        """One: nothing is tested."""
+        return 1.0
+
+    @property
     def total(self) -> Array:
         """Weighted sum over all blocks: packed Gram matrix and riders."""
         total: Array = self._sums[0].copy()

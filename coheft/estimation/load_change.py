@@ -26,6 +26,8 @@ from coheft.estimation.spatial import Array
 FALSE_ALARM = 1e-12
 """Probability that a single test reports a change where there is none. Tests of one border on successive blocks, and of
 neighbouring borders, have much data in common."""
+_CHANCE = 1e-4
+"""Probability at a single test beyond which samples may be of two loads, though nobody is told of a change yet."""
 _DRIFT = 2
 """So many small changes in a row are a drift,"""
 _SMALL = 4.0
@@ -61,6 +63,14 @@ class Memory(Protocol):
 
     def push_early(self, block: int, gram: Array) -> None:
         """Take in a block from before all others: its number, smaller than all before, and moments."""
+
+    @property
+    def doubt(self) -> float:
+        """How many times larger covariances are than those of samples that agree.
+
+        Chi-square per degree of freedom (Birge 1932) where samples disagree by more than chance, but not enough to say
+        that the load has changed; else 1.
+        """
 
     @property
     def total(self) -> Array:
@@ -127,11 +137,17 @@ class LoadWindow:
         self._count = 0
         self._last_block = -1
         self._has_early = False
+        self._doubts: deque[float] = deque(maxlen=stride)  # of the last tests, which all borders had a part in
         # Border k is the beginning of block _firsts[k], the _orders[k]-th that came; _sums[k] is all that came since.
         self._firsts = np.zeros(64, dtype=np.int64)
         self._orders = np.zeros(64, dtype=np.int64)
         self._sums = np.zeros((64, GRAM_SIZE + riders))
         self._borders = 0
+
+    @property
+    def doubt(self) -> float:
+        """See ``Memory``."""
+        return max(self._doubts, default=1.0)
 
     @property
     def first_block(self) -> int:
@@ -204,8 +220,11 @@ class LoadWindow:
         if rest and not self._has_early:
             return None
         self._has_early = False
-        statistics, threshold = self._statistics(model, is_coherent, tested)
-        if not np.any(statistics > threshold):
+        statistics, seen = self._statistics(model, is_coherent, tested)
+        threshold = _threshold(seen, self._false_alarm)
+        largest = float(statistics.max(initial=0.0))
+        self._doubts.append(largest / seen if largest > _threshold(seen, _CHANCE) else 1.0)
+        if largest <= threshold:
             return None
         statistics, _ = self._statistics(model, is_coherent, everything)
         found = int(np.argmax(statistics))
@@ -221,8 +240,8 @@ class LoadWindow:
         """Somebody else found a change: forget all blocks with smaller numbers."""
         border = int(np.searchsorted(self._firsts[: self._borders], block))
         if 0 < border < self._borders:
-            statistics, threshold = self._statistics(model, False, slice(border, border + 1))
-            self._begin(border, float(statistics[0]) / threshold, model)
+            statistics, seen = self._statistics(model, False, slice(border, border + 1))
+            self._begin(border, float(statistics[0]) / _threshold(seen, self._false_alarm), model)
         else:
             self.forget_before(block)
 
@@ -238,6 +257,7 @@ class LoadWindow:
 
     def forget_before(self, block: int) -> None:
         """Forget all blocks with smaller numbers, and those that cannot be told apart from them any more."""
+        self._doubts.clear()
         kept = int(np.searchsorted(self._firsts[: self._borders], block))
         end = self._borders - kept
         for array in (self._firsts, self._orders, self._sums):
@@ -299,8 +319,8 @@ class LoadWindow:
                 array[drop : self._borders - 1] = array[drop + 1 : self._borders].copy()
             self._borders -= 1
 
-    def _statistics(self, model: InertiaModel, is_coherent: bool, borders: slice) -> tuple[Array, float]:
-        """Statistic of each border, chi-square if nothing changed, and the threshold.
+    def _statistics(self, model: InertiaModel, is_coherent: bool, borders: slice) -> tuple[Array, int]:
+        """Statistic of each border, chi-square if nothing changed, and its degrees of freedom.
 
         If the load is one, the score of the newer part, ``u = vector - matrix @ estimate`` with the estimate from all,
         has mean zero and a known covariance ``C``, and the statistic is ``u^T C^-1 u``. Without noise in the regressor
@@ -312,12 +332,12 @@ class LoadWindow:
         """
         sums = self._sums[borders, :GRAM_SIZE]
         if len(sums) == 0:
-            return np.empty(0), np.inf
+            return np.empty(0), 0
         everything, newer = model.information(self._sums[0, :GRAM_SIZE]), model.information(sums)
         # In these coordinates the score covariance of everything is the identity, and its matrix diagonal.
         basis, _, shares = signal_directions(everything.matrix, _safe_score_covariance(everything), _TESTED)
         if len(basis) == 0:
-            return np.zeros(len(sums)), np.inf
+            return np.zeros(len(sums)), 0
         matrix = basis @ newer.matrix @ basis.T
         gain = matrix / shares
         score = newer.vector @ basis.T - gain @ (basis @ everything.vector)
@@ -327,7 +347,12 @@ class LoadWindow:
         spread += basis @ self._disturbance(model, self._sums[borders], is_coherent) @ basis.T
         spread += 1e-9 * np.eye(len(basis))
         statistics = np.einsum("ki,ki->k", score, np.linalg.solve(spread, score[..., None])[..., 0])
-        return statistics, chi_square_threshold(len(basis), self._false_alarm)
+        return statistics, len(basis)
+
+
+def _threshold(freedom: int, probability: float) -> float:
+    """What a statistic exceeds with this probability; what shows nothing exceeds nothing."""
+    return chi_square_threshold(freedom, probability) if freedom else np.inf
 
 
 def signal_directions(matrix: Array, covariance: Array, least: float) -> tuple[Array, Array, Array]:

@@ -336,3 +336,16 @@ def test_early_blocks_count_as_if_they_had_come_in_time() -> None:
         early.push_early(block, grams[block])
     assert early.first_block == 0
     np.testing.assert_allclose(early.total, in_time.total, rtol=1e-9)
+
+
+def test_less_is_claimed_while_samples_disagree_though_no_change_is_certain() -> None:
+    run = Run(seed=2, duration=12.0)
+    old, new = run.grams(run.theta), run.grams(run.theta + run.dropped(0.3))
+    window, doubts, found = LoadWindow(), [], []
+    for block, gram in enumerate(np.concatenate([old[:100], new[100:]])):
+        found += run.feed(window, gram[None], block)
+        doubts.append(window.doubt)
+    assert set(doubts[:100]) == {1.0}
+    (change,) = found
+    assert max(doubts[100 : change.last_block]) > 3.0
+    assert doubts[change.last_block] == 1.0
