@@ -131,6 +131,11 @@ def test_a_mesh_is_filled_homogeneously(write, amount: str, tmp_path: Path) -> N
         ('<body name="a"><geom typ="box"/></body>', GRASPS, "MuJoCo cannot use it: XML Error"),
         (
             BODY.format('<site name="grip1"/>'),
+            'sites = ["grip1", "grip1"]',
+            "found 'grip1' twice, but expected a site of its own for each robot",
+        ),
+        (
+            BODY.format('<site name="grip1"/>'),
             'sites = ["grip1", "grip2"]',
             "found 'grip2', but body 'part' has no such site; it has: grip1",
         ),

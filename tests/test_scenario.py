@@ -141,6 +141,12 @@ def test_names_that_are_not_there() -> None:
         load_scenario("rign6")
 
 
+@pytest.mark.parametrize(("name", "key"), [("shelf.xml", "mjcf"), ("shelf.STL", "mesh")])
+def test_a_payload_is_no_scenario(name: str, key: str) -> None:
+    with pytest.raises(ScenarioError, match=rf"'{name}' is a payload, not a scenario.*payload.{key} = \"{name}\""):
+        load_scenario(name)
+
+
 def test_a_file_is_meant_but_its_suffix_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "lmesh.toml").write_text(GOOD)

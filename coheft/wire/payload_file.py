@@ -203,7 +203,9 @@ def _grasps(model: mujoco.MjModel, root: int, names: Sequence[str], place: str) 
     frames = _frames(model)
     sites = {model.site(site).name: site for site in range(model.nsite) if model.site_bodyid[site] in inside}
     grasps = []
-    for name in names:
+    for count, name in enumerate(names):
+        if name in names[:count]:
+            _refuse(place, f"found {name!r} twice, but expected a site of its own for each robot")
         if name not in sites:
             _refuse(
                 place,

@@ -88,6 +88,9 @@ def parse_scenario(text: str, origin: str, folder: Path = Path()) -> Scenario:
 def _unknown_scenario(name: str, shipped: list[str]) -> str:
     if os.path.isfile(f"{name}.toml"):  # Path would raise if the name is too long
         return f"there is no scenario '{name}', but there is a file '{name}.toml': give its whole name, with .toml"
+    key = {".xml": "mjcf", ".stl": "mesh", ".obj": "mesh", ".msh": "mesh"}.get(os.path.splitext(name.lower())[1])
+    if key is not None:
+        return f"'{name}' is a payload, not a scenario: name it in one (docs/own.md): payload.{key} = \"{name}\""
     return (
         f"there is no scenario '{name}'.{_did_you_mean(name, shipped)} Shipped scenarios: {', '.join(shipped)}. "
         f"For your own, give the path of a file that ends with .toml"
