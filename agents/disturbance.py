@@ -33,7 +33,7 @@ class Disturbance:
     def expect(self, covariance: Array, noise: Array) -> None:
         """From now on it has this covariance (6, 6), where the wrench's noise has ``noise`` (6, 6)."""
         self.size = float(np.trace(np.linalg.solve(noise, covariance))) / 6.0
-        self._shape = covariance / self.size
+        self._shape = covariance / self.size if self.size > 0.0 else np.zeros((6, 6))
 
     def tell(self, model: InertiaModel) -> None:
         """Let a model count with its shape."""

@@ -321,9 +321,10 @@ class LoadMemory:
         self._told_count = 0.0
         self._first_block, self._is_early_over = -1, False
         self._late.begin()
-        # Until everybody's forces have been heard, as if they were as large as the own ones.
-        forces = np.full(len(self._poses), self._forces.mean)
-        self._expect_disturbance(wrench_disturbance(self._poses, team.covariance, forces))
+        if self._forces.mean > 0.0:
+            # Until everybody's forces have been heard, as if they were as large as the own ones.
+            forces = np.full(len(self._poses), self._forces.mean)
+            self._expect_disturbance(wrench_disturbance(self._poses, team.covariance, forces))
 
     def payload(self, own: int, team: TeamPoses) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
         """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable."""

@@ -269,6 +269,17 @@ def test_samples_that_come_again_count_as_if_they_had_come_once(config: AgentCon
     np.testing.assert_allclose(memories.estimate(), fresh.estimate(), rtol=1e-4, atol=1e-4)
 
 
+def test_samples_can_come_again_before_any_has_counted(config: AgentConfig, team: Team) -> None:
+    memories = Memories(config, team, moved(team, 1e-3))
+    memories.begin_again(team.poses)
+    assert all(memory.is_spoilt for memory in memories.each)
+    memories.correct(memories.told())
+    memories.push(0, 30)
+    fresh = Memories(config, team, team.poses)
+    fresh.push(0, 30)
+    np.testing.assert_allclose(memories.estimate(), fresh.estimate(), rtol=1e-4, atol=1e-4)
+
+
 def test_what_comes_early_counts_only_when_it_has_been_tested_and_is_of_the_same_load(
     config: AgentConfig, team: Team
 ) -> None:
