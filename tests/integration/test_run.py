@@ -8,10 +8,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import pytest
 
@@ -235,23 +236,29 @@ def test_loads_come_and_go_in_a_run_and_nonsense_is_refused(start: Callable[...,
     assert [after - before for before, after in pairwise(masses)] == pytest.approx([0.5, 0.5, 0.5, -0.5])
 
 
-def test_watch_follows_a_run_to_its_end(start: Callable[..., Run]) -> None:
-    run = start("--duration", "10000", "--quiet")
-    wait_for(lambda: run.ask("resume")[0] == 0, "the server to answer")  # announced before it listens
+@contextmanager
+def watching(run: Run) -> Iterator[tuple[subprocess.Popen[str], IO[str]]]:
+    """Somebody who watches a run, and has seen it go on; and what comes after."""
     watcher = subprocess.Popen(
         [sys.executable, "-m", "coheft", "watch", "--run", str(run.folder)], stdout=subprocess.PIPE, text=True
     )
+    assert watcher.stdout is not None
     try:
-        assert watcher.stdout is not None
         assert any(" s of 10000 s: " in line for line in watcher.stdout)
-        assert run.ask("stop")[0] == 0
-        assert watcher.stdout.read().splitlines()[-1].startswith("the run has ended at ")
-        assert watcher.wait(PATIENCE) == 0
+        yield watcher, watcher.stdout
     finally:
         watcher.kill()
         watcher.wait()
-        assert watcher.stdout is not None
         watcher.stdout.close()
+
+
+def test_watch_follows_a_run_to_its_end(start: Callable[..., Run]) -> None:
+    run = start("--duration", "10000", "--quiet")
+    wait_for(lambda: run.ask("resume")[0] == 0, "the server to answer")  # announced before it listens
+    with watching(run) as (watcher, lines):
+        assert run.ask("stop")[0] == 0
+        assert lines.read().splitlines()[-1].startswith("the run has ended at ")
+        assert watcher.wait(PATIENCE) == 0
     assert run.wait() in (0, 3)
     assert run.text == "", "quiet means quiet"
 
@@ -259,23 +266,13 @@ def test_watch_follows_a_run_to_its_end(start: Callable[..., Run]) -> None:
 def test_who_watches_is_patient_with_a_server_that_hangs_for_a_while(start: Callable[..., Run]) -> None:
     run = start("--duration", "10000")
     run.wait_until_under_way()
-    watcher = subprocess.Popen(
-        [sys.executable, "-m", "coheft", "watch", "--run", str(run.folder)], stdout=subprocess.PIPE, text=True
-    )
-    try:
-        assert watcher.stdout is not None
-        assert any(" s of 10000 s: " in line for line in watcher.stdout)
+    with watching(run) as (watcher, lines):
         os.kill(run.pids["server"], signal.SIGSTOP)
         with pytest.raises(subprocess.TimeoutExpired):
             watcher.wait(5.0)  # so long that it has asked at least once
         os.kill(run.pids["server"], signal.SIGKILL)
-        assert "questions in a row: it has gone, or hangs" in watcher.stdout.read()
+        assert "questions in a row: it has gone, or hangs" in lines.read()
         assert watcher.wait(PATIENCE) == 0
-    finally:
-        watcher.kill()
-        watcher.wait()
-        assert watcher.stdout is not None
-        watcher.stdout.close()
     assert run.wait() == 1
 
 
