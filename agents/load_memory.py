@@ -11,7 +11,15 @@ from agents.disturbance import COHERENCE, Disturbance
 from agents.late_wrenches import LateWrenches
 from agents.load_moments import CROSS_SHAPE, RIDERS, gram_map, load_moments, mapped, number_of_samples
 from agents.seen_payload import seen_payload
-from agents.wrench_correction import TOLD_SIZE, MeanSquare, WrenchCorrection, told_forces, told_mean_crosses
+from agents.wrench_correction import (
+    TOLD_SIZE,
+    MeanSquare,
+    WrenchCorrection,
+    motion_grams,
+    told_forces,
+    told_start,
+    told_wrenches_by_motion,
+)
 from coheft.estimation.acceleration import MotionFusion, slope_kernel
 from coheft.estimation.forgetting_window import ForgettingWindow
 from coheft.estimation.inertia import (
@@ -86,7 +94,7 @@ class LoadMemory:
         self._correction: WrenchCorrection | None = None
         self._told_count = 0.0
         self._forces = MeanSquare()
-        self._mean_crosses = np.zeros((robots, *CROSS_SHAPE))
+        self._wrenches_by_motion = np.zeros((robots, *CROSS_SHAPE))
         self._disturbance = Disturbance(config.rate)
         self._late = LateWrenches(config.rate / config.block)
 
@@ -269,7 +277,7 @@ class LoadMemory:
         """Let the total wrenches be as the newest poses would have carried them.
 
         Args:
-            rows: Everybody's ``told``, shape (N, 81); None if not everybody's has been heard.
+            rows: Everybody's ``told``, shape (N, 82); None if not everybody's has been heard.
             team: The newest poses.
         """
         correction, self._correction = self._correction, None
@@ -277,7 +285,7 @@ class LoadMemory:
             return
         told = rows if rows is not None and correction.is_possible(rows, self._changed_at) else None
         if told is not None:
-            self._mean_crosses = told_mean_crosses(told)
+            self._wrenches_by_motion = told_wrenches_by_motion(told)
         if not self._comes_again:
             self._apply(correction, told)
         if rows is not None:
@@ -285,13 +293,27 @@ class LoadMemory:
         self._compare(is_new=True)  # what was told may have been nonsense
 
     def _apply(self, correction: WrenchCorrection, rows: Array | None) -> None:
-        self._told_count = 0.0 if rows is None else correction.count
+        self._told_count = 0.0
         if rows is None:
             self._window.forget_borders_before(correction.last_block + 1)
         else:
-            self._window.revise(lambda sums: correction.apply(sums, self._mean_crosses))
+            self._window.revise(lambda sums: correction.apply(sums, self._wrenches_by_motion))
+            self._told_count = correction.count - self._forget_start(told_start(rows))
         if self._disturbance.is_rough and (rows is None or not correction.is_exact(rows)):
             self._forget_before(correction.last_block + 1)  # means will not do for poses that were so rough
+
+    def _forget_start(self, block: int) -> float:
+        """What came before a block, some robot's first one, does not count. Returns how many samples that were.
+
+        How that robot's wrench followed from the motion then is not known.
+        """
+        if block <= self._window.first_block:
+            return 0.0
+        count = self.count
+        self._window.forget_before(block)
+        self._early.clear()
+        self._is_early_over = True
+        return count - self.count
 
     def _expect_disturbance(self, covariance: Array) -> None:
         """From now on samples are spoilt with this covariance (6, 6), beside their noise."""
@@ -307,7 +329,7 @@ class LoadMemory:
         self._window.revise(lambda sums: mapped(sums, to_new))
         self._late.map(to_new)
         self._correction = WrenchCorrection(
-            self._window.total, self._changed_at, self._last_block, old_poses, new_poses
+            self._window.total, self._changed_at, self._window.first_block, self._last_block, old_poses, new_poses
         )
         self._comes_again = False
 
@@ -360,7 +382,7 @@ class LoadMemory:
             information,
             parameters,
             unpacked_gram(self._window.total[:GRAM_SIZE]),
-            self._mean_crosses * self.count,
+            motion_grams(self._window.total) @ self._wrenches_by_motion,
             self._sensitivity,
         )
 

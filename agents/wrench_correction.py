@@ -1,8 +1,10 @@
 """Total wrenches as the newest poses would have carried them.
 
-The total wrench was carried with the poses of its time. Its moments are linear in them,
-``sum x (sum_j Ad(g_j) u_j)^T = sum_j C_j Ad(g_j)^T`` with ``C_j = sum x u_j^T``. Every robot keeps its own ``C_j``, and
-tells it when new poses come into use; when all have been heard, the moments of the samples before are corrected.
+The total wrench was carried with the poses of its time. Its moments with the motion are linear in them,
+``sum x (sum_j Ad(g_j) u_j)^T = sum_j C_j Ad(g_j)^T`` with ``C_j = sum x u_j^T``. When new poses come into use, every
+robot tells how its own wrench follows from the motion, ``B_j = G_j^-1 C_j`` with ``G_j = sum x x^T``; when all have
+been heard, the moments of the samples before are corrected. Where all have the same samples, ``G B_j`` is ``C_j``;
+where some have missed a few, it still is what their robots' wrenches were in the samples that count here, nearly.
 """
 
 from __future__ import annotations
@@ -19,7 +21,8 @@ from coheft.estimation.spatial import Array, Pose
 _WRENCH_FEATURES = slice(MOTION_FEATURES.stop, FEATURES)
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
-TOLD_SIZE = 3 + CROSS_SIZE
+_LOAD, _FIRST, _COUNT, _FORCE, _BY_MOTION = range(5)
+TOLD_SIZE = _BY_MOTION + CROSS_SIZE
 """Numbers that robots tell each other for it."""
 
 
@@ -29,7 +32,8 @@ class WrenchCorrection:
     Args:
         total: Sums of all samples so far, with motions as seen with the new poses.
         changed_at: First block with their load.
-        last_block: The newest one among them.
+        first_block: The oldest one among them.
+        last_block: The newest one.
         old_poses: That their wrenches were carried with.
         new_poses: That they are to be carried with.
 
@@ -39,70 +43,84 @@ class WrenchCorrection:
     """
 
     def __init__(
-        self, total: Array, changed_at: int, last_block: int, old_poses: Sequence[Pose], new_poses: Sequence[Pose]
+        self,
+        total: Array,
+        changed_at: int,
+        first_block: int,
+        last_block: int,
+        old_poses: Sequence[Pose],
+        new_poses: Sequence[Pose],
     ) -> None:
-        self.last_block = last_block
-        self._cross = cross_moments(total)
-        self._motion_gram = unpacked_gram(total[:GRAM_SIZE])[MOTION_FEATURES, MOTION_FEATURES]
+        self._first_block, self.last_block = first_block, last_block
+        gram = motion_grams(total)
+        self._by_motion = np.linalg.lstsq(gram, cross_moments(total), rcond=_SINGULAR)[0]
         self.count = number_of_samples(total)
         self._changed_at = changed_at
-        self._old_poses, self._new_poses = old_poses, new_poses
-        self._left = 1.0
+        self._steps = [new.adjoint() - old.adjoint() for old, new in zip(old_poses, new_poses, strict=True)]
         self._since = np.zeros(GRAM_SIZE)
 
     def told(self, mean_square_force: float) -> Array:
-        """What everybody has to know for it, shape (81,).
+        """What everybody has to know for it, shape (82,).
 
-        Of which load, how many samples, mean square of the own force [N²], and own ``C_i``.
+        Of which load, from which block on, how many samples, mean square of the own force [N²], and own ``B_i``.
         """
-        return np.concatenate([[self._changed_at, self.count, mean_square_force], self._cross.ravel()])
+        told = [self._changed_at, self._first_block, self.count, mean_square_force]
+        return np.concatenate([told, self._by_motion.ravel()])
 
     def age(self, kept: float, moments: Array) -> None:
         """A block (190 + riders,) has come since; ``kept`` of all before it is left."""
-        self._left *= kept
         self._since = kept * self._since + moments[:GRAM_SIZE]
 
     def is_possible(self, rows: Array, changed_at: int) -> bool:
-        """Whether everybody's ``told``, shape (N, 81), is of the load that is remembered now."""
-        loads = np.append(rows[:, 0], changed_at)
-        return bool(np.all(loads == self._changed_at) and np.all(rows[:, 1] > 0.0))
+        """Whether everybody's ``told``, shape (N, 82), is of the load that is remembered now."""
+        loads = np.append(rows[:, _LOAD], changed_at)
+        overlap = np.all(rows[:, _COUNT] > 0.0) and np.all(rows[:, _FIRST] <= self.last_block)
+        return bool(np.all(loads == self._changed_at) and overlap)
 
     def is_exact(self, rows: Array) -> bool:
         """Whether everybody has told of the same samples."""
-        return bool(np.all(rows[:, 1] == self.count))
+        return bool(np.all(rows[:, _COUNT] == self.count))
 
-    def apply(self, sums: Array, mean_crosses: Array) -> Array:
+    def apply(self, sums: Array, wrenches_by_motion: Array) -> Array:
         """Correct the sums (k, 190 + riders) of stretches of samples, the longest one first.
 
         Args:
             sums: All up to now.
-            mean_crosses: Everybody's ``C_j`` per sample, shape (N, 13, 6): not everybody need have missed the same.
+            wrenches_by_motion: Everybody's ``B_j``, shape (N, 13, 6).
         """
-        correction = np.zeros((FEATURES, FEATURES))
-        for cross, old, new in zip(self.count * mean_crosses, self._old_poses, self._new_poses, strict=True):
-            correction[MOTION_FEATURES, _WRENCH_FEATURES] += cross @ (new.adjoint() - old.adjoint()).T
-        # For stretches that began later, the part of it that follows the motion: what it would do to their mean motion.
-        # A share of the whole would move them also in directions that they do not show, where they are compared best.
-        by_motion = np.linalg.lstsq(self._motion_gram, correction[MOTION_FEATURES], rcond=_SINGULAR)[0]
+        by_motion = np.zeros(CROSS_SHAPE)
+        for own_by_motion, step in zip(wrenches_by_motion, self._steps, strict=True):
+            by_motion += own_by_motion @ step.T
+        # Each stretch by its own motion: a share of the whole would move stretches also in directions that they do not
+        # show, where they are compared best.
         began_before = sums[:, 0] > self._since[0]
-        grams = unpacked_gram(began_before[:, None] * (sums[:, :GRAM_SIZE] - self._since))
-        corrections = np.zeros_like(grams)
-        corrections[:, MOTION_FEATURES] = grams[:, MOTION_FEATURES, MOTION_FEATURES] @ by_motion
-        corrections[0] = self._left * correction
+        corrections = np.zeros((len(sums), FEATURES, FEATURES))
+        before = began_before[:, None] * (sums[:, :GRAM_SIZE] - self._since)
+        corrections[:, MOTION_FEATURES, _WRENCH_FEATURES] = motion_grams(before) @ by_motion
         corrected = sums.copy()
         corrected[:, :GRAM_SIZE] += repacked_gram(corrections)
         return corrected
 
 
+def motion_grams(sums: Array) -> Array:
+    """Moments ``G`` of the motion in sums (..., 190 + riders), shape (..., 13, 13)."""
+    result: Array = unpacked_gram(sums[..., :GRAM_SIZE])[..., MOTION_FEATURES, MOTION_FEATURES]
+    return result
+
+
+def told_start(rows: Array) -> int:
+    """The oldest block that all have, of everybody's ``told``."""
+    return int(rows[:, _FIRST].max())
+
+
 def told_forces(rows: Array) -> Array:
     """Everybody's mean square force [N²] (N,), of everybody's ``told``."""
-    return rows[:, 2]
+    return rows[:, _FORCE]
 
 
-def told_mean_crosses(rows: Array) -> Array:
-    """Everybody's ``C_j`` per sample, shape (N, 13, 6), of everybody's ``told``."""
-    result: Array = rows[:, 3:].reshape(-1, *CROSS_SHAPE) / rows[:, 1, None, None]
-    return result
+def told_wrenches_by_motion(rows: Array) -> Array:
+    """Everybody's ``B_j``, shape (N, 13, 6), of everybody's ``told``."""
+    return rows[:, _BY_MOTION:].reshape(-1, *CROSS_SHAPE)
 
 
 class MeanSquare:

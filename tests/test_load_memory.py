@@ -54,13 +54,12 @@ class Memories:
         for memory in self.each:
             memory.set_poses(poses, MotionFusion.of(np.asarray(constants), derivative_kernel(2, 0.01)))
 
-    def push(self, first: int, last: int, load: float = 1.0) -> list[int | None]:
+    def push(self, first: int, last: int, load: float = 1.0, robots: Sequence[int] = range(COUNT)) -> list[int | None]:
         """Blocks ``first`` to ``last - 1``, of a load so many times as heavy. Returns what the first robot found."""
         found = []
         for block in range(first, last):
-            changes = [
-                memory.push(block, *sums) for memory, sums in zip(self.each, self.sums(block, load), strict=True)
-            ]
+            sums = self.sums(block, load)
+            changes = [self.each[robot].push(block, *sums[robot]) for robot in robots]
             found.append(changes[0])
         return found
 
@@ -71,11 +70,12 @@ class Memories:
         wrench = np.sum([samples[:, i, WRENCH] @ pose.adjoint().T for i, pose in enumerate(self.poses)], axis=0)
         return [(motion, wrench, samples[:, i, WRENCH]) for i in range(COUNT)]
 
-    def push_early(self, first: int, last: int, load: float = 1.0) -> None:
+    def push_early(self, first: int, last: int, load: float = 1.0, robots: Sequence[int] = range(COUNT)) -> None:
         """Blocks ``last - 1`` back to ``first``, from before all others."""
         for block in range(last - 1, first - 1, -1):
-            for memory, sums in zip(self.each, self.sums(block, load), strict=True):
-                memory.push_early(block, *sums)
+            sums = self.sums(block, load)
+            for robot in robots:
+                self.each[robot].push_early(block, *sums[robot])
 
     def begin_again(self, poses: Sequence[Pose]) -> None:
         """New poses come into use, and with them all samples again."""
@@ -166,9 +166,42 @@ def test_rows_of_another_load_are_not_used(config: AgentConfig, team: Team) -> N
         if spoil == "missing":
             rows = None
         else:
-            rows[1, 0 if spoil == "changed at" else 1] = 13.0 if spoil == "changed at" else 0.0
+            rows[1, 0 if spoil == "changed at" else 2] = 13.0 if spoil == "changed at" else 0.0
         memories.correct(rows)
         np.testing.assert_array_equal(memories.estimate(), before)
+
+
+def test_not_everybody_need_have_the_same_samples(config: AgentConfig, team: Team) -> None:
+    """What a robot has missed neither spoils the correction, nor looks like a change of the load."""
+    memories, anew, stale = (Memories(config, team, poses) for poses in (moved(team, 4e-3), *2 * [team.poses]))
+    memories.push(0, 5)
+    memories.fit(moved(team, 2e-3))
+    memories.push(5, 38, robots=[OWN, 0, 3])
+    memories.push(38, 55)
+    memories.fit(team.poses)
+    assert memories.push(55, 60, robots=[1, 0, 2, 3]) == 5 * [None]
+    stale.use(moved(team, 2e-3))
+    for each in (stale, anew):
+        each.push(0, 60)
+    assert distance(memories.estimate(), anew.estimate()) < 0.2 * distance(stale.estimate(), anew.estimate())
+
+
+def test_what_somebody_does_not_have_from_the_beginning_does_not_count(config: AgentConfig, team: Team) -> None:
+    memories = Memories(config, team, moved(team, 1e-2))
+    memories.push(0, 20)
+    memories.begin_again(moved(team, 4e-3))
+    memories.correct(memories.told())
+    memories.push(20, 30)
+    memories.push_early(15, 20)
+    memories.push_early(5, 15, robots=[OWN, 0, 3])
+    memories.push(30, 31)
+    memories.fit(team.poses)
+    memories.push_early(0, 5, robots=[OWN, 0, 3])  # nor does it come back
+    memories.push(31, 50)
+    fresh = Memories(config, team, team.poses)
+    fresh.push(15, 50)
+    assert [memory.count for memory in memories.each] == COUNT * [35 * BLOCK]
+    np.testing.assert_allclose(memories.estimate(), fresh.estimate(), rtol=1e-3, atol=1e-3)
 
 
 def test_samples_with_rough_poses_are_forgotten_if_they_cannot_be_corrected(config: AgentConfig, team: Team) -> None:
@@ -238,8 +271,9 @@ def test_everybody_ends_with_the_newest_change(config: AgentConfig, team: Team) 
     assert not memory.adopt(8)
     assert memory.changed_at == 21
     memories.map_to(team.poses)
-    changed_at, count = memories.told()[0, :2]
+    changed_at, first, count = memories.told()[0, :3]
     assert changed_at == 21
+    assert first >= 21
     assert 0 < count <= (40 - 21) * BLOCK
     # What is told stays the block that was agreed on, though this robot can tell only the next border from there:
     # else everybody would push everybody on.

@@ -40,6 +40,11 @@ class ForgettingWindow:
         return 1.0
 
     @property
+    def first_block(self) -> int:
+        """None can be told from others."""
+        return -1
+
+    @property
     def total(self) -> Array:
         """Weighted sum over all blocks: packed Gram matrix and riders."""
         total: Array = self._sums[0].copy()

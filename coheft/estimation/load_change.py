@@ -73,6 +73,10 @@ class Memory(Protocol):
         """
 
     @property
+    def first_block(self) -> int:
+        """Number of the oldest block that counts, -1 if there is none or it cannot be told from others."""
+
+    @property
     def total(self) -> Array:
         """Sum over all blocks that count: packed Gram matrix and riders."""
 
@@ -151,8 +155,8 @@ class LoadWindow:
 
     @property
     def first_block(self) -> int:
-        """Number of the oldest block that counts; only meaningful after the first ``push``."""
-        return int(self._firsts[0])
+        """See ``Memory``."""
+        return int(self._firsts[0]) if self._borders else -1
 
     @property
     def borders(self) -> npt.NDArray[np.int64]:
