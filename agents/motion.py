@@ -13,6 +13,7 @@ from coheft.estimation.spatial import Array
 from coheft.wire.config import AgentConfig
 from coheft.wire.plugins import told
 from coheft.wire.scenario import Motion
+from coheft.wire.waves import Waves
 
 
 class ReferenceMotion(Protocol):
@@ -43,12 +44,12 @@ def make_motion(config: AgentConfig) -> ReferenceMotion:
     Raises:
         PluginError: It is one of the user's own, and cannot be used.
     """
-    motion, seed, rate, block = config.motion, config.seed, config.rate, config.block
+    motion = config.motion
     if motion.own is not None:
         return _own_motion(motion.own, config)
     if motion.via_points is not None:
-        return ViaPointMotion(motion, motion.via_points, seed, rate, block)
-    return Excitation(motion, seed, rate, block)
+        return ViaPointMotion(motion, motion.via_points, config.seed, config.rate, config.block)
+    return Excitation(motion, config.waves, config.rate, config.block)
 
 
 def _own_motion(name: str, config: AgentConfig) -> ReferenceMotion:
@@ -63,23 +64,22 @@ def _own_motion(name: str, config: AgentConfig) -> ReferenceMotion:
 
 
 class Excitation:
-    """Two sinusoids of incommensurate frequencies per axis, drawn by this robot alone, with a smooth start.
+    """Two sinusoids of incommensurate frequencies per axis, drawn for this robot alone, with a smooth start.
 
     All six degrees of freedom move, at frequencies at which the payload's inertia matters: identification needs
     acceleration, and slow motions are all gravity.
 
     Args:
-        motion: Amplitudes, frequencies, ramp.
-        seed: Of this robot's choice.
+        motion: Amplitudes, ramp.
+        waves: The sinusoids.
         rate: Samples per second.
         block: Samples per block.
     """
 
-    def __init__(self, motion: Motion, seed: int, rate: int, block: int) -> None:
-        rng = np.random.default_rng(seed)
+    def __init__(self, motion: Motion, waves: Waves, rate: int, block: int) -> None:
         self._amplitudes = 0.5 * np.repeat([motion.rotation, motion.translation], 3) * motion.axes
-        self._omegas = 2.0 * np.pi * rng.uniform(*motion.frequency, size=(2, 6))
-        self._phases = rng.uniform(0.0, 2.0 * np.pi, size=(2, 6))
+        self._omegas = 2.0 * np.pi * np.array(waves.frequencies)
+        self._phases = np.array(waves.phases)
         self._ramp = motion.ramp
         self._rate = rate
         self._block = block

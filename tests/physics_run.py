@@ -12,6 +12,7 @@ from coheft.estimation.spatial import Array
 from coheft.wire.messages import Reference
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import load_scenario
+from coheft.wire.waves import draw_waves
 from physics_server.simulation import BlockResult, Simulation
 
 References = Callable[[int], Mapping[str, Reference]]
@@ -31,7 +32,8 @@ def excitation(scenario: Scenario, *, feed_forward: bool = False) -> References:
     motion = msgspec.structs.replace(scenario.motion, ramp=0.0)
     names = scenario.robot_names
     sensors = scenario.sensors
-    motions = [Excitation(motion, 1000 + i, sensors.rate, sensors.block) for i in range(len(names))]
+    waves = [draw_waves(motion.frequency, 1000 + i) for i in range(len(names))]
+    motions = [Excitation(motion, each, sensors.rate, sensors.block) for each in waves]
     wrenches = np.random.default_rng(5).normal(size=(len(names), 6)) * [20, 20, 20, 2, 2, 2] * feed_forward
 
     def references(block: int) -> Mapping[str, Reference]:

@@ -16,6 +16,7 @@ from coheft.wire.config import AgentConfig, agent_config
 from coheft.wire.messages import NeighbourMessage
 from coheft.wire.scenario import Graph, Motion
 from coheft.wire.scenario_file import load_scenario
+from coheft.wire.waves import draw_waves
 from consensus.graph import build_graph
 from tests.in_process import assert_good, changed, run_with_faults
 
@@ -116,7 +117,7 @@ def test_lost_messages_are_survived() -> None:
 
 def test_excitation_rates_are_the_derivatives() -> None:
     motion = Motion(translation=0.1, rotation=0.3, frequency=(0.4, 1.6), ramp=1.0)
-    fine = Excitation(motion, seed=3, rate=100_000, block=200_000).reference(0)
+    fine = Excitation(motion, draw_waves((0.4, 1.6), 3), rate=100_000, block=200_000).reference(0)
     numeric = (fine[2:, :6] - fine[:-2, :6]) * 0.5e5
     np.testing.assert_allclose(fine[1:-1, 6:], numeric, atol=1e-5)  # the ramp's end is a kink of the rates
     np.testing.assert_array_equal(fine[0], 0.0)
@@ -125,7 +126,7 @@ def test_excitation_rates_are_the_derivatives() -> None:
 
 @pytest.mark.parametrize("ramp", [0.0, 2.0])
 def test_excitation_goes_on_from_block_to_block(ramp: float) -> None:
-    excitation = Excitation(Motion(ramp=ramp), seed=4, rate=500, block=10)
-    whole = Excitation(Motion(ramp=ramp), seed=4, rate=500, block=1000).reference(0)
+    excitation = Excitation(Motion(ramp=ramp), draw_waves((0.4, 1.6), 4), rate=500, block=10)
+    whole = Excitation(Motion(ramp=ramp), draw_waves((0.4, 1.6), 4), rate=500, block=1000).reference(0)
     pieces = np.concatenate([excitation.reference(block) for block in range(100)])
     np.testing.assert_allclose(pieces, whole, atol=1e-12)

@@ -5,7 +5,11 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import msgspec
 import pytest
+
+from coheft.wire.config import agent_config
+from coheft.wire.scenario_file import load_scenario
 
 
 @pytest.mark.parametrize(
@@ -20,3 +24,19 @@ def test_what_is_not_loaded(module, heavy):
     code = f"import {module}, sys; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert heavy & set(loaded) == set()
+
+
+def test_an_agent_at_work_loads_no_more():
+    scenario = load_scenario("ring3")
+    config = agent_config(scenario, scenario.robot_names[0], scenario.robot_names[1:])
+    code = (
+        "import sys, msgspec, numpy\n"
+        "from agents.process import Agent, MeasurementBlock\n"
+        "from coheft.wire.config import AgentConfig\n"
+        "config = msgspec.json.decode(sys.stdin.buffer.read(), type=AgentConfig)\n"
+        "Agent(config).step(0, MeasurementBlock(0, numpy.zeros((config.block, 15))), [])\n"
+        "print(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], input=msgspec.json.encode(config), capture_output=True)
+    assert done.returncode == 0, done.stderr.decode()
+    assert {"numpy.random", "hashlib", "scipy"} & set(done.stdout.decode().split()) == set()

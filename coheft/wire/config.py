@@ -12,6 +12,7 @@ from coheft.wire.estimator_settings import Converged, EfficientSettings, SeedSet
 from coheft.wire.message_size import LEAST_LIMIT
 from coheft.wire.scenario import Motion, Scenario
 from coheft.wire.security import Credentials
+from coheft.wire.waves import Waves, draw_waves
 
 
 class Neighbour(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -31,8 +32,9 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         rate: Its sensors' samples per second.
         block: Samples per block.
         lag: Blocks from a measurement to the reference that answers it.
-        seed: Of its own choice of motion.
+        seed: Of its own choice of motion, where it makes one.
         motion: What it may choose from.
+        waves: What was drawn for it, for a motion that is made of sinusoids.
         estimator: Its method.
         seed_method: Settings of the estimator ``seed``.
         efficient: Settings of the estimator ``efficient``.
@@ -50,6 +52,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     lag: int
     seed: int
     motion: Motion
+    waves: Waves
     estimator: str
     seed_method: SeedSettings
     efficient: EfficientSettings
@@ -125,7 +128,7 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> AgentConfig:
     """The agent's share of a scenario. Its seed is 1000 times the scenario's seed plus its own number, from 0."""
-    index = scenario.robot_names.index(name)
+    seed = 1000 * scenario.seed + scenario.robot_names.index(name)
     return AgentConfig(
         name=name,
         neighbours=neighbours,
@@ -133,8 +136,9 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         rate=scenario.sensors.rate,
         block=scenario.sensors.block,
         lag=scenario.lookahead,
-        seed=1000 * scenario.seed + index,
+        seed=seed,
         motion=scenario.motion,
+        waves=draw_waves(scenario.motion.frequency, seed),
         estimator=scenario.estimator,
         seed_method=scenario.seed_method,
         efficient=scenario.efficient,
