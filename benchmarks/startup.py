@@ -34,6 +34,8 @@ ROBOTS = 6
 _FIRST_BLOCK_BAR, _IMPORT_BAR, _MEMORY_BAR = 1.0, 0.3, 60.0
 _TURNS: dict[Effort, int] = {"short": 3, "usual": 5, "full": 20}
 _LIMIT = 120.0
+_USUAL = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
+"""Users' modules are compiled but once."""
 _LEAST = "import msgspec, numpy, zenoh"
 """What an agent cannot do without; the supervisor neither."""
 _IMPORTED = {
@@ -84,7 +86,7 @@ def _bare_start() -> float:
     )
     began = time.monotonic()
     # In sessions of their own, as the real ones: schedulers may share time among sessions.
-    subprocess.run([sys.executable, "-c", code], check=True, start_new_session=True)
+    subprocess.run([sys.executable, "-c", code], check=True, start_new_session=True, env=_USUAL)
     return time.monotonic() - began
 
 
@@ -96,7 +98,7 @@ class _Run:
         self.called_at = time.monotonic()
         command = [sys.executable, "-m", "coheft", "run", "ring6", "--duration", "1000"]
         self._process = subprocess.Popen(
-            [*command, "--quiet", "--logs", str(folder)], stderr=subprocess.DEVNULL, start_new_session=True
+            [*command, "--quiet", "--logs", str(folder)], stderr=subprocess.DEVNULL, start_new_session=True, env=_USUAL
         )
 
     def began(self) -> float:
@@ -170,7 +172,7 @@ def _import_time(code: str) -> float:
 
 def _output(code: str) -> str:
     done = subprocess.run(
-        [sys.executable, "-c", code], check=True, capture_output=True, text=True, env={**os.environ, **ENVIRONMENT}
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True, env={**_USUAL, **ENVIRONMENT}
     )
     return done.stdout.strip()
 

@@ -73,19 +73,25 @@ class Encoders:
         self.force_scale = np.array([1.0 + errors.force_scale * rng.uniform(-1, 1, 1) for rng in own])
         self.force_offset = np.array([errors.force_offset * rng.uniform(-1, 1, 3) for rng in own])
 
-    def measure(self, exact: WristSamples) -> WristSamples:
-        """One block of samples; draws the noise of the robots' next B samples."""
-        samples = len(exact.positions)
+    def measure(self, positions: Array, rotations: Array, forces: Array) -> WristSamples:
+        """What is told of exact samples, of one block; draws the noise of the robots' next B samples.
+
+        Args:
+            positions: As those of ``WristSamples``.
+            rotations: Likewise.
+            forces: Likewise.
+        """
+        samples = len(positions)
         noise = np.stack([stream.standard_normal((samples, 9)) for stream in self._streams], axis=1)
         errors = self._errors
-        angles = gimbal_angles(exact.rotations) + np.radians(errors.vibration_deg) * noise[..., :3]
+        angles = gimbal_angles(rotations) + np.radians(errors.vibration_deg) * noise[..., :3]
         step = 2.0 * np.pi / 2**errors.angle_bits
         told = step * np.round((self.angle_scale * angles + self.zero) / step)
-        positions = self.position_scale * (exact.positions + 1e-3 * errors.vibration_mm * noise[..., 3:6])
+        scaled = self.position_scale * (positions + 1e-3 * errors.vibration_mm * noise[..., 3:6])
         return WristSamples(
-            positions=errors.position_step * np.round(positions / errors.position_step),
+            positions=errors.position_step * np.round(scaled / errors.position_step),
             rotations=gimbal_rotations(told),
-            forces=self.force_scale * exact.forces + self.force_offset + self._force_noise * noise[..., 6:],
+            forces=self.force_scale * forces + self.force_offset + self._force_noise * noise[..., 6:],
         )
 
 

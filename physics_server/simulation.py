@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -15,7 +16,6 @@ from coheft.estimation.spatial import Array, rotation_from_quaternion
 from coheft.wire.messages import BoxShape, LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
 from coheft.wire.scenario import PHYSICS_RATE, Scenario
 from coheft.wire.section import Vector
-from physics_server.encoders import Encoders, WristSamples
 from physics_server.impedance import Arms
 from physics_server.load_schedule import LoadSchedule
 from physics_server.loads import Loads
@@ -23,6 +23,9 @@ from physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name, 
 from physics_server.sensors import READINGS, Sensors
 from physics_server.stability import check_stability
 from physics_server.torque_arms import TorqueArms
+
+if TYPE_CHECKING:  # takes longer to load than all the rest of a server
+    from physics_server.encoders import Encoders, WristSamples
 
 SETTLING_TIME = 2.0
 """Time that the payload has to sag into the robots' springs before a run [s]."""
@@ -124,8 +127,7 @@ class Simulation:
         self._at_rest = np.zeros((len(names), READINGS))
         self._at_rest[:, ACCELERATION] = -self.model.opt.gravity @ self._home_rotations
         self._sensors = Sensors(scenario, names)
-        encoders = scenario.sensors.encoders
-        self._encoders = Encoders(encoders, scenario, names) if encoders is not None else None
+        self._encoders = _encoders_of(scenario, names)
         payload_body = self.model.body(PAYLOAD).id
         self._loads = Loads(
             self.model, self.data, payload_body, scenario.payload.inertia(), scenario.payload.load_slots
@@ -230,11 +232,9 @@ class Simulation:
         from_body = np.einsum("nji,nj->ni", self.scene.rotations, self.scene.translations)
         positions = readings.positions[:, None, :3] + np.einsum("bnij,nj->bni", readings.rotations, from_body)
         return self._encoders.measure(
-            WristSamples(
-                positions=np.einsum("nji,bnj->bni", self._home_rotations, positions - self._home_positions),
-                rotations=rotations,
-                forces=np.einsum("bnij,bnj->bni", rotations, wrenches[..., :3]),
-            )
+            positions=np.einsum("nji,bnj->bni", self._home_rotations, positions - self._home_positions),
+            rotations=rotations,
+            forces=np.einsum("bnij,bnj->bni", rotations, wrenches[..., :3]),
         )
 
     def _change_loads(self) -> tuple[str, ...]:
@@ -333,3 +333,12 @@ class Simulation:
 def _vector(array: Array) -> Vector:
     x, y, z = array.tolist()
     return x, y, z
+
+
+def _encoders_of(scenario: Scenario, robots: Sequence[str]) -> Encoders | None:
+    errors = scenario.sensors.encoders
+    if errors is None:
+        return None
+    from physics_server.encoders import Encoders
+
+    return Encoders(errors, scenario, robots)

@@ -16,7 +16,7 @@ from coheft.wire.scenario_file import load_scenario
     ("module", "heavy"),
     [
         ("agents.process", {"scipy", "mujoco", "physics_server", "cyclopts", "rich", "unittest", "coheft.wire.cart"}),
-        ("physics_server.server", {"agents", "cyclopts", "rich", "matplotlib"}),
+        ("physics_server.server", {"agents", "cyclopts", "rich", "matplotlib", "scipy"}),
         ("coheft.app.cli", {"zenoh", "mujoco", "numpy", "scipy", "matplotlib", "joblib"}),
     ],
 )

@@ -16,7 +16,7 @@ from coheft.wire.encoders import EncoderErrors
 from coheft.wire.scenario import Motion, Scenario
 from coheft.wire.scenario_file import load_scenario, parse_scenario
 from coheft.wire.via_points import ViaPoints
-from physics_server.encoders import Encoders, WristSamples
+from physics_server.encoders import Encoders
 from physics_server.scene import PAYLOAD_HOME, place_grasps
 from physics_server.simulation import Simulation
 from tests.physics_run import reference as reference_of
@@ -86,15 +86,18 @@ def test_perfect_encoders_tell_the_pose_in_the_home_frame() -> None:
     assert simulation.block == 200
 
 
-def still(count: int, robots: int = 3) -> WristSamples:
-    return WristSamples(
-        np.full((count, robots, 3), 0.1), np.tile(np.eye(3), (count, robots, 1, 1)), np.full((count, robots, 3), 20.0)
+def still(count: int, robots: int = 3) -> tuple[Array, Array, Array]:
+    """Positions, rotations and forces."""
+    return (
+        np.full((count, robots, 3), 0.1),
+        np.tile(np.eye(3), (count, robots, 1, 1)),
+        np.full((count, robots, 3), 20.0),
     )
 
 
 def test_encoder_noise_is_of_the_size_that_was_asked_for() -> None:
     base = load_scenario("mocobot_a")
-    told = Encoders(EncoderErrors(angle_bits=13), base, base.robot_names).measure(still(20000))
+    told = Encoders(EncoderErrors(angle_bits=13), base, base.robot_names).measure(*still(20000))
     angles = np.degrees(gimbal_angles(told.rotations))
     step = 360.0 / 2**13
     np.testing.assert_allclose(angles / step, np.round(angles / step), atol=1e-6)
@@ -122,7 +125,7 @@ def test_calibration_errors_are_the_robots_own_and_stay() -> None:
         assert len(np.unique(values)) == values.size
     assert np.degrees(np.linalg.norm(first.zero, axis=1)).max() <= 1.0
     assert np.abs(first.position_scale - 1.0).max() <= 0.03
-    told = first.measure(still(2000))
+    told = first.measure(*still(2000))
     np.testing.assert_allclose(told.positions[0, :, 0], 0.1 * first.position_scale[:, 0], atol=6e-5)
     np.testing.assert_allclose(
         told.forces.mean(axis=0), first.force_scale * 20.0 + first.force_offset, atol=5.0 * 0.6 / np.sqrt(2000.0)

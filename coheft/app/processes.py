@@ -21,8 +21,9 @@ import msgspec
 
 from coheft.errors import CoheftError
 
-# One thread of mathematics per process: the processes themselves fill the cores.
-ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
+# One thread of mathematics per process: the processes themselves fill the cores. Nobody draws: MuJoCo need not load
+# what it would draw with.
+ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
 UNUSABLE_CONFIG = 2
 """Exit status of a process that was told nothing that it could use."""
 _GO_BY_THEMSELVES = 1.0

@@ -45,6 +45,8 @@ _SETTINGS: dict[str, object] = {
     # and no peer serves as a gateway to those who dial it, not even to clients.
     "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
     "gateway": {"south": []},
+    # Opening takes half a second otherwise while somebody does not answer yet: all that use links wait for them anyway.
+    "open": {"return_conditions": {"connect_scouted": False}},
 }
 _LINK_SETTINGS: dict[str, object] = {
     "tx": {
