@@ -60,10 +60,56 @@ class Disturbance:
         """Its covariance (6, 6), zero as long as nothing is known."""
         return np.zeros((6, 6)) if self._shape is None else self.size * self._shape
 
-    def of_scores(self, model: InertiaModel, gram: Array) -> Array:
-        """Covariance (u, u) of what it adds to the scores of samples with this packed Gram matrix (190,)."""
+    def of_scores(self, model: InertiaModel, gram: Array, size: float, samples: float) -> Array:
+        """Covariance (u, u) of what it adds to the scores of samples with this packed Gram matrix (190,).
+
+        Args:
+            model: The weights.
+            gram: Of all samples.
+            size: Mean of its sizes over them.
+            samples: How many of them it disturbs: no more follow each other.
+        """
         if self._shape is None:
             return np.zeros((model.unknowns, model.unknowns))
-        coherent = min(float(gram[0]), self._coherence)
-        result: Array = coherent * self.size * model.disturbance(gram)
+        result: Array = min(samples, self._coherence) * size * model.disturbance(gram)
         return result
+
+
+class Uncorrected:
+    """Samples that still bear what poses did to them.
+
+    Those since the last correction, which others have not told of yet; and those that somebody lacked who told of his
+    share: how his wrench followed from the motion is known only from others.
+    """
+
+    def __init__(self) -> None:
+        self.begin()
+
+    def begin(self) -> None:
+        """Nothing has been corrected of what is remembered now."""
+        self._corrected = self._lacked = self._sizes = 0.0
+
+    def age(self, kept: float) -> None:
+        """``kept`` of all samples is left."""
+        self._corrected, self._lacked, self._sizes = kept * self._corrected, kept * self._lacked, kept * self._sizes
+
+    def correct(self, count: float, lacked: float, size: float) -> None:
+        """All samples that are remembered have been corrected but those that were lacked.
+
+        Args:
+            count: How many.
+            lacked: Of how many of them a share was lacked, and how much of it: one robot's of ``N`` counts ``1 / N``.
+            size: Of the disturbance so far.
+        """
+        self._corrected = count
+        self._lacked += lacked
+        self._sizes += lacked * size
+
+    def of_scores(self, disturbance: Disturbance, model: InertiaModel, gram: Array) -> Array:
+        """Covariance (u, u) of what the disturbance adds to the scores of all samples (190,)."""
+        count = float(gram[0])
+        new = max(0.0, count - self._corrected)
+        if new + self._lacked < 1.0:
+            return np.zeros((model.unknowns, model.unknowns))
+        size = (new * disturbance.size + self._sizes) / count
+        return disturbance.of_scores(model, gram, size, new + self._lacked)

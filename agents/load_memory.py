@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from agents.disturbance import COHERENCE, Disturbance
+from agents.disturbance import COHERENCE, Disturbance, Uncorrected
 from agents.late_wrenches import LateWrenches
 from agents.load_moments import CROSS_SHAPE, RIDERS, gram_map, load_moments, mapped, number_of_samples
 from agents.seen_payload import seen_payload
@@ -15,6 +15,7 @@ from agents.wrench_correction import (
     TOLD_SIZE,
     MeanSquare,
     WrenchCorrection,
+    mean_lack,
     motion_grams,
     told_forces,
     told_start,
@@ -92,7 +93,7 @@ class LoadMemory:
         self._model: InertiaModel | None = None
         self._parameters: Array | None = None
         self._correction: WrenchCorrection | None = None
-        self._told_count = 0.0
+        self._uncorrected = Uncorrected()
         self._forces = MeanSquare()
         self._wrenches_by_motion = np.zeros((robots, *CROSS_SHAPE))
         self._disturbance = Disturbance(config.rate)
@@ -157,7 +158,7 @@ class LoadMemory:
         self._take_early()
         self._forces.add(own_wrench[:, :3])
         self._last_block = block
-        self._told_count *= self._kept
+        self._uncorrected.age(self._kept)
         if self._correction is not None:
             self._correction.age(self._kept, moments)
         if self._disturbance.is_spoiling:
@@ -206,7 +207,7 @@ class LoadMemory:
         """What is remembered is of another load than before."""
         self._early.clear()
         self._changed_at = changed_at
-        self._told_count = 0.0
+        self._uncorrected.begin()
         self._late.begin()
 
     def push_early(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> None:
@@ -258,7 +259,7 @@ class LoadMemory:
 
     def _have_forgotten(self) -> None:
         """What has been told of the samples is not of those that are left."""
-        self._told_count = 0.0
+        self._uncorrected.begin()
         if self._correction is not None:
             self._window.forget_before(self._last_block + 1)
             self._correction = None
@@ -293,12 +294,14 @@ class LoadMemory:
         self._compare(is_new=True)  # what was told may have been nonsense
 
     def _apply(self, correction: WrenchCorrection, rows: Array | None) -> None:
-        self._told_count = 0.0
+        size = self._disturbance.per_sample
         if rows is None:
             self._window.forget_borders_before(correction.last_block + 1)
+            self._uncorrected.correct(self.count, self.count, size)
         else:
             self._window.revise(lambda sums: correction.apply(sums, self._wrenches_by_motion))
-            self._told_count = correction.count - self._forget_start(told_start(rows))
+            count = correction.count - self._forget_start(told_start(rows))
+            self._uncorrected.correct(count, mean_lack(rows, count), size)
         if self._disturbance.is_rough and (rows is None or not correction.is_exact(rows)):
             self._forget_before(correction.last_block + 1)  # means will not do for poses that were so rough
 
@@ -340,7 +343,7 @@ class LoadMemory:
         """
         self._window.forget_before(self._last_block + 1)
         self._comes_again = self.count == 0.0
-        self._told_count = 0.0
+        self._uncorrected.begin()
         self._first_block, self._is_early_over = -1, False
         self._late.begin()
         if self._forces.mean > 0.0:
@@ -356,19 +359,16 @@ class LoadMemory:
             return None, ("load: the forces of late do not fit what is remembered of it",)
         information = self._window.information(self._model)
         solution = self._solve(information)
-        untold = self._by_untold(self._model, information)
-        solution = replace(solution, covariance=solution.covariance + untold)
+        uncorrected = self._by_uncorrected(self._model, information)
+        solution = replace(solution, covariance=solution.covariance + uncorrected)
         by_poses = self._by_poses(information, solution.parameters)
         estimate = solution.made_possible(by_poses @ team.covariance @ by_poses.T)
         inflation = self._window.doubt * (1.0 + (_NEW * self._config.rate / self.count) ** 2)
         return seen_payload(estimate, by_poses, own, team, inflation, solution.length)
 
-    def _by_untold(self, model: InertiaModel, information: InertiaInformation) -> Array:
-        """Covariance (10, 10) of ``theta`` by what poses do to samples that others have not told of yet."""
-        untold = self.count - self._told_count
-        if untold < 1.0:
-            return np.zeros((INERTIA_SIZE, INERTIA_SIZE))
-        scores = self._disturbance.of_scores(model, self._window.total[:GRAM_SIZE] * (untold / self.count))
+    def _by_uncorrected(self, model: InertiaModel, information: InertiaInformation) -> Array:
+        """Covariance (10, 10) of ``theta`` by what poses do to samples and was not corrected."""
+        scores = self._uncorrected.of_scores(self._disturbance, model, self._window.total[:GRAM_SIZE])
         inverse = np.linalg.inv(information.uncompensated)
         covariance: Array = (inverse @ scores @ inverse)[:INERTIA_SIZE, :INERTIA_SIZE]
         return covariance

@@ -113,6 +113,11 @@ def told_start(rows: Array) -> int:
     return int(rows[:, _FIRST].max())
 
 
+def mean_lack(rows: Array, count: float) -> float:
+    """How many of so many samples robots lack, the mean over everybody's ``told``."""
+    return float(np.maximum(0.0, count - rows[:, _COUNT]).mean())
+
+
 def told_forces(rows: Array) -> Array:
     """Everybody's mean square force [N²] (N,), of everybody's ``told``."""
     return rows[:, _FORCE]

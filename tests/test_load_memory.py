@@ -186,6 +186,25 @@ def test_not_everybody_need_have_the_same_samples(config: AgentConfig, team: Tea
     assert distance(memories.estimate(), anew.estimate()) < 0.2 * distance(stale.estimate(), anew.estimate())
 
 
+def test_what_is_lacked_makes_the_load_less_certain(config: AgentConfig, team: Team) -> None:
+    deviations = []
+    for robots in (range(COUNT), [OWN, 0, 3]):
+        memories = Memories(config, team, moved(team, 4e-3))
+        memories.push(0, 5)
+        memories.map_to(moved(team, 2e-3))
+        poses = TeamPoses(tuple(memories.poses), 4e-6 * np.eye(6 * COUNT), Visibility())  # as uncertain as they are off
+        rows = memories.told()
+        for memory in memories.each:
+            memory.correct(rows, poses)
+        memories.push(5, 30, robots=robots)
+        memories.push(30, 55)
+        memories.fit(team.poses)
+        payload, _ = memories.each[OWN].payload(OWN, memories.team_poses())
+        assert payload is not None
+        deviations.append(np.sqrt(np.diag(payload.covariance)))
+    assert np.all(deviations[1] > 1.1 * deviations[0])
+
+
 def test_what_somebody_does_not_have_from_the_beginning_does_not_count(config: AgentConfig, team: Team) -> None:
     memories = Memories(config, team, moved(team, 1e-2))
     memories.push(0, 20)

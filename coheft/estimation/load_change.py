@@ -28,6 +28,8 @@ FALSE_ALARM = 1e-12
 neighbouring borders, have much data in common."""
 _CHANCE = 1e-4
 """Probability at a single test beyond which samples may be of two loads, though nobody is told of a change yet."""
+_YOUNG = 12
+"""While there are no more borders, all are tested every time."""
 _DRIFT = 2
 """So many small changes in a row are a drift,"""
 _SMALL = 4.0
@@ -47,12 +49,12 @@ class LoadChange:
     Attributes:
         first_block: The first block with the new load; everything before it was forgotten.
         last_block: The newest block when the change was found.
-        statistic: Twice the logarithm of the likelihood ratio.
+        size: Twice the logarithm of the likelihood ratio, over what it hardly ever exceeds by chance.
     """
 
     first_block: int
     last_block: int
-    statistic: float
+    size: float
 
 
 class Memory(Protocol):
@@ -209,9 +211,11 @@ class LoadWindow:
             self._sums = np.concatenate([self._sums, np.zeros_like(self._sums)])
 
     def review(self, model: InertiaModel, is_coherent: bool = False) -> LoadChange | None:
-        """Test whether the load changed at one of the borders; if so, forget all that is older than the likeliest.
+        """Test whether the load changed at one of the borders; if so, forget all that is older than the likeliest one,
+        until what is left is of one load.
 
-        What has come early is tested at once, and not in turns: nothing was known of its load when it came.
+        What has come early is tested at once, and not in turns: nothing was known of its load when it came; and so are
+        all samples of a load while there are but few.
 
         Args:
             model: The weights.
@@ -220,21 +224,26 @@ class LoadWindow:
         self._reviews += 1
         turn, rest = divmod(self._reviews, self._every)
         everything = slice(1, self._borders)
-        tested = everything if self._has_early else slice(1 + turn % self._stride, self._borders, self._stride)
-        if rest and not self._has_early:
+        is_unknown = self._has_early or self._borders <= _YOUNG
+        tested = everything if is_unknown else slice(1 + turn % self._stride, self._borders, self._stride)
+        if rest and not is_unknown:
             return None
         self._has_early = False
-        statistics, seen = self._statistics(model, is_coherent, tested)
-        threshold = _threshold(seen, self._false_alarm)
+        if self._test(model, is_coherent, tested).max(initial=0.0) <= 1.0:
+            return None
+        change: LoadChange | None = None
+        while len(sizes := self._test(model, is_coherent, slice(1, self._borders))) and sizes.max() > 1.0:
+            found = int(np.argmax(sizes))
+            change = LoadChange(int(self._firsts[1 + found]), self._last_block, float(sizes[found]))
+            self._begin(1 + found, change.size, model)
+        return change
+
+    def _test(self, model: InertiaModel, is_coherent: bool, borders: slice) -> Array:
+        """Statistics of borders over what they hardly ever exceed by chance; keeps how doubtful they make the load."""
+        statistics, seen = self._statistics(model, is_coherent, borders)
         largest = float(statistics.max(initial=0.0))
         self._doubts.append(largest / seen if largest > _threshold(seen, _CHANCE) else 1.0)
-        if largest <= threshold:
-            return None
-        statistics, _ = self._statistics(model, is_coherent, everything)
-        found = int(np.argmax(statistics))
-        change = LoadChange(int(self._firsts[1 + found]), self._last_block, float(statistics[found]))
-        self._begin(1 + found, change.statistic / threshold, model)
-        return change
+        return statistics / _threshold(seen, self._false_alarm)
 
     def statistics(self, model: InertiaModel) -> Array:
         """Twice the logarithm of the likelihood ratio at all ``borders`` but the first."""

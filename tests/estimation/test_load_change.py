@@ -90,6 +90,29 @@ def test_a_change_is_found_soon_at_its_block_and_older_blocks_are_forgotten(mass
     np.testing.assert_allclose(run.estimate(window), run.estimate(fresh), rtol=1e-6, atol=1e-8)
 
 
+def test_of_several_loads_in_a_row_only_the_last_is_left() -> None:
+    """As when early samples come in, or a sensor is off for a while: all have to be told apart in one review."""
+    run = Run(seed=2, duration=4.0)
+    parts = [run.theta, run.theta + run.dropped(6.0), run.theta + run.dropped(2.0)]
+    borders = [0, 40, 60, 70]
+    window = LoadWindow(every=2)
+    for first, last, theta in zip(borders, borders[1:], parts, strict=False):
+        for block, gram in enumerate(run.grams(theta)[first:last], start=first):
+            window.push(block, gram)
+    changes = [window.review(run.model) for _ in range(2)]
+    assert [change.first_block for change in changes if change is not None] == [60]
+    assert window.first_block == 60
+
+
+def test_a_young_load_is_in_doubt_as_soon_as_its_samples_disagree() -> None:
+    run = Run(seed=2, duration=4.0)
+    grams = np.concatenate([run.grams(run.theta)[:6], run.grams(run.theta + run.dropped(0.3))[6:7]])
+    for turn in range(2):
+        window = LoadWindow(every=2, turn=turn)
+        assert run.feed(window, grams) == []
+        assert 2.0 < window.doubt < 10.0
+
+
 @pytest.mark.parametrize("at_rest_until", [0.0, 10.0])
 def test_one_load_is_one_load_even_if_it_rests_for_long(at_rest_until: float) -> None:
     for seed in range(3):
