@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from agents.disturbance import COHERENCE, Disturbance, Uncorrected
+from agents.early_blocks import EarlyBlocks
 from agents.late_wrenches import LateWrenches
 from agents.load_moments import CROSS_SHAPE, RIDERS, gram_map, load_moments, mapped, number_of_samples
 from agents.seen_payload import seen_payload
@@ -80,10 +81,8 @@ class LoadMemory:
             self._kept = float(np.exp(-1.0 / blocks))
             floor = np.full(INERTIA_SIZE + OFFSET_SIZE * self._offsets, 1e3)
             self._window = ForgettingWindow(blocks, floor, riders=RIDERS)
-        self._first_block = self._last_block = self._changed_at = -1
-        self._is_early_over = False
-        # What has come early since the last block: it counts only when it has been tested together with the next one.
-        self._early: list[tuple[int, Array]] = []
+        self._last_block = self._changed_at = -1
+        self._early = EarlyBlocks()
         # Whether the samples of the correction under way were forgotten, to come again.
         self._comes_again = False
         self._poses: Sequence[Pose] = ()
@@ -155,7 +154,7 @@ class LoadMemory:
         assert self._model is not None
         moments = load_moments(motion, wrench, own_wrench, self._disturbance.per_sample)
         self._window.push(block, moments)
-        self._take_early()
+        self._early.move_to(self._window)
         self._forces.add(own_wrench[:, :3])
         self._last_block = block
         self._uncorrected.age(self._kept)
@@ -205,7 +204,7 @@ class LoadMemory:
 
     def _begin(self, changed_at: int) -> None:
         """What is remembered is of another load than before."""
-        self._early.clear()
+        self._early.drop()
         self._changed_at = changed_at
         self._uncorrected.begin()
         self._late.begin()
@@ -218,16 +217,9 @@ class LoadMemory:
         is_known = self.count >= _KNOWN * self._config.rate
         expected = _OTHER_LOAD * (1.0 + self._disturbance.per_sample)
         is_surprise = is_known and self._surprise(motion, wrench) > expected
-        self._is_early_over |= block < self._changed_at or is_surprise
-        if not self._is_early_over:
-            self._first_block = block
-            moments = load_moments(motion, wrench, own_wrench, self._disturbance.per_sample)
-            self._early.append((block, moments))
-
-    def _take_early(self) -> None:
-        for block, moments in self._early:
-            self._window.push_early(block, moments)
-        self._early.clear()
+        if block < self._changed_at or is_surprise:
+            self._early.end()
+        self._early.add(block, load_moments(motion, wrench, own_wrench, self._disturbance.per_sample))
 
     def adopt(self, changed_at: int) -> bool:
         """A neighbour says that the load changed at this block. Returns whether that is news."""
@@ -240,21 +232,20 @@ class LoadMemory:
 
     def forget_late(self, duration: float) -> None:
         """What came in the last so many seconds does not count, nor what has come early since then."""
-        self._early.clear()
+        self._early.drop()
         self._window.forget_since(self._last_block - self._config.blocks(duration))
         self._late.begin()
         self._have_forgotten()
 
     def forget_early(self, duration: float) -> None:
         """What came in the last so many seconds of what was before all others does not count."""
-        if self._first_block >= 0:
-            self._forget_before(self._first_block + self._config.blocks(duration))
+        if self._early.first >= 0:
+            self._forget_before(self._early.first + self._config.blocks(duration))
 
     def _forget_before(self, block: int) -> None:
         """Blocks with smaller numbers do not count; what comes of them yet is not known to be of the same load."""
         self._window.forget_before(block)
-        self._early.clear()
-        self._is_early_over = True
+        self._early.end()
         self._have_forgotten()
 
     def _have_forgotten(self) -> None:
@@ -314,8 +305,7 @@ class LoadMemory:
             return 0.0
         count = self.count
         self._window.forget_before(block)
-        self._early.clear()
-        self._is_early_over = True
+        self._early.end()
         return count - self.count
 
     def _expect_disturbance(self, covariance: Array) -> None:
@@ -327,7 +317,7 @@ class LoadMemory:
 
     def map_features(self, feature_map: Array, old_poses: Sequence[Pose], new_poses: Sequence[Pose]) -> None:
         """All samples' motions count as if they had been fused with new poses: ``refit_map`` (28, 28)."""
-        self._take_early()
+        self._early.move_to(self._window)
         to_new = gram_map(feature_map)
         self._window.revise(lambda sums: mapped(sums, to_new))
         self._late.map(to_new)
@@ -344,7 +334,7 @@ class LoadMemory:
         self._window.forget_before(self._last_block + 1)
         self._comes_again = self.count == 0.0
         self._uncorrected.begin()
-        self._first_block, self._is_early_over = -1, False
+        self._early.begin()
         self._late.begin()
         if self._forces.mean > 0.0:
             # Until everybody's forces have been heard, as if they were as large as the own ones.
