@@ -99,11 +99,12 @@ class Uncorrected:
         Args:
             count: How many.
             lacked: Of how many of them a share was lacked, and how much of it: one robot's of ``N`` counts ``1 / N``.
+                Those of the corrections before are among them: steps of poses add up to what these were off at first.
             size: Of the disturbance so far.
         """
         self._corrected = count
-        self._lacked += lacked
-        self._sizes += lacked * size
+        self._lacked = max(self._lacked, lacked)
+        self._sizes = max(self._sizes, lacked * size)
 
     def of_scores(self, disturbance: Disturbance, model: InertiaModel, gram: Array) -> Array:
         """Covariance (u, u) of what the disturbance adds to the scores of all samples (190,)."""

@@ -25,10 +25,14 @@ class EarlyBlocks:
         """Those that wait are not wanted any more."""
         self._waiting.clear()
 
-    def end(self) -> None:
-        """Nor is any that may come yet."""
-        self.drop()
+    def close(self) -> None:
+        """No more may come."""
         self._are_over = True
+
+    def end(self) -> None:
+        """No more may come, and those that wait are not wanted any more."""
+        self.drop()
+        self.close()
 
     def add(self, block: int, moments: Array) -> None:
         """One has come, with its moments as ``Memory.push_early`` takes them."""
@@ -37,7 +41,7 @@ class EarlyBlocks:
             self._waiting.append((block, moments))
 
     def move_to(self, memory: Memory) -> None:
-        """The next new block has come: those that wait can be tested."""
+        """The next new block is there: those that wait can be tested."""
         for block, moments in self._waiting:
             memory.push_early(block, moments)
         self._waiting.clear()

@@ -16,7 +16,6 @@ from agents.wrench_correction import (
     TOLD_SIZE,
     MeanSquare,
     WrenchCorrection,
-    mean_lack,
     motion_grams,
     told_forces,
     told_start,
@@ -154,7 +153,8 @@ class LoadMemory:
         assert self._model is not None
         moments = load_moments(motion, wrench, own_wrench, self._disturbance.per_sample)
         self._window.push(block, moments)
-        self._early.move_to(self._window)
+        if self._correction is None:  # they were carried with the new poses already
+            self._early.move_to(self._window)
         self._forces.add(own_wrench[:, :3])
         self._last_block = block
         self._uncorrected.age(self._kept)
@@ -218,7 +218,7 @@ class LoadMemory:
         expected = _OTHER_LOAD * (1.0 + self._disturbance.per_sample)
         is_surprise = is_known and self._surprise(motion, wrench) > expected
         if block < self._changed_at or is_surprise:
-            self._early.end()
+            self._early.close()
         self._early.add(block, load_moments(motion, wrench, own_wrench, self._disturbance.per_sample))
 
     def adopt(self, changed_at: int) -> bool:
@@ -286,27 +286,27 @@ class LoadMemory:
 
     def _apply(self, correction: WrenchCorrection, rows: Array | None) -> None:
         size = self._disturbance.per_sample
+        count = self.count - correction.count_since
         if rows is None:
             self._window.forget_borders_before(correction.last_block + 1)
-            self._uncorrected.correct(self.count, self.count, size)
+            self._uncorrected.correct(count, count, size)
         else:
             self._window.revise(lambda sums: correction.apply(sums, self._wrenches_by_motion))
-            count = correction.count - self._forget_start(told_start(rows))
-            self._uncorrected.correct(count, mean_lack(rows, count), size)
+            self._uncorrected.correct(count, correction.mean_lack(rows), size)
+            self._forget_start(told_start(rows))
         if self._disturbance.is_rough and (rows is None or not correction.is_exact(rows)):
-            self._forget_before(correction.last_block + 1)  # means will not do for poses that were so rough
+            self._forget_before(correction.last_block + 1)  # what is not known of some is too much, with such poses
 
-    def _forget_start(self, block: int) -> float:
-        """What came before a block, some robot's first one, does not count. Returns how many samples that were.
+    def _forget_start(self, block: int) -> None:
+        """What came before a block, some robot's first one, does not count, if that is the smaller part of all.
 
         How that robot's wrench followed from the motion then is not known.
         """
-        if block <= self._window.first_block:
-            return 0.0
-        count = self.count
-        self._window.forget_before(block)
-        self._early.end()
-        return count - self.count
+        first, count = self._window.first_block, self.count
+        if first < block <= (first + self._last_block) // 2:
+            self._window.forget_before(block)
+            self._uncorrected.age(self.count / count)
+            self._early.end()
 
     def _expect_disturbance(self, covariance: Array) -> None:
         """From now on samples are spoilt with this covariance (6, 6), beside their noise."""

@@ -78,11 +78,20 @@ class WrenchCorrection:
         return bool(np.all(loads == self._changed_at) and overlap)
 
     def is_exact(self, rows: Array) -> bool:
-        """Whether everybody has told of the same samples."""
-        return bool(np.all(rows[:, _COUNT] == self.count))
+        """Whether everybody has told of the same samples, as far as their number and first block say."""
+        return bool(np.all(rows[:, _COUNT] == self.count) and np.all(rows[:, _FIRST] == self._first_block))
+
+    def mean_lack(self, rows: Array) -> float:
+        """How many of these samples a robot lacks, the mean over everybody's ``told``; at least, as it lacks others."""
+        return float(np.maximum(0.0, self.count - rows[:, _COUNT]).mean())
+
+    @property
+    def count_since(self) -> float:
+        """Number of samples that have come since."""
+        return number_of_samples(self._since)
 
     def apply(self, sums: Array, wrenches_by_motion: Array) -> Array:
-        """Correct the sums (k, 190 + riders) of stretches of samples, the longest one first.
+        """Correct the sums (k, 190 + riders) of stretches of samples that all end now.
 
         Args:
             sums: All up to now.
@@ -111,11 +120,6 @@ def motion_grams(sums: Array) -> Array:
 def told_start(rows: Array) -> int:
     """The oldest block that all have, of everybody's ``told``."""
     return int(rows[:, _FIRST].max())
-
-
-def mean_lack(rows: Array, count: float) -> float:
-    """How many of so many samples robots lack, the mean over everybody's ``told``."""
-    return float(np.maximum(0.0, count - rows[:, _COUNT]).mean())
 
 
 def told_forces(rows: Array) -> Array:

@@ -223,6 +223,39 @@ def test_what_somebody_does_not_have_from_the_beginning_does_not_count(config: A
     np.testing.assert_allclose(memories.estimate(), fresh.estimate(), rtol=1e-3, atol=1e-3)
 
 
+def test_that_somebody_has_just_begun_is_no_reason_to_forget_most(config: AgentConfig, team: Team) -> None:
+    memories = Memories(config, team, moved(team, 4e-3))
+    memories.push(0, 10)
+    memories.fit(moved(team, 2e-3))
+    memories.push(10, 40)
+    memories.map_to(team.poses)
+    rows = memories.told()
+    rows[1, 1] = 38.0
+    memories.correct(rows)
+    assert [memory.count for memory in memories.each] == COUNT * [40 * BLOCK]
+
+
+def test_what_comes_early_while_a_correction_is_under_way_needs_none(config: AgentConfig, team: Team) -> None:
+    memories = Memories(config, team, moved(team, 1e-2))
+    memories.push(0, 20)
+    memories.begin_again(moved(team, 4e-3))
+    memories.correct(memories.told())
+    memories.push(20, 22)
+    memories.push_early(15, 20)
+    memories.push(22, 24)
+    memories.map_to(team.poses)
+    rows = memories.told()
+    memories.push_early(10, 15)
+    memories.push(24, 25)
+    memories.push_early(0, 10)
+    memories.correct(rows)
+    memories.push(25, 50)
+    fresh = Memories(config, team, team.poses)
+    fresh.push(0, 50)
+    assert [memory.count for memory in memories.each] == COUNT * [50 * BLOCK]
+    np.testing.assert_allclose(memories.estimate(), fresh.estimate(), rtol=3e-4, atol=3e-4)
+
+
 def test_samples_with_rough_poses_are_forgotten_if_they_cannot_be_corrected(config: AgentConfig, team: Team) -> None:
     memories = Memories(config, team, moved(team, 1e-2))
     memories.push(0, 20)

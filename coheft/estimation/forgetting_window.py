@@ -41,7 +41,7 @@ class ForgettingWindow:
 
     @property
     def first_block(self) -> int:
-        """None can be told from others."""
+        """-1: blocks cannot be told apart."""
         return -1
 
     @property

@@ -29,7 +29,7 @@ neighbouring borders, have much data in common."""
 _CHANCE = 1e-4
 """Probability at a single test beyond which samples may be of two loads, though nobody is told of a change yet."""
 _YOUNG = 12
-"""While there are no more borders, all are tested every time."""
+"""Up to so many borders, all are tested every time."""
 _DRIFT = 2
 """So many small changes in a row are a drift,"""
 _SMALL = 4.0
@@ -109,10 +109,11 @@ class LoadWindow:
 
     Args:
         resolution: Borders remain at most about ``1 / resolution`` of their age apart.
-        stride: A review tests every ``stride``-th border, others the next time. After a detection all are tested.
+        stride: A review tests every ``stride``-th border, others the next time; of a young load all are tested, and
+            after a detection.
         false_alarm: Probability of one at a single test.
         riders: Numbers per block that are summed along with the Gram matrix, for the caller's use.
-        every: Only one in so many reviews tests anything.
+        every: Only one in so many reviews tests anything, unless the load is young.
         turn: Which one, and which borders first: robots that remember the same load and hear of each other's changes
             share the work by different turns.
         coherence: Number of samples for which a disturbance keeps its direction, or 0 if there is none. A disturbance
@@ -229,13 +230,15 @@ class LoadWindow:
         if rest and not is_unknown:
             return None
         self._has_early = False
-        if self._test(model, is_coherent, tested).max(initial=0.0) <= 1.0:
-            return None
+        sizes = self._test(model, is_coherent, tested)
         change: LoadChange | None = None
-        while len(sizes := self._test(model, is_coherent, slice(1, self._borders))) and sizes.max() > 1.0:
+        while sizes.max(initial=0.0) > 1.0:
+            if len(sizes) < self._borders - 1:
+                sizes = self._test(model, is_coherent, slice(1, self._borders))
             found = int(np.argmax(sizes))
             change = LoadChange(int(self._firsts[1 + found]), self._last_block, float(sizes[found]))
             self._begin(1 + found, change.size, model)
+            sizes = self._test(model, is_coherent, slice(1, self._borders))
         return change
 
     def _test(self, model: InertiaModel, is_coherent: bool, borders: slice) -> Array:
@@ -260,6 +263,8 @@ class LoadWindow:
 
     def _begin(self, border: int, size: float, model: InertiaModel) -> None:
         """Forget what is older than a border, but not how far the load has moved since the change before."""
+        if self._changes and self._changes[-1][0] == self._count:  # one more in the same review
+            size = max(size, self._changes.pop()[1])
         self._changes.append((self._count, size))
         older = model.information(self._sums[0, :GRAM_SIZE] - self._sums[border, :GRAM_SIZE])
         last = np.zeros(model.unknowns) if self._last is None else self._last
