@@ -1,7 +1,7 @@
 """Samples from before a team's sums follow, the newest first, through sums of their own.
 
 With the first fit of the team's poses, and after any other poses that proved too rough, all samples of the last ten
-seconds follow again: what poses did to them could be corrected in the mean of all only, and whether the load changed
+seconds follow again: what poses did to them could be corrected to first order only, and whether the load changed
 meanwhile, or a sensor was off, would stay unknown.
 """
 

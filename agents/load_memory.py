@@ -295,7 +295,7 @@ class LoadMemory:
             self._uncorrected.correct(count, correction.mean_lack(rows), size)
             self._forget_start(told_start(rows))
         if self._disturbance.is_rough and (rows is None or not correction.is_exact(rows)):
-            self._forget_before(correction.last_block + 1)  # what is not known of some is too much, with such poses
+            self._forget_before(correction.last_block + 1)  # with such poses, what is lacked is too much
 
     def _forget_start(self, block: int) -> None:
         """What came before a block, some robot's first one, does not count, if that is the smaller part of all.

@@ -1,9 +1,9 @@
 """A robot's share of the team's work: exact sums, joint poses, and the load's inertia, all in the body frame.
 
 Poses are fitted again and again (``agents.pose_fits``). When the first block that was carried with new poses leaves the
-sums, the motions of all samples are *mapped* to the new poses, and each robot tells the moments of its own wrench; when
-all have been heard, the total wrenches are *corrected* for the new poses as well. So what was accumulated always is, to
-first order, what the newest poses would have given for all samples so far.
+sums, the motions of all samples are *mapped* to the new poses, and each robot tells how its own wrench followed from
+the motion; when all have been heard, the total wrenches are *corrected* for the new poses as well. So what was
+accumulated always is, to first order, what the newest poses would have given for all samples so far.
 
 What a robot knows of itself goes into the sums unchecked, so all robots watch whether the sums can be true
 (``agents.contradictions``), learn nothing while they cannot, and say whose sensors contradict them.
@@ -132,12 +132,12 @@ class Team:
         # The last start of the early sums that the memory knows of.
         self._counted_from = start
         self._largest_step = np.inf
-        self._crosses = Flood(members, LoadMemory.told_size)
+        self._wrenches = Flood(members, LoadMemory.told_size)
         self._contradictions = Contradictions(config, self._names)
         self._floods = Floods(
             {
                 **self._fits.floods,
-                "crosses": self._crosses,
+                "wrenches": self._wrenches,
                 "misfits": self._contradictions.flood,
             }
         )
@@ -333,7 +333,7 @@ class Team:
         if self._fits.again_before > self._early_sums.start:
             self._early_sums.begin(self._fits.again_before)
             self._contradictions.forget_early()
-        rows = self._crosses.rows(self._version)
+        rows = self._wrenches.rows(self._version)
         if self._fitted is None or self._corrected == self._version or rows is None:
             return
         self._memory.correct(rows, self._fitted)
@@ -355,7 +355,7 @@ class Team:
         self._memory.set_poses(poses, self._motion.fusion)
         self._fitted = self._fits.known(poses, steps)
         self._largest_step = largest_step(self._fitted, steps)
-        self._crosses.tell(self._own, version, self._memory.told())
+        self._wrenches.tell(self._own, version, self._memory.told())
         if self._fits.again_before > self._counted_from:
             self._counted_from = self._fits.again_before
             if not self._motion.needs_slope:

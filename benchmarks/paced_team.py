@@ -83,6 +83,7 @@ class PacedTeam:
             try:
                 status = self._ask(StatusRequest())
             except LinkError:  # it has not begun to listen
+                time.sleep(_POLL)
                 continue
             if status.state != "waiting" and status.time >= seconds:
                 break

@@ -34,6 +34,7 @@ ROBOTS = 6
 _FIRST_BLOCK_BAR, _IMPORT_BAR, _MEMORY_BAR = 1.0, 0.3, 60.0
 _TURNS: dict[Effort, int] = {"short": 3, "usual": 5, "full": 20}
 _LIMIT = 120.0
+_POLL = 0.005
 _USUAL = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
 """Users' modules are compiled but once."""
 _LEAST = "import msgspec, numpy, zenoh"
@@ -109,6 +110,7 @@ class _Run:
                 status = _status(session, run_file)
                 if status is not None and status.real_time_factor > 0.0:
                     return time.monotonic() - status.time / status.real_time_factor
+                time.sleep(_POLL)
 
     def memory(self, simulated: float) -> dict[str, float]:
         """Resident memory of each process once a simulated time [s] has passed, by name [MB]."""
@@ -124,7 +126,7 @@ class _Run:
             try:
                 return find_run(self._folder)
             except CoheftError:
-                time.sleep(0.005)
+                time.sleep(_POLL)
         raise LinkError(f"'coheft run' has not begun after {_LIMIT:g} s")
 
     def __enter__(self) -> _Run:

@@ -24,7 +24,7 @@ from physics_server.sensors import READINGS, Sensors
 from physics_server.stability import check_stability
 from physics_server.torque_arms import TorqueArms
 
-if TYPE_CHECKING:  # takes longer to load than all the rest of a server
+if TYPE_CHECKING:
     from physics_server.encoders import Encoders, WristSamples
 
 SETTLING_TIME = 2.0
@@ -339,6 +339,6 @@ def _encoders_of(scenario: Scenario, robots: Sequence[str]) -> Encoders | None:
     errors = scenario.sensors.encoders
     if errors is None:
         return None
-    from physics_server.encoders import Encoders
+    from physics_server.encoders import Encoders  # takes longer to load than all the rest of a server
 
     return Encoders(errors, scenario, robots)

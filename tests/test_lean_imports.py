@@ -26,7 +26,7 @@ def test_what_is_not_loaded(module, heavy):
     assert heavy & set(loaded) == set()
 
 
-def test_an_agent_at_work_loads_no_more():
+def test_with_its_first_step_an_agent_loads_no_more():
     scenario = load_scenario("ring3")
     config = agent_config(scenario, scenario.robot_names[0], scenario.robot_names[1:])
     code = (

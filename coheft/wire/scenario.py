@@ -135,7 +135,7 @@ class Sensors(Section, frozen=True):
 
 
 class Motion(Section, frozen=True):
-    """Reference motion of every robot, drawn by each robot alone: two sinusoids per axis, via points, or your own.
+    """Reference motion of every robot, drawn for each robot alone: two sinusoids per axis, via points, or your own.
 
     Attributes:
         translation: Amplitude per axis [m].
