@@ -18,6 +18,7 @@ class Network:
     """A team and its physics in this process; time is counted separately for both.
 
     Attributes:
+        block_duration: Of one block [s].
         graph: Who talks with whom.
         outboxes: What each agent said last.
         truth: The newest block's; None before the first.
@@ -26,7 +27,8 @@ class Network:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        self._scenario = scenario
+        self.block_duration = scenario.block_duration
+        self._lookahead = scenario.lookahead
         self.graph = build_graph(scenario.graph, scenario.robot_names)
         self._agents = {name: Agent(agent_config(scenario, name, self.graph[name])) for name in self.graph}
         self._simulation = Simulation(scenario, self.graph)
@@ -66,14 +68,12 @@ class Network:
         self.physics_time += between - began
         self.agents_time += ended - between
         self._messages = {name: outbox.message for name, outbox in self.outboxes.items()}
-        self._references[block + self._scenario.lookahead] = {
-            name: outbox.reference for name, outbox in self.outboxes.items()
-        }
+        self._references[block + self._lookahead] = {name: outbox.reference for name, outbox in self.outboxes.items()}
         for name, outbox in self.outboxes.items():
             if outbox.estimate is not None:
                 self._phases[name] = outbox.estimate.phase
 
     def run_until(self, seconds: float) -> None:
         """All blocks up to a simulated time [s]."""
-        while self.block * self._scenario.block_duration < seconds:
+        while self.block * self.block_duration < seconds:
             self.step()
