@@ -281,7 +281,7 @@ class LoadMemory:
         if not self._comes_again:
             self._apply(correction, told)
         if rows is not None:
-            self._expect_disturbance(wrench_disturbance(self._poses, team.covariance, told_forces(rows)))
+            self._expect_disturbance(told_forces(rows), team)
         self._compare(is_new=True)  # what was told may have been nonsense
 
     def _apply(self, correction: WrenchCorrection, rows: Array | None) -> None:
@@ -308,12 +308,22 @@ class LoadMemory:
             self._uncorrected.age(self.count / count)
             self._early.end()
 
-    def _expect_disturbance(self, covariance: Array) -> None:
-        """From now on samples are spoilt with this covariance (6, 6), beside their noise."""
+    def _expect_disturbance(self, forces: Array, team: TeamPoses) -> None:
+        """From now on samples are spoilt, beside their noise, by what poses do to forces.
+
+        Who has not felt any yet counts as if it pushed as hard as this robot; if nobody has, nothing is known.
+
+        Args:
+            forces: Everybody's mean square force (N,) [N²].
+            team: The poses in use.
+        """
         assert self._fusion is not None
         assert self._model is not None
-        self._disturbance.expect(covariance, self._fusion.wrench_covariance)
-        self._disturbance.tell(self._model)
+        forces = np.where(forces > 0.0, forces, self._forces.mean)
+        if forces.all():
+            covariance = wrench_disturbance(self._poses, team.covariance, forces)
+            self._disturbance.expect(covariance, self._fusion.wrench_covariance)
+            self._disturbance.tell(self._model)
 
     def map_features(self, feature_map: Array, old_poses: Sequence[Pose], new_poses: Sequence[Pose]) -> None:
         """All samples' motions count as if they had been fused with new poses: ``refit_map`` (28, 28)."""
@@ -336,10 +346,7 @@ class LoadMemory:
         self._uncorrected.begin()
         self._early.begin()
         self._late.begin()
-        if self._forces.mean > 0.0:
-            # Until everybody's forces have been heard, as if they were as large as the own ones.
-            forces = np.full(len(self._poses), self._forces.mean)
-            self._expect_disturbance(wrench_disturbance(self._poses, team.covariance, forces))
+        self._expect_disturbance(np.zeros(len(self._poses)), team)
 
     def payload(self, own: int, team: TeamPoses) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
         """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable."""

@@ -223,6 +223,26 @@ def test_what_somebody_does_not_have_from_the_beginning_does_not_count(config: A
     np.testing.assert_allclose(memories.estimate(), fresh.estimate(), rtol=1e-3, atol=1e-3)
 
 
+def test_forces_that_nobody_has_felt_yet_are_no_small_forces(config: AgentConfig, team: Team) -> None:
+    """New poses may come into use before any sample: what they do to wrenches is counted all the same."""
+    deviations = []
+    for first in (0, 2):
+        memories = Memories(config, team, moved(team, 4e-3))
+        memories.push(0, first)
+        memories.map_to(moved(team, 2e-3))
+        rows = memories.told()
+        memories.push(first, 3)
+        poses = TeamPoses(tuple(memories.poses), 4e-6 * np.eye(6 * COUNT), Visibility())
+        for memory in memories.each:
+            memory.correct(rows, poses)
+            assert not memory.is_spoilt
+        memories.push(3, 20)
+        payload, _ = memories.each[OWN].payload(OWN, memories.team_poses())
+        assert payload is not None
+        deviations.append(np.sqrt(np.diag(payload.covariance)))
+    np.testing.assert_allclose(*deviations, rtol=0.5)
+
+
 def test_that_somebody_has_just_begun_is_no_reason_to_forget_most(config: AgentConfig, team: Team) -> None:
     memories = Memories(config, team, moved(team, 4e-3))
     memories.push(0, 10)
