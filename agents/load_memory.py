@@ -153,7 +153,7 @@ class LoadMemory:
         assert self._model is not None
         moments = load_moments(motion, wrench, own_wrench, self._disturbance.per_sample)
         self._window.push(block, moments)
-        if self._correction is None:  # they were carried with the new poses already
+        if self._correction is None:  # else they wait for its end: they were carried with the new poses already
             self._early.move_to(self._window)
         self._forces.add(own_wrench[:, :3])
         self._last_block = block
@@ -286,7 +286,7 @@ class LoadMemory:
 
     def _apply(self, correction: WrenchCorrection, rows: Array | None) -> None:
         size = self._disturbance.per_sample
-        count = self.count - correction.count_since
+        count = max(0.0, self.count - correction.count_since)
         if rows is None:
             self._window.forget_borders_before(correction.last_block + 1)
             self._uncorrected.correct(count, count, size)
