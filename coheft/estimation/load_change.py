@@ -345,8 +345,9 @@ class LoadWindow:
         this equals ``RSS(all) - RSS(older) - RSS(newer)``; with it, unlike that, it stays true when the load is at
         rest for a while, and noise is all there is to see.
 
-        A disturbance adds to the score of the newer part. What it adds in ``n`` samples has a covariance ``n`` times as
-        large as if it were new with every sample, or ``coherence`` times, if it turns after so many.
+        A disturbance adds to the scores of both parts, ``du = (1 - gain) dnewer - gain dolder``. What it adds in ``n``
+        samples has a covariance ``n`` times as large as if it were new with every sample, or ``coherence`` times, if it
+        turns after so many.
         """
         sums = self._sums[borders, :GRAM_SIZE]
         if len(sums) == 0:
@@ -362,7 +363,10 @@ class LoadWindow:
         own = basis @ _safe_score_covariance(newer) @ basis.T
         cross = gain @ own
         spread = own - cross - cross.swapaxes(-1, -2) + gain @ gain.swapaxes(-1, -2)
-        spread += basis @ self._disturbance(model, self._sums[borders], is_coherent) @ basis.T
+        rest = np.eye(len(basis)) - gain
+        for share, stretches in ((rest, self._sums[borders]), (gain, self._sums[0] - self._sums[borders])):
+            disturbance = basis @ self._disturbance(model, stretches, is_coherent) @ basis.T
+            spread += share @ disturbance @ share.swapaxes(-1, -2)
         spread += 1e-9 * np.eye(len(basis))
         statistics = np.einsum("ki,ki->k", score, np.linalg.solve(spread, score[..., None])[..., 0])
         return statistics, len(basis)

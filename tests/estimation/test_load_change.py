@@ -195,6 +195,21 @@ def test_a_disturbance_that_is_expected_is_no_change_and_a_change_is_found_besid
     assert changes[0].last_block < change_at + 10
 
 
+def test_a_short_other_beginning_does_not_hide_behind_disturbances_of_all_that_follows() -> None:
+    """Nobody may have tested it while it was new: it has to stand out as well later."""
+    run = Run(seed=5, duration=4.0)
+    run.model.expect_disturbance(run.model.residual_covariance)
+    grams = np.concatenate([run.grams(run.theta + run.dropped(0.5))[:3], run.grams(run.theta)[3:]])
+    expected = np.concatenate([grams, np.full((len(grams), 1), BLOCK * 0.1)], axis=1)
+    statistics = []
+    window = LoadWindow(riders=1, coherence=0.5 * RATE)
+    for block, gram in enumerate(expected[:40]):
+        window.push(block, gram)
+        if block in (4, 9, 19, 39):
+            statistics.append(window.statistics(run.model).max())
+    assert min(statistics) > 0.8 * statistics[0] > 150.0
+
+
 def test_a_leaking_load_is_followed_and_its_estimate_called_uncertain() -> None:
     run = Run(seed=6, duration=30.0)
     time = 0.01 * np.arange(len(run.motion))
