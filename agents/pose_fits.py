@@ -123,17 +123,18 @@ class PoseFits:
         self._told_poses = {number: each for number, each in self._told_poses.items() if number > version}
         return poses
 
-    def known(self, poses: Sequence[Pose], steps: Sequence[Array]) -> TeamPoses:
+    def known(self, poses: Sequence[Pose], steps: Sequence[Array], untried: float = _UNTRIED) -> TeamPoses:
         """How well poses are known that have just come into use: by the samples that they were fitted to.
 
         Args:
             poses: In the body frame.
             steps: How far each one's last fit has moved it, a perturbation (6,) each.
+            untried: Time of samples up to which they are much less certain [s].
         """
         left = _LEFT * np.concatenate(steps)
         fitted = fitted_poses(poses, self.told_moments, self._config.noise, kernel=self._kernel)
-        untried = 1.0 + (_UNTRIED * self._config.rate / max(self.told_moments.count, 1.0)) ** 2
-        return replace(fitted, covariance=untried * fitted.covariance + np.outer(left, left))
+        inflation = 1.0 + (untried * self._config.rate / max(self.told_moments.count, 1.0)) ** 2
+        return replace(fitted, covariance=inflation * fitted.covariance + np.outer(left, left))
 
     def map(self, feature_map: Array) -> None:
         """All samples' features are ``feature_map`` (28, 28) times what they were."""

@@ -15,11 +15,12 @@ from agents.contradictions import Contradictions
 from agents.pose_fits import PoseFits
 from agents.sums import Entered, TeamSums
 from agents.total_motion import TotalMotion
+from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.measurement import KINEMATICS
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import TeamPoses, fitted_poses, refit_map, seen_from
+from coheft.estimation.team_registration import TeamPoses, refit_map, seen_from
 from coheft.wire.config import AgentConfig
 from consensus.flood import Floods
 from consensus.graph import Neighbours, hearing
@@ -110,9 +111,10 @@ class PoseSearch:
         feature_map = refit_map(self._poses, poses, self._noise, self._motion.kernel)
         self._fits.map(feature_map)
         self._contradictions.map(feature_map)
+        steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
         self._poses, self._version = poses, version
         self._motion.set_poses(poses)
-        self._fitted = fitted_poses(poses, self._fits.told_moments, self._noise, kernel=self._motion.kernel)
+        self._fitted = self._fits.known(poses, steps, untried=0.0)  # the load is not weighed with them
 
     def fits(self, channels: Mapping[str, Array]) -> bool:
         """Whether what a neighbour sent has the shapes of this team."""
