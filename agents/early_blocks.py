@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from coheft.estimation.load_change import Memory
+from coheft.estimation.load_samples import Memory
 from coheft.estimation.spatial import Array
 
 

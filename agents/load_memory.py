@@ -32,7 +32,8 @@ from coheft.estimation.inertia import (
     unpacked_gram,
 )
 from coheft.estimation.inertia_estimate import InertiaSolution, middle_and_size, solve_inertia
-from coheft.estimation.load_change import LoadWindow, Memory
+from coheft.estimation.load_change import LoadWindow
+from coheft.estimation.load_samples import Memory
 from coheft.estimation.pose_disturbance import wrench_disturbance
 from coheft.estimation.pose_sensitivity import PoseSensitivity, inertia_by_poses
 from coheft.estimation.spatial import Array, Pose

@@ -2,127 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import msgspec
 import numpy as np
 import pytest
 
-from agents.load_memory import LoadMemory
-from coheft.estimation.acceleration import MotionFusion, carried_constants, derivative_kernel, robot_constants
-from coheft.estimation.body_motion import perturbed
-from coheft.estimation.measurement import WRENCH
-from coheft.estimation.observability import Visibility
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import TeamPoses, refit_map
-from coheft.wire.config import AgentConfig, agent_config
+from coheft.estimation.spatial import Array
+from coheft.wire.config import AgentConfig
 from coheft.wire.estimator_settings import EfficientSettings
 from tests.estimation.team import Team, make_team
-from tests.estimation.test_team_registration import fused_motion
-from tests.in_process import changed
-
-BLOCK = 10
-COUNT = 4
-OWN = 2
-DURATION = 6.0
+from tests.load_memories import BLOCK, COUNT, DURATION, OWN, Memories, distance, held_team, moved, own_config
 
 
 @pytest.fixture(scope="module")
 def team() -> Team:
-    return make_team(7, count=COUNT, duration=DURATION)
+    return held_team()
 
 
 @pytest.fixture(scope="module")
 def config() -> AgentConfig:
-    scenario = changed("ring6")
-    sensors = msgspec.structs.replace(scenario.sensors, rate=100, block=BLOCK)
-    return agent_config(msgspec.structs.replace(scenario, sensors=sensors), "r3", ("r2", "r4"))
-
-
-class Memories:
-    """What all robots remember of the exact samples of a team, summed with some poses."""
-
-    def __init__(self, config: AgentConfig, team: Team, poses: Sequence[Pose]) -> None:
-        self.team = team
-        self.each = [LoadMemory(config, COUNT, own) for own in range(COUNT)]
-        self.use(poses)
-
-    def use(self, poses: Sequence[Pose]) -> None:
-        self.poses = poses
-        constants = sum(carried_constants(robot_constants(self.team.noise), pose) for pose in poses)
-        for memory in self.each:
-            memory.set_poses(poses, MotionFusion.of(np.asarray(constants), derivative_kernel(2, 0.01)))
-
-    def push(self, first: int, last: int, load: float = 1.0, robots: Sequence[int] = range(COUNT)) -> list[int | None]:
-        """Blocks ``first`` to ``last - 1``, of a load so many times as heavy. Returns what the first robot found."""
-        found = []
-        for block in range(first, last):
-            sums = self.sums(block, load)
-            changes = [self.each[robot].push(block, *sums[robot]) for robot in robots]
-            found.append(changes[0])
-        return found
-
-    def sums(self, block: int, load: float) -> list[tuple[Array, Array, Array]]:
-        """Motion, total and own wrench of a block, for each robot."""
-        samples = self.team.exact[BLOCK * block : BLOCK * (block + 1)] * np.repeat([1.0, load], [9, 6])
-        motion = fused_motion(samples, self.poses, self.team.noise)
-        wrench = np.sum([samples[:, i, WRENCH] @ pose.adjoint().T for i, pose in enumerate(self.poses)], axis=0)
-        return [(motion, wrench, samples[:, i, WRENCH]) for i in range(COUNT)]
-
-    def push_early(self, first: int, last: int, load: float = 1.0, robots: Sequence[int] = range(COUNT)) -> None:
-        """Blocks ``last - 1`` back to ``first``, from before all others."""
-        for block in range(last - 1, first - 1, -1):
-            sums = self.sums(block, load)
-            for robot in robots:
-                self.each[robot].push_early(block, *sums[robot])
-
-    def begin_again(self, poses: Sequence[Pose]) -> None:
-        """New poses come into use, and with them all samples again."""
-        self.map_to(poses)
-        for memory in self.each:
-            memory.begin_again(self.team_poses())
-
-    def map_to(self, poses: Sequence[Pose]) -> None:
-        feature_map = refit_map(self.poses, poses, self.team.noise)
-        for memory in self.each:
-            memory.map_features(feature_map, self.poses, poses)
-        self.use(poses)
-
-    def told(self) -> Array:
-        return np.array([memory.told() for memory in self.each])
-
-    def correct(self, rows: Array | None) -> None:
-        for memory in self.each:
-            memory.correct(rows, self.team_poses())
-
-    def fit(self, poses: Sequence[Pose]) -> None:
-        """All of a fit at once."""
-        self.map_to(poses)
-        self.correct(self.told())
-
-    def team_poses(self) -> TeamPoses:
-        """Known well."""
-        return TeamPoses(tuple(self.poses), 1e-12 * np.eye(6 * COUNT), Visibility())
-
-    def estimate(self) -> Array:
-        """``(m, m h, I_o)`` as one robot believes it."""
-        payload, unseen = self.each[OWN].payload(OWN, self.team_poses())
-        assert payload is not None
-        assert payload.com is not None
-        assert payload.tensor is not None
-        assert unseen == ()
-        return Inertia(payload.mass, payload.com, payload.tensor).barycentric()
-
-
-def moved(team: Team, size: float) -> list[Pose]:
-    """The true poses, all but the reference's off by about ``size`` [rad, m]."""
-    rng = np.random.default_rng(5)
-    return [team.poses[0], *(perturbed(pose, size * rng.normal(size=6)) for pose in team.poses[1:])]
-
-
-def distance(a: Array, b: Array) -> float:
-    return float(np.linalg.norm(a - b))
+    return own_config()
 
 
 def errors_after_a_fit(config: AgentConfig, team: Team, size: float) -> tuple[float, float, float]:
@@ -169,111 +67,6 @@ def test_rows_of_another_load_are_not_used(config: AgentConfig, team: Team) -> N
             rows[1, 0 if spoil == "changed at" else 2] = 13.0 if spoil == "changed at" else 0.0
         memories.correct(rows)
         np.testing.assert_array_equal(memories.estimate(), before)
-
-
-def test_not_everybody_need_have_the_same_samples(config: AgentConfig, team: Team) -> None:
-    """What a robot has missed neither spoils the correction, nor looks like a change of the load."""
-    memories, anew, stale = (Memories(config, team, poses) for poses in (moved(team, 4e-3), *2 * [team.poses]))
-    memories.push(0, 5)
-    memories.fit(moved(team, 2e-3))
-    memories.push(5, 38, robots=[OWN, 0, 3])
-    memories.push(38, 55)
-    memories.fit(team.poses)
-    assert memories.push(55, 60, robots=[1, 0, 2, 3]) == 5 * [None]
-    stale.use(moved(team, 2e-3))
-    for each in (stale, anew):
-        each.push(0, 60)
-    assert distance(memories.estimate(), anew.estimate()) < 0.2 * distance(stale.estimate(), anew.estimate())
-
-
-def test_what_is_lacked_makes_the_load_less_certain(config: AgentConfig, team: Team) -> None:
-    deviations = []
-    for robots in (range(COUNT), [OWN, 0, 3]):
-        memories = Memories(config, team, moved(team, 4e-3))
-        memories.push(0, 5)
-        memories.map_to(moved(team, 2e-3))
-        poses = TeamPoses(tuple(memories.poses), 4e-6 * np.eye(6 * COUNT), Visibility())  # as uncertain as they are off
-        rows = memories.told()
-        for memory in memories.each:
-            memory.correct(rows, poses)
-        memories.push(5, 30, robots=robots)
-        memories.push(30, 55)
-        memories.fit(team.poses)
-        payload, _ = memories.each[OWN].payload(OWN, memories.team_poses())
-        assert payload is not None
-        deviations.append(np.sqrt(np.diag(payload.covariance)))
-    assert np.all(deviations[1] > 1.1 * deviations[0])
-
-
-def test_what_somebody_does_not_have_from_the_beginning_does_not_count(config: AgentConfig, team: Team) -> None:
-    memories = Memories(config, team, moved(team, 1e-2))
-    memories.push(0, 20)
-    memories.begin_again(moved(team, 4e-3))
-    memories.correct(memories.told())
-    memories.push(20, 30)
-    memories.push_early(15, 20)
-    memories.push_early(5, 15, robots=[OWN, 0, 3])
-    memories.push(30, 31)
-    memories.fit(team.poses)
-    memories.push_early(0, 5, robots=[OWN, 0, 3])  # nor does it come back
-    memories.push(31, 50)
-    fresh = Memories(config, team, team.poses)
-    fresh.push(15, 50)
-    assert [memory.count for memory in memories.each] == COUNT * [35 * BLOCK]
-    np.testing.assert_allclose(memories.estimate(), fresh.estimate(), rtol=1e-3, atol=1e-3)
-
-
-def test_forces_that_nobody_has_felt_yet_are_no_small_forces(config: AgentConfig, team: Team) -> None:
-    """New poses may come into use before any sample: what they do to wrenches is counted all the same."""
-    deviations = []
-    for first in (0, 2):
-        memories = Memories(config, team, moved(team, 4e-3))
-        memories.push(0, first)
-        memories.map_to(moved(team, 2e-3))
-        rows = memories.told()
-        memories.push(first, 3)
-        poses = TeamPoses(tuple(memories.poses), 4e-6 * np.eye(6 * COUNT), Visibility())
-        for memory in memories.each:
-            memory.correct(rows, poses)
-            assert not memory.is_spoilt
-        memories.push(3, 20)
-        payload, _ = memories.each[OWN].payload(OWN, memories.team_poses())
-        assert payload is not None
-        deviations.append(np.sqrt(np.diag(payload.covariance)))
-    np.testing.assert_allclose(*deviations, rtol=0.5)
-
-
-def test_that_somebody_has_just_begun_is_no_reason_to_forget_most(config: AgentConfig, team: Team) -> None:
-    memories = Memories(config, team, moved(team, 4e-3))
-    memories.push(0, 10)
-    memories.fit(moved(team, 2e-3))
-    memories.push(10, 40)
-    memories.map_to(team.poses)
-    rows = memories.told()
-    rows[1, 1] = 38.0
-    memories.correct(rows)
-    assert [memory.count for memory in memories.each] == COUNT * [40 * BLOCK]
-
-
-def test_what_comes_early_while_a_correction_is_under_way_needs_none(config: AgentConfig, team: Team) -> None:
-    memories = Memories(config, team, moved(team, 1e-2))
-    memories.push(0, 20)
-    memories.begin_again(moved(team, 4e-3))
-    memories.correct(memories.told())
-    memories.push(20, 22)
-    memories.push_early(15, 20)
-    memories.push(22, 24)
-    memories.map_to(team.poses)
-    rows = memories.told()
-    memories.push_early(10, 15)
-    memories.push(24, 25)
-    memories.push_early(0, 10)
-    memories.correct(rows)
-    memories.push(25, 50)
-    fresh = Memories(config, team, team.poses)
-    fresh.push(0, 50)
-    assert [memory.count for memory in memories.each] == COUNT * [50 * BLOCK]
-    np.testing.assert_allclose(memories.estimate(), fresh.estimate(), rtol=3e-4, atol=3e-4)
 
 
 def test_samples_with_rough_poses_are_forgotten_if_they_cannot_be_corrected(config: AgentConfig, team: Team) -> None:

@@ -13,14 +13,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.inertia import GRAM_SIZE, InertiaInformation, InertiaModel
+from coheft.estimation.load_samples import LoadChange
 from coheft.estimation.spatial import Array
 
 FALSE_ALARM = 1e-12
@@ -40,68 +40,6 @@ _HARDLY = 1e-6
 """Information, relative to the rest, below which an estimate stays what it was."""
 _TESTED = 0.2
 """Directions are tested in which at least this share of the information is motion, and not noise of motion."""
-
-
-@dataclass(frozen=True)
-class LoadChange:
-    """A change of the load that was found.
-
-    Attributes:
-        first_block: The first block with the new load; everything before it was forgotten.
-        last_block: The newest block when the change was found.
-        size: Twice the logarithm of the likelihood ratio, over what it hardly ever exceeds by chance.
-    """
-
-    first_block: int
-    last_block: int
-    size: float
-
-
-class Memory(Protocol):
-    """What holds the samples that count."""
-
-    def push(self, block: int, gram: Array) -> None:
-        """Take in a block: its number, larger than all before, and packed Gram matrix (190,), then the riders."""
-
-    def push_early(self, block: int, gram: Array) -> None:
-        """Take in a block from before all others: its number, smaller than all before, and moments."""
-
-    @property
-    def doubt(self) -> float:
-        """How many times larger covariances are than those of samples that agree.
-
-        Chi-square per degree of freedom (Birge 1932) where samples disagree by more than chance, but not enough to say
-        that the load has changed; else 1.
-        """
-
-    @property
-    def first_block(self) -> int:
-        """Number of the oldest block that counts, -1 if there is none or it cannot be told from others."""
-
-    @property
-    def total(self) -> Array:
-        """Sum over all blocks that count: packed Gram matrix and riders."""
-
-    def revise(self, update: Callable[[Array], Array]) -> None:
-        """Change what was summed: ``update`` takes sums (k, 190 + riders) to their new values."""
-
-    def review(self, model: InertiaModel, is_coherent: bool = False) -> LoadChange | None:
-        """Look at what is remembered, and forget what belongs to another load."""
-
-    def accept(self, block: int, model: InertiaModel) -> None:
-        """Forget all blocks with smaller numbers: somebody else found a change."""
-
-    def forget_before(self, block: int) -> None:
-        """Forget all blocks with smaller numbers."""
-
-    def forget_since(self, block: int) -> None:
-        """Forget all blocks from this one on."""
-
-    def forget_borders_before(self, block: int) -> None:
-        """Keep all samples, but do not look for changes before this block any more."""
-
-    def information(self, model: InertiaModel) -> InertiaInformation:
-        """All that counts."""
 
 
 class LoadWindow:

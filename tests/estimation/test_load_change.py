@@ -10,7 +10,8 @@ from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.bounds import wrench_regressor
 from coheft.estimation.forgetting_window import ForgettingWindow
 from coheft.estimation.inertia import GRAM_SIZE, InertiaModel, features, packed_gram
-from coheft.estimation.load_change import LoadChange, LoadWindow, Memory
+from coheft.estimation.load_change import LoadWindow
+from coheft.estimation.load_samples import LoadChange, Memory
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
 from tests.estimation.fusion import fusion_of

@@ -1,0 +1,129 @@
+"""What all robots of a team remember of its load, for tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+
+from agents.load_memory import LoadMemory
+from coheft.estimation.acceleration import MotionFusion, carried_constants, derivative_kernel, robot_constants
+from coheft.estimation.body_motion import perturbed
+from coheft.estimation.measurement import WRENCH
+from coheft.estimation.observability import Visibility
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.team_registration import TeamPoses, refit_map
+from coheft.wire.config import AgentConfig, agent_config
+from tests.estimation.team import Team, make_team
+from tests.estimation.test_team_registration import fused_motion
+from tests.in_process import changed
+
+BLOCK = 10
+COUNT = 4
+OWN = 2
+DURATION = 6.0
+
+
+def held_team() -> Team:
+    """The team whose exact samples are remembered."""
+    return make_team(7, count=COUNT, duration=DURATION)
+
+
+def own_config() -> AgentConfig:
+    """Settings of the robot ``OWN``."""
+    scenario = changed("ring6")
+    sensors = msgspec.structs.replace(scenario.sensors, rate=100, block=BLOCK)
+    return agent_config(msgspec.structs.replace(scenario, sensors=sensors), "r3", ("r2", "r4"))
+
+
+class Memories:
+    """What all robots remember of the exact samples of a team, summed with some poses."""
+
+    def __init__(self, config: AgentConfig, team: Team, poses: Sequence[Pose]) -> None:
+        self.team = team
+        self.each = [LoadMemory(config, COUNT, own) for own in range(COUNT)]
+        self.use(poses)
+
+    def use(self, poses: Sequence[Pose]) -> None:
+        self.poses = poses
+        constants = sum(carried_constants(robot_constants(self.team.noise), pose) for pose in poses)
+        for memory in self.each:
+            memory.set_poses(poses, MotionFusion.of(np.asarray(constants), derivative_kernel(2, 0.01)))
+
+    def push(self, first: int, last: int, load: float = 1.0, robots: Sequence[int] = range(COUNT)) -> list[int | None]:
+        """Blocks ``first`` to ``last - 1``, of a load so many times as heavy. Returns what the first robot found."""
+        found = []
+        for block in range(first, last):
+            sums = self.sums(block, load)
+            changes = [self.each[robot].push(block, *sums[robot]) for robot in robots]
+            found.append(changes[0])
+        return found
+
+    def sums(self, block: int, load: float) -> list[tuple[Array, Array, Array]]:
+        """Motion, total and own wrench of a block, for each robot."""
+        samples = self.team.exact[BLOCK * block : BLOCK * (block + 1)] * np.repeat([1.0, load], [9, 6])
+        motion = fused_motion(samples, self.poses, self.team.noise)
+        wrench = np.sum([samples[:, i, WRENCH] @ pose.adjoint().T for i, pose in enumerate(self.poses)], axis=0)
+        return [(motion, wrench, samples[:, i, WRENCH]) for i in range(COUNT)]
+
+    def push_early(self, first: int, last: int, load: float = 1.0, robots: Sequence[int] = range(COUNT)) -> None:
+        """Blocks ``last - 1`` back to ``first``, from before all others."""
+        for block in range(last - 1, first - 1, -1):
+            sums = self.sums(block, load)
+            for robot in robots:
+                self.each[robot].push_early(block, *sums[robot])
+
+    def begin_again(self, poses: Sequence[Pose]) -> None:
+        """New poses come into use, and with them all samples again."""
+        self.map_to(poses)
+        for memory in self.each:
+            memory.begin_again(self.team_poses())
+
+    def map_to(self, poses: Sequence[Pose]) -> None:
+        feature_map = refit_map(self.poses, poses, self.team.noise)
+        for memory in self.each:
+            memory.map_features(feature_map, self.poses, poses)
+        self.use(poses)
+
+    def begin_roughly(self) -> None:
+        """Some blocks, then these are to come again, seen with better poses."""
+        self.push(0, 20)
+        self.begin_again(moved(self.team, 4e-3))
+        self.correct(self.told())
+
+    def told(self) -> Array:
+        return np.array([memory.told() for memory in self.each])
+
+    def correct(self, rows: Array | None) -> None:
+        for memory in self.each:
+            memory.correct(rows, self.team_poses())
+
+    def fit(self, poses: Sequence[Pose]) -> None:
+        """All of a fit at once."""
+        self.map_to(poses)
+        self.correct(self.told())
+
+    def team_poses(self) -> TeamPoses:
+        """Known well."""
+        return TeamPoses(tuple(self.poses), 1e-12 * np.eye(6 * COUNT), Visibility())
+
+    def estimate(self) -> Array:
+        """``(m, m h, I_o)`` as one robot believes it."""
+        payload, unseen = self.each[OWN].payload(OWN, self.team_poses())
+        assert payload is not None
+        assert payload.com is not None
+        assert payload.tensor is not None
+        assert unseen == ()
+        return Inertia(payload.mass, payload.com, payload.tensor).barycentric()
+
+
+def moved(team: Team, size: float) -> list[Pose]:
+    """The true poses, all but the reference's off by about ``size`` [rad, m]."""
+    rng = np.random.default_rng(5)
+    return [team.poses[0], *(perturbed(pose, size * rng.normal(size=6)) for pose in team.poses[1:])]
+
+
+def distance(a: Array, b: Array) -> float:
+    return float(np.linalg.norm(a - b))

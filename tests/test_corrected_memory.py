@@ -1,0 +1,123 @@
+"""What is remembered of the load where robots have not the same samples, or learn of better poses meanwhile."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coheft.estimation.observability import Visibility
+from coheft.estimation.team_registration import TeamPoses
+from coheft.wire.config import AgentConfig
+from tests.estimation.team import Team
+from tests.load_memories import BLOCK, COUNT, OWN, Memories, distance, held_team, moved, own_config
+
+
+@pytest.fixture(scope="module")
+def team() -> Team:
+    return held_team()
+
+
+@pytest.fixture(scope="module")
+def config() -> AgentConfig:
+    return own_config()
+
+
+def test_not_everybody_need_have_the_same_samples(config: AgentConfig, team: Team) -> None:
+    """What a robot has missed neither spoils the correction, nor looks like a change of the load."""
+    memories, anew, stale = (Memories(config, team, poses) for poses in (moved(team, 4e-3), *2 * [team.poses]))
+    memories.push(0, 5)
+    memories.fit(moved(team, 2e-3))
+    memories.push(5, 38, robots=[OWN, 0, 3])
+    memories.push(38, 55)
+    memories.fit(team.poses)
+    assert memories.push(55, 60, robots=[1, 0, 2, 3]) == 5 * [None]
+    stale.use(moved(team, 2e-3))
+    for each in (stale, anew):
+        each.push(0, 60)
+    assert distance(memories.estimate(), anew.estimate()) < 0.2 * distance(stale.estimate(), anew.estimate())
+
+
+def test_what_is_lacked_makes_the_load_less_certain(config: AgentConfig, team: Team) -> None:
+    deviations = []
+    for robots in (range(COUNT), [OWN, 0, 3]):
+        memories = Memories(config, team, moved(team, 4e-3))
+        memories.push(0, 5)
+        memories.map_to(moved(team, 2e-3))
+        poses = TeamPoses(tuple(memories.poses), 4e-6 * np.eye(6 * COUNT), Visibility())  # as uncertain as they are off
+        rows = memories.told()
+        for memory in memories.each:
+            memory.correct(rows, poses)
+        memories.push(5, 30, robots=robots)
+        memories.push(30, 55)
+        memories.fit(team.poses)
+        payload, _ = memories.each[OWN].payload(OWN, memories.team_poses())
+        assert payload is not None
+        deviations.append(np.sqrt(np.diag(payload.covariance)))
+    assert np.all(deviations[1] > 1.1 * deviations[0])
+
+
+def test_what_somebody_does_not_have_from_the_beginning_does_not_count(config: AgentConfig, team: Team) -> None:
+    memories = Memories(config, team, moved(team, 1e-2))
+    memories.begin_roughly()
+    memories.push(20, 30)
+    memories.push_early(15, 20)
+    memories.push_early(5, 15, robots=[OWN, 0, 3])
+    memories.push(30, 31)
+    memories.fit(team.poses)
+    memories.push_early(0, 5, robots=[OWN, 0, 3])  # nor does it come back
+    memories.push(31, 50)
+    fresh = Memories(config, team, team.poses)
+    fresh.push(15, 50)
+    assert [memory.count for memory in memories.each] == COUNT * [35 * BLOCK]
+    np.testing.assert_allclose(memories.estimate(), fresh.estimate(), rtol=1e-3, atol=1e-3)
+
+
+def test_forces_that_nobody_has_felt_yet_are_no_small_forces(config: AgentConfig, team: Team) -> None:
+    """New poses may come into use before any sample: what they do to wrenches is counted all the same."""
+    deviations = []
+    for first in (0, 2):
+        memories = Memories(config, team, moved(team, 4e-3))
+        memories.push(0, first)
+        memories.map_to(moved(team, 2e-3))
+        rows = memories.told()
+        memories.push(first, 3)
+        poses = TeamPoses(tuple(memories.poses), 4e-6 * np.eye(6 * COUNT), Visibility())
+        for memory in memories.each:
+            memory.correct(rows, poses)
+            assert not memory.is_spoilt
+        memories.push(3, 20)
+        payload, _ = memories.each[OWN].payload(OWN, memories.team_poses())
+        assert payload is not None
+        deviations.append(np.sqrt(np.diag(payload.covariance)))
+    np.testing.assert_allclose(*deviations, rtol=0.5)
+
+
+def test_that_somebody_has_just_begun_is_no_reason_to_forget_most(config: AgentConfig, team: Team) -> None:
+    memories = Memories(config, team, moved(team, 4e-3))
+    memories.push(0, 10)
+    memories.fit(moved(team, 2e-3))
+    memories.push(10, 40)
+    memories.map_to(team.poses)
+    rows = memories.told()
+    rows[1, 1] = 38.0
+    memories.correct(rows)
+    assert [memory.count for memory in memories.each] == COUNT * [40 * BLOCK]
+
+
+def test_what_comes_early_while_a_correction_is_under_way_needs_none(config: AgentConfig, team: Team) -> None:
+    memories = Memories(config, team, moved(team, 1e-2))
+    memories.begin_roughly()
+    memories.push(20, 22)
+    memories.push_early(15, 20)
+    memories.push(22, 24)
+    memories.map_to(team.poses)
+    rows = memories.told()
+    memories.push_early(10, 15)
+    memories.push(24, 25)
+    memories.push_early(0, 10)
+    memories.correct(rows)
+    memories.push(25, 50)
+    fresh = Memories(config, team, team.poses)
+    fresh.push(0, 50)
+    assert [memory.count for memory in memories.each] == COUNT * [50 * BLOCK]
+    np.testing.assert_allclose(memories.estimate(), fresh.estimate(), rtol=3e-4, atol=3e-4)
