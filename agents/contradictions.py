@@ -49,11 +49,11 @@ class Contradictions:
             pose: The own one.
             deviations: Standard deviations of poses, shape (6,).
         """
-        return self._watch.add(moments, pose, np.diag(deviations**2))
+        return self._watch.add(moments, pose, deviations**2)
 
     def add_early(self, moments: RegistrationMoments, pose: Pose, deviations: Array) -> bool:
         """The same of blocks that came early, ``PACE`` of them."""
-        return self._early_watch.add(moments, pose, np.diag(deviations**2))
+        return self._early_watch.add(moments, pose, deviations**2)
 
     def forget_early(self) -> None:
         """They do not matter any more."""
@@ -73,8 +73,7 @@ class Contradictions:
             deviations: Standard deviations of poses, shape (6,).
         """
         if index % self._every == 0:
-            covariance = np.diag(deviations**2)
-            misfit = max(watch.misfit(pose, covariance) for watch in (self._watch, self._early_watch))
+            misfit = max(watch.misfit(pose, deviations**2) for watch in (self._watch, self._early_watch))
             if max(misfit, self._told) > MISFIT:
                 self.flood.tell(self._own, index, np.array([misfit]))
                 self._told = misfit

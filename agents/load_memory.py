@@ -21,7 +21,7 @@ from agents.wrench_correction import (
     told_start,
     told_wrenches_by_motion,
 )
-from coheft.estimation.acceleration import MotionFusion, slope_kernel
+from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.forgetting_window import ForgettingWindow
 from coheft.estimation.inertia import (
     GRAM_SIZE,
@@ -86,7 +86,7 @@ class LoadMemory:
         # Whether the samples of the correction under way were forgotten, to come again.
         self._comes_again = False
         self._poses: Sequence[Pose] = ()
-        self._kernel = slope_kernel(config.rate, config.block)
+        self._middle_and_size = np.zeros(3), 0.0
         self._sensitivity: PoseSensitivity | None = None
         self._fusion: MotionFusion | None = None
         self._model: InertiaModel | None = None
@@ -111,7 +111,8 @@ class LoadMemory:
     def set_poses(self, poses: Sequence[Pose], fusion: MotionFusion) -> None:
         """All that is remembered, and what comes, is seen with these poses."""
         self._poses = poses
-        self._sensitivity = PoseSensitivity.of(poses, self._config.noise, self._kernel)
+        self._middle_and_size = middle_and_size(poses)
+        self._sensitivity = PoseSensitivity.of(poses, self._config.noise, fusion.slope_information)
         self._fusion = fusion
         if self._model is not None and self._is_enough():
             self._find_parameters(self._model)
@@ -385,7 +386,7 @@ class LoadMemory:
         )
 
     def _solve(self, information: InertiaInformation) -> InertiaSolution:
-        return solve_inertia(information, *middle_and_size(self._poses))
+        return solve_inertia(information, *self._middle_and_size)
 
     def _is_enough(self) -> bool:
         return self.count >= _LEAST * self._config.rate

@@ -19,7 +19,6 @@ from dataclasses import replace
 import numpy as np
 
 from agents.common_moments import CommonMoments
-from coheft.estimation.acceleration import slope_kernel
 from coheft.estimation.registration import RegistrationMoments, score_and_information
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses, fitted_poses, register_team
@@ -67,7 +66,6 @@ class PoseFits:
     def __init__(self, config: AgentConfig, robots: int, own: int, start: int, under_way: int, hearing: int) -> None:
         self._config = config
         self._own = own
-        self._kernel = slope_kernel(config.rate, config.block)
         self._hearing = hearing
         self._shortest = config.blocks(_SHORTEST_ROUND)
         self._longest = 3 * hearing + under_way + 3
@@ -84,7 +82,14 @@ class PoseFits:
         self._told_poses: dict[int, tuple[Pose, ...]] = {}
 
     def step(
-        self, index: int, version: int, poses: Sequence[Pose], is_settled: bool, is_spoilt: bool, are_rough: bool
+        self,
+        index: int,
+        version: int,
+        poses: Sequence[Pose],
+        slope: Array,
+        is_settled: bool,
+        is_spoilt: bool,
+        are_rough: bool,
     ) -> None:
         """Whatever is due at a block.
 
@@ -92,6 +97,7 @@ class PoseFits:
             index: Its number.
             version: Of the poses in use.
             poses: In use.
+            slope: What the gyros' slope says about ``(a, alpha)``, shape (6, 6), where motions are found with it.
             is_settled: Whether everything accumulated is seen with these poses.
             is_spoilt: Whether something contradicts the team's motion.
             are_rough: Whether the poses in use are, or may be, too rough to weigh with.
@@ -103,7 +109,7 @@ class PoseFits:
                 self._look_at_spoilt()
             self._tell_score(version, poses, is_settled and self.carried == version)
         if self._own == 0:
-            self._fit(index, version, poses, are_rough)
+            self._fit(index, version, poses, slope, are_rough)
         told_version, _ = self._fits.row(0)
         fitted = self._fits.rows(told_version) if told_version > self.carried else None
         if fitted is not None and index >= fitted[0, 0]:
@@ -123,16 +129,19 @@ class PoseFits:
         self._told_poses = {number: each for number, each in self._told_poses.items() if number > version}
         return poses
 
-    def known(self, poses: Sequence[Pose], steps: Sequence[Array], untried: float = _UNTRIED) -> TeamPoses:
+    def known(
+        self, poses: Sequence[Pose], steps: Sequence[Array], slope: Array, untried: float = _UNTRIED
+    ) -> TeamPoses:
         """How well poses are known that have just come into use: by the samples that they were fitted to.
 
         Args:
             poses: In the body frame.
             steps: How far each one's last fit has moved it, a perturbation (6,) each.
+            slope: As of ``step``.
             untried: Time of samples up to which they are much less certain [s].
         """
         left = _LEFT * np.concatenate(steps)
-        fitted = fitted_poses(poses, self.told_moments, self._config.noise, kernel=self._kernel)
+        fitted = fitted_poses(poses, self.told_moments, self._config.noise, slope=slope)
         inflation = 1.0 + (untried * self._config.rate / max(self.told_moments.count, 1.0)) ** 2
         return replace(fitted, covariance=inflation * fitted.covariance + np.outer(left, left))
 
@@ -163,14 +172,14 @@ class PoseFits:
             self.spoilt = self._tells
             self._tell_step = min(self._tell_step, self.common.steps + self._longest)
 
-    def _fit(self, index: int, version: int, poses: Sequence[Pose], are_rough: bool) -> None:
+    def _fit(self, index: int, version: int, poses: Sequence[Pose], slope: Array, are_rough: bool) -> None:
         """As the reference robot: all poses after the joint step, once everybody's score at those in use is known."""
         rows = self._scores.rows(self._tells)
         if self._tells <= self.carried or self._fits.row(0)[0] >= self._tells or rows is None:
             return
         if np.any(rows[:, 0] != version):
             return
-        fitted = register_team(poses, rows[:, 1:], self.told_moments, self._config.noise, kernel=self._kernel)
+        fitted = register_team(poses, rows[:, 1:], self.told_moments, self._config.noise, slope=slope)
         since = index + self._hearing
         again_before = since if are_rough else self.again_before
         for robot, pose in enumerate(fitted.poses):

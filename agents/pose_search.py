@@ -76,6 +76,7 @@ class PoseSearch:
             index,
             self._version,
             self._poses,
+            self._motion.slope,
             is_settled=True,
             is_spoilt=self._contradictions.by is not None,
             are_rough=False,
@@ -108,13 +109,15 @@ class PoseSearch:
         if version == self._version:
             return
         poses = self._fits.take_poses(version)
-        feature_map = refit_map(self._poses, poses, self._noise, self._motion.kernel)
+        self._motion.set_poses(poses)
+        feature_map = refit_map(self._poses, poses, self._noise, self._motion.slope)
         self._fits.map(feature_map)
         self._contradictions.map(feature_map)
         steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
         self._poses, self._version = poses, version
-        self._motion.set_poses(poses)
-        self._fitted = self._fits.known(poses, steps, untried=0.0)  # the load is not weighed with them
+        self._fitted = self._fits.known(
+            poses, steps, self._motion.slope, untried=0.0
+        )  # the load is not weighed with them
 
     def fits(self, channels: Mapping[str, Array]) -> bool:
         """Whether what a neighbour sent has the shapes of this team."""

@@ -122,6 +122,7 @@ class Team:
         self._beyond_doubt: tuple[Pose, ...] | None = None
         self._found_before: Found | None = None
         self._fitted: TeamPoses | None = None
+        self._neighbours_poses: dict[str, PoseEstimate] = {}
         self._memory = LoadMemory(config, len(self._names), self._own)
         self._memory.set_poses(self._poses, self._motion.fusion)
 
@@ -208,8 +209,7 @@ class Team:
         is_coherent = self._corrected == self._version or (self._corrected > 0 and self._largest_step < _LITTLE)
         if self._fitted is not None and is_coherent:
             payload, unseen = self._memory.payload(self._own, self._fitted)
-            poses = seen_from(self._fitted, self._config.name, self._names, self._neighbours)
-            return Found(poses, payload, unseen, self.learned_block)
+            return Found(self._neighbours_poses, payload, unseen, self.learned_block)
         if self._found_before is not None and self._memory.changed_at > self._found_before.learned_block:
             return replace(self._found_before, payload=None)
         return self._found_before
@@ -326,6 +326,7 @@ class Team:
             index,
             self._version,
             self._poses,
+            self._motion.slope,
             is_settled=self._corrected == self._version,
             is_spoilt=self._is_contradicted,
             are_rough=self._memory.is_spoilt and not self._motion.needs_slope,
@@ -345,15 +346,16 @@ class Team:
             return
         self._found_before, self._held = self.found(), None
         poses = self._fits.take_poses(version)
-        feature_map = refit_map(self._poses, poses, self._config.noise, self._motion.kernel)
+        self._motion.set_poses(poses)
+        feature_map = refit_map(self._poses, poses, self._config.noise, self._motion.slope)
         self._fits.map(feature_map)
         self._contradictions.map(feature_map)
         self._memory.map_features(feature_map, self._poses, poses)
         steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
         self._poses, self._version = poses, version
-        self._motion.set_poses(poses)
         self._memory.set_poses(poses, self._motion.fusion)
-        self._fitted = self._fits.known(poses, steps)
+        self._fitted = self._fits.known(poses, steps, self._motion.slope)
+        self._neighbours_poses = seen_from(self._fitted, self._config.name, self._names, self._neighbours)
         self._largest_step = largest_step(self._fitted, steps)
         self._wrenches.tell(self._own, version, self._memory.told())
         if self._fits.again_before > self._counted_from:

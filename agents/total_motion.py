@@ -24,19 +24,23 @@ class TotalMotion:
 
     Attributes:
         fusion: Of the sensors of all robots, at the poses in use.
-        kernel: Of the gyros' slope.
     """
 
     def __init__(self, config: AgentConfig, poses: Sequence[Pose]) -> None:
         self._config = config
-        self.kernel = slope_kernel(config.rate, config.block)
-        self._half_span = len(self.kernel) // 2
+        self._kernel = slope_kernel(config.rate, config.block)
+        self._half_span = len(self._kernel) // 2
         self._totals: dict[int, tuple[Entered, Array]] = {}
         self.set_poses(poses)
 
     def set_poses(self, poses: Sequence[Pose]) -> None:
         """From now on sums are seen with these poses."""
-        self.fusion: MotionFusion = MotionFusion.of_robots(self._config.noise, poses, self.kernel)
+        self.fusion: MotionFusion = MotionFusion.of_robots(self._config.noise, poses, self._kernel)
+
+    @property
+    def slope(self) -> Array:
+        """What the gyros' slope says about ``(a, alpha)``, shape (6, 6)."""
+        return self.fusion.slope_information
 
     @property
     def needs_slope(self) -> bool:
@@ -81,4 +85,4 @@ class TotalMotion:
         around = [self._totals.get(number) for number in (block - 1, block, block + 1)]
         w = [self.fusion.angular_velocity(total[1]) for total in around if total is not None]
         size, half = self._config.block, self._half_span
-        return derivative(np.concatenate(w)[size - half : 2 * size + half], self.kernel) if len(w) == 3 else None
+        return derivative(np.concatenate(w)[size - half : 2 * size + half], self._kernel) if len(w) == 3 else None

@@ -7,14 +7,13 @@ sums say the body has, and they can tell each other how well that fits.
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 
 from coheft.estimation.measurement import GYRO, KINEMATICS, SensorNoise
 from coheft.estimation.registration import (
     ACCELERATION_ROWS,
     ALPHA,
+    FEATURES,
     TWIST_ROWS,
     RegistrationMoments,
     residual_derivative,
@@ -55,10 +54,13 @@ class Watch:
 
     def __init__(self, noise: SensorNoise, blocks_per_second: float) -> None:
         self._noise = noise
-        # Moments of blocks, and whether each was like those before it.
-        self._recent: deque[tuple[RegistrationMoments, bool]] = deque(maxlen=max(2, round(_MEMORY * blocks_per_second)))
+        self._deviations = noise.per_column()[KINEMATICS]
+        # Moments of the newest blocks, and whether each was like those before it.
+        self._grams = np.zeros((max(2, round(_MEMORY * blocks_per_second)), FEATURES, FEATURES))
+        self._are_like = np.zeros(len(self._grams), dtype=np.bool_)
+        self._blocks = 0
 
-    def add(self, moments: RegistrationMoments, pose: Pose, covariance: Array) -> bool:
+    def add(self, moments: RegistrationMoments, pose: Pose, variances: Array) -> bool:
         """Take in the moments of a block; returns whether it is like those of late.
 
         A sensor that is off for a moment does harm, but not for long enough to contradict anything.
@@ -66,60 +68,58 @@ class Watch:
         Args:
             moments: Of the block.
             pose: Own pose in the body frame.
-            covariance: Of its perturbation, shape (6, 6).
+            variances: Of its perturbation, shape (6,).
         """
-        is_like = not self._recent or self._jump(moments, pose, covariance) < _JUMP_LIMIT
-        self._recent.append((moments, is_like))
+        is_like = self._blocks == 0 or self._jump(moments, pose, variances) < _JUMP_LIMIT
+        newest = self._blocks % len(self._grams)
+        self._grams[newest], self._are_like[newest] = moments.gram, is_like
+        self._blocks += 1
         return is_like
 
     def clear(self) -> None:
         """Look back no farther than now."""
-        self._recent.clear()
+        self._grams[:], self._are_like[:], self._blocks = 0.0, False, 0
 
     def map(self, feature_map: Array) -> None:
         """As if every sample's features had been ``feature_map`` (28, 28) times what they were."""
-        for k, (moments, is_like) in enumerate(self._recent):
-            self._recent[k] = moments.mapped(feature_map), is_like
+        self._grams = feature_map @ self._grams @ feature_map.T
 
-    def _all(self) -> list[RegistrationMoments]:
-        return [moments for moments, _ in self._recent]
-
-    def misfit(self, pose: Pose, covariance: Array) -> float:
+    def misfit(self, pose: Pose, variances: Array) -> float:
         """How badly the own sensors fit lately; ``MISFIT`` is the limit.
 
         Args:
             pose: Own pose in the body frame.
-            covariance: Of its perturbation, shape (6, 6).
+            variances: Of its perturbation, shape (6,).
         """
-        if not self._recent:
+        if self._blocks == 0:
             return 0.0
-        recent = RegistrationMoments(np.sum([moments.gram for moments in self._all()], axis=0))
+        recent = RegistrationMoments(self._grams.sum(axis=0))
         count = recent.count
         _, information, cost = score_and_information(recent, pose, self._noise)
         by_noise = 9.0 * count
-        by_poses = _OTHERS * float(np.sum(information * covariance))
+        by_poses = _OTHERS * float(information.diagonal() @ variances)
         limit = (1.0 + _SLACK) * (by_noise + by_poses) + _SIGMAS * np.sqrt(2.0 * by_noise)
-        by_mean = self._mean_statistic(recent, pose, covariance) / _MEAN_LIMIT
+        by_mean = self._mean_statistic(recent, pose, variances) / _MEAN_LIMIT
         return float(max(2.0 * cost / limit, by_mean, self._clock_misfit(recent, pose)))
 
-    def _mean_statistic(self, recent: RegistrationMoments, pose: Pose, covariance: Array) -> float:
+    def _mean_statistic(self, recent: RegistrationMoments, pose: Pose, variances: Array) -> float:
         """Chi-square of the accelerometer's mean residual; constant offsets of other sensors do no harm."""
-        means = recent.gram[:, 0] / recent.count
-        return self._statistic(means, 1.0 / recent.count, ACCELERATION_ROWS, pose, covariance)
+        means = recent.gram[0] / recent.count
+        return self._statistic(means, 1.0 / recent.count, ACCELERATION_ROWS, pose, variances)
 
-    def _jump(self, block: RegistrationMoments, pose: Pose, covariance: Array) -> float:
+    def _jump(self, block: RegistrationMoments, pose: Pose, variances: Array) -> float:
         """Chi-square of how far a block's gyro and velocity are from those of late; constant offsets do no harm."""
-        usual = [moments for moments, is_like in self._recent if is_like] or self._all()
-        sums = np.sum([moments.gram[0] for moments in usual], axis=0)
-        means = block.gram[0] / block.count - sums / sums[0]
-        return self._statistic(means, 1.0 / block.count + 1.0 / sums[0], TWIST_ROWS, pose, covariance)
+        sums = self._grams[:, 0]
+        usual = self._are_like @ sums if self._are_like.any() else sums.sum(axis=0)
+        means = block.gram[0] / block.count - usual / usual[0]
+        return self._statistic(means, 1.0 / block.count + 1.0 / usual[0], TWIST_ROWS, pose, variances)
 
-    def _statistic(self, means: Array, share: float, rows: slice, pose: Pose, covariance: Array) -> float:
+    def _statistic(self, means: Array, share: float, rows: slice, pose: Pose, variances: Array) -> float:
         """Chi-square of the residuals at mean features (28,), with this share of a sample's variance."""
         residual = residual_operator(pose)[rows] @ means
         derivative = residual_derivative(pose)[:, rows] @ means
-        deviations = self._noise.per_column()[KINEMATICS][rows]
-        spread = share * np.diag(deviations**2) + _OTHERS * derivative.T @ covariance @ derivative
+        spread = (derivative.T * (_OTHERS * variances)) @ derivative
+        spread += np.diag(share * self._deviations[rows] ** 2)
         return float(residual @ np.linalg.solve(spread, residual))
 
     def _clock_misfit(self, recent: RegistrationMoments, pose: Pose) -> float:

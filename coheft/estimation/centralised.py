@@ -136,7 +136,7 @@ def estimate_centralised(
         estimate.inertia.barycentric(),
         unpacked_gram(gram),
         np.einsum("kf,kiw->ifw", moving, samples[..., WRENCH]),
-        PoseSensitivity.of(poses, noise, slope_kernel(rate, len(samples))),
+        PoseSensitivity.of(poses, noise, sums.fusion.slope_information),
     )
     to_central = central_derivative(estimate.inertia)
     covariance = estimate.parameters_covariance + by_poses @ team.covariance @ by_poses.T
@@ -155,12 +155,11 @@ def _estimate_poses(samples: Array, noise: SensorNoise, rate: float) -> TeamPose
     count = samples.shape[1]
     pairs = (TwistMoments.of(first, samples[:, i, TWIST]) for i in range(1, count))
     poses = (Pose.identity(), *(register_twists(pair, noise, noise).pose for pair in pairs))
-    kernel = slope_kernel(rate, len(samples))
     for _ in range(_POSE_STEPS):
-        motion = sum_up(samples, poses, noise, rate).motion
-        moments = [RegistrationMoments.of(samples[:, i, KINEMATICS], motion) for i in range(count)]
+        sums = sum_up(samples, poses, noise, rate)
+        moments = [RegistrationMoments.of(samples[:, i, KINEMATICS], sums.motion) for i in range(count)]
         scores = [score_and_information(own, pose, noise)[0] for own, pose in zip(moments, poses, strict=True)]
-        team = register_team(poses, np.array(scores), moments[0], noise, kernel=kernel)
+        team = register_team(poses, np.array(scores), moments[0], noise, slope=sums.fusion.slope_information)
         steps = [perturbation_between(old, new) for old, new in zip(poses, team.poses, strict=True)]
         poses = team.poses
         deviations = np.sqrt(np.diag(team.covariance))[6:]

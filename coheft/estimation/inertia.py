@@ -14,6 +14,7 @@ for, in one product.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +30,7 @@ OFFSET_SIZE = 6
 _ONE, _A, _ALPHA, _PRODUCTS, _WRENCH = 0, slice(1, 4), slice(4, 7), slice(7, 13), slice(13, 19)
 _ACCELERATIONS = slice(_A.start, _ALPHA.stop)
 _ROWS, _COLUMNS = np.triu_indices(FEATURES)
+_IDENTITY = np.eye(6)
 
 
 def symmetric_products(w: Array) -> Array:
@@ -36,7 +38,7 @@ def symmetric_products(w: Array) -> Array:
     return w[:, [0, 1, 2, 0, 0, 1]] * w[:, [0, 1, 2, 1, 2, 2]]
 
 
-def products_regressor() -> Array:
+def _products_regressor() -> Array:
     """Shape (6, 6, 10): ``symmetric_products(w)[k] * result[k]`` add up to the regressor's part that ``w`` makes."""
     regressor = np.zeros((6, 6, INERTIA_SIZE))
     for k, product in enumerate(unpack_symmetric(np.eye(6))):
@@ -49,6 +51,9 @@ def products_regressor() -> Array:
             turned[:, 1, 0] - turned[:, 0, 1],
         ]
     return regressor
+
+
+_OF_PRODUCTS = _products_regressor()
 
 
 def features(motion: Array, wrench: Array) -> Array:
@@ -157,10 +162,8 @@ class InertiaModel:
         products = _products(coefficients, self.weight)
         noise = np.einsum("kl,klij->ij", acceleration_covariance, products[_ACCELERATIONS, _ACCELERATIONS])
         self._table = _packed_table(products)
-        upper = np.triu_indices(size)
-        self._table[0] -= noise[upper]
-        self._unpack = np.empty((size, size), dtype=np.intp)
-        self._unpack[upper] = self._unpack.T[upper] = np.arange(len(upper[0]))
+        self._table[0] -= noise[np.triu_indices(size)]
+        self._unpack = _unpacking(size)
         self._noise = noise[:-1, :-1]
         self._disturbance_table = np.zeros_like(self._table)
 
@@ -195,6 +198,16 @@ def _products(coefficients: Array, weight: npt.NDArray[np.floating]) -> Array:
     return (flat.T @ weight @ flat).reshape(features, size, features, size).transpose(0, 2, 1, 3)
 
 
+@lru_cache
+def _unpacking(size: int) -> npt.NDArray[np.intp]:
+    """Where the entries of a symmetric matrix are in its packed upper triangle, shape (size, size); read only."""
+    places = np.empty((size, size), dtype=np.intp)
+    rows, columns = np.triu_indices(size)
+    places[rows, columns] = places[columns, rows] = np.arange(len(rows))
+    places.flags.writeable = False
+    return places
+
+
 def _packed_table(products: Array) -> Array:
     """From packed Gram matrices to the upper triangle of what ``products`` make of them."""
     table = products[_ROWS, _COLUMNS] + products[_COLUMNS, _ROWS]
@@ -205,8 +218,11 @@ def _packed_table(products: Array) -> Array:
 
 def spatial_inertia(parameters: Array) -> Array:
     """``M`` (6, 6) with ``(F, T) = M (a, alpha)`` of a body with ``theta`` (10,) that does not turn yet."""
-    mass, moment, about_origin = parameters[0], skew(parameters[1:4]), unpack_symmetric(parameters[4:10])
-    return np.block([[mass * np.eye(3), -moment], [moment, about_origin]])
+    spatial: Array = parameters[0] * _IDENTITY
+    spatial[3:, :3] = moment = skew(parameters[1:4])
+    spatial[:3, 3:] = -moment
+    spatial[3:, 3:] = unpack_symmetric(parameters[4:10])
+    return spatial
 
 
 def products_wrench(spatial: Array) -> Array:
@@ -217,12 +233,13 @@ def products_wrench(spatial: Array) -> Array:
     """
     moment = np.array([spatial[5, 1], spatial[3, 2], spatial[4, 0]])
     parameters = np.concatenate([[spatial[0, 0]], moment, pack_symmetric(spatial[3:, 3:])])
-    result: Array = products_regressor() @ parameters
+    result: Array = _OF_PRODUCTS @ parameters
     return result
 
 
+@lru_cache
 def regressor_coefficients(with_offset: bool) -> Array:
-    """Shape (19, 6, u + 1): features times these add up to ``[regressor | wrench]``."""
+    """Shape (19, 6, u + 1): features times these add up to ``[regressor | wrench]``; read only."""
     size = INERTIA_SIZE + (OFFSET_SIZE if with_offset else 0) + 1
     result = np.zeros((FEATURES, 6, size))
     axes = np.eye(3)
@@ -230,8 +247,9 @@ def regressor_coefficients(with_offset: bool) -> Array:
     result[_A, 3:, 1:4] = -skew(axes)
     result[_ALPHA, :3, 1:4] = skew(axes)
     result[_ALPHA, 3:, 4:10] = inertia_operator(axes)
-    result[_PRODUCTS, :, :INERTIA_SIZE] = products_regressor()
+    result[_PRODUCTS, :, :INERTIA_SIZE] = _OF_PRODUCTS
     result[_WRENCH, :, -1] = np.eye(6)
     if with_offset:
         result[_ONE, :, INERTIA_SIZE:-1] = np.eye(6)
+    result.flags.writeable = False
     return result

@@ -132,9 +132,10 @@ def solve_inertia(information: InertiaInformation, centre: Array, length: float)
     # too small is trusted too much, and nothing could ever correct it.
     rough = float(np.sqrt(max(information.square, 0.0) / max(information.uncompensated[0, 0], 1e-300)))
     mass, com = max(rough, _LIGHTEST), centre
+    data = _SeenData.of(information, length)
     for _ in range(_GUESSES):
         guessed = mass
-        solution, covariance = _beside_guess(information, mass, com, length)
+        solution, covariance = data.beside_guess(information, mass, com, length)
         spread = float(np.sqrt(covariance[0, 0]))
         mass, com = (float(solution[0]), solution[1:4] / solution[0]) if solution[0] > spread else (spread, centre)
         if abs(mass - guessed) < _GOOD_GUESS * mass:
@@ -143,24 +144,50 @@ def solve_inertia(information: InertiaInformation, centre: Array, length: float)
     return InertiaSolution(solution[:INERTIA_SIZE], covariance, offset, length)
 
 
-def _beside_guess(information: InertiaInformation, mass: float, com: Array, length: float) -> tuple[Array, Array]:
-    """What data and guess say together: all unknowns, and the covariance (10, 10) of ``theta``."""
-    size = information.matrix.shape[-1]
-    each = (1.0, *[length] * 3, *[length**2] * 6, *[_GRAVITY] * 3, *[_GRAVITY * length] * 3)
-    scale = mass * np.array(each[:size])
-    motion = (1.0 + _SIGNAL) * information.matrix - _SIGNAL * information.uncompensated
-    values, vectors = np.linalg.eigh(motion * (scale[:, None] * scale))
-    is_seen = values > 1.0
-    seen, unseen = scale[:, None] * vectors[:, is_seen], scale[:, None] * vectors[:, ~is_seen]
-    # In units of the scale the guess has the identity as covariance, and as information.
-    one = np.eye(seen.shape[1])
-    inverse = np.linalg.inv(seen.T @ information.matrix @ seen + one)
-    spread = inverse @ (seen.T @ information.score_covariance @ seen + one) @ inverse
-    covariance = (seen @ spread @ seen.T + unseen @ unseen.T)[:INERTIA_SIZE, :INERTIA_SIZE]
-    guess = np.zeros(size)
-    guess[:INERTIA_SIZE] = Inertia(mass, com, mass * length**2 / 3.0 * np.eye(3)).barycentric()
-    error = information.vector - information.matrix @ guess
-    return guess + seen @ (inverse @ (seen.T @ error)), covariance
+@dataclass(frozen=True, eq=False)
+class _SeenData:
+    """Information in directions of ever more motion, in units of how wrong a guess of 1 kg may be.
+
+    Attributes:
+        values: Motion in the information, with a margin for its noise, shape (u,), ascending.
+        directions: What each belongs to, as columns, shape (u, u).
+        matrix: Information in these directions, shape (u, u).
+        score_covariance: Likewise.
+    """
+
+    values: Array
+    directions: Array
+    matrix: Array
+    score_covariance: Array
+
+    @staticmethod
+    def of(information: InertiaInformation, length: float) -> _SeenData:
+        size = information.matrix.shape[-1]
+        each = (1.0, *[length] * 3, *[length**2] * 6, *[_GRAVITY] * 3, *[_GRAVITY * length] * 3)
+        scale = np.array(each[:size])
+        motion = (1.0 + _SIGNAL) * information.matrix - _SIGNAL * information.uncompensated
+        values, vectors = np.linalg.eigh(motion * (scale[:, None] * scale))
+        directions = scale[:, None] * vectors
+        matrix, covariance = (
+            directions.T @ each @ directions for each in (information.matrix, information.score_covariance)
+        )
+        return _SeenData(values, directions, matrix, covariance)
+
+    def beside_guess(
+        self, information: InertiaInformation, mass: float, com: Array, length: float
+    ) -> tuple[Array, Array]:
+        """What data and guess say together: all unknowns, and the covariance (10, 10) of ``theta``."""
+        first = int(np.searchsorted(self.values, mass**-2, side="right"))
+        unseen, seen = mass * self.directions[:, :first], mass * self.directions[:, first:]
+        # In these units the guess has the identity as covariance, and as information.
+        one = np.eye(seen.shape[1])
+        inverse = np.linalg.inv(mass**2 * self.matrix[first:, first:] + one)
+        spread = inverse @ (mass**2 * self.score_covariance[first:, first:] + one) @ inverse
+        covariance = (seen @ spread @ seen.T + unseen @ unseen.T)[:INERTIA_SIZE, :INERTIA_SIZE]
+        guess = np.zeros(len(seen))
+        guess[:INERTIA_SIZE] = Inertia(mass, com, mass * length**2 / 3.0 * np.eye(3)).barycentric()
+        error = information.vector - information.matrix @ guess
+        return guess + seen @ (inverse @ (seen.T @ error)), covariance
 
 
 def unseen_quantities(covariance: Array, mass: float, length: float) -> tuple[Unseen, ...]:

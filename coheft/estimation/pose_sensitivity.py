@@ -11,7 +11,7 @@ from coheft.estimation.inertia import INERTIA_SIZE, InertiaInformation, InertiaM
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.registration import ACCELERATION, PRODUCTS
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import motion_by_poses
+from coheft.estimation.team_registration import NO_SLOPE, motion_by_poses
 from coheft.estimation.twist_registration import adjoint_derivative
 
 REGISTRATION_FEATURES = np.r_[0, ACCELERATION, PRODUCTS]
@@ -34,15 +34,15 @@ class PoseSensitivity:
     motion: Array
 
     @staticmethod
-    def of(poses: Sequence[Pose], noise: SensorNoise, kernel: Array | None = None) -> PoseSensitivity:
+    def of(poses: Sequence[Pose], noise: SensorNoise, slope: Array = NO_SLOPE) -> PoseSensitivity:
         """Of samples that were summed with these poses, in the body frame.
 
         Args:
             poses: Of all robots.
             noise: Of every robot's sensors.
-            kernel: Of the gyros' slope, if motions were found with it where accelerometers do not see enough.
+            slope: What the gyros' slope says about ``(a, alpha)``, shape (6, 6), if motions were found with it.
         """
-        motion = motion_by_poses(poses, noise, kernel)[:, :, REGISTRATION_FEATURES]
+        motion = motion_by_poses(poses, noise, slope)[:, :, REGISTRATION_FEATURES]
         return PoseSensitivity(np.array([adjoint_derivative(pose) for pose in poses]), motion)
 
 

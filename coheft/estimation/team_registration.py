@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.body_motion import perturbed, relative_pose_derivative
 from coheft.estimation.measurement import KINEMATICS, SensorNoise
 from coheft.estimation.observability import (
@@ -43,6 +42,9 @@ from coheft.estimation.registration import (
 from coheft.estimation.rigid_body import pack_symmetric, unpack_symmetric
 from coheft.estimation.spatial import Array, Pose
 
+NO_SLOPE: Array = np.zeros((6, 6))
+"""What the gyros' slope says of motions that were found without it."""
+NO_SLOPE.flags.writeable = False
 _NO_PRIOR = 1e-6
 """Information on each sample's body motion, in SI units, that keeps matrices regular where two robots do not see all
 of alpha."""
@@ -94,7 +96,7 @@ def register_team(
     moments: RegistrationMoments,
     noise: SensorNoise,
     limits: Visibility | None = None,
-    kernel: Array | None = None,
+    slope: Array = NO_SLOPE,
 ) -> TeamPoses:
     """One joint Gauss-Newton step.
 
@@ -104,10 +106,10 @@ def register_team(
         moments: Of any one robot: only what they say of the body's motion is used, and is the same for all.
         noise: Of every robot's sensors.
         limits: When a direction counts as seen.
-        kernel: Of the gyros' slope, if the body's motion was found with it where accelerometers do not see enough.
+        slope: What the gyros' slope says about ``(a, alpha)``, shape (6, 6), if the body's motion was found with it.
     """
     limits = limits or Visibility()
-    seen = _seen(poses, moments, noise, limits, kernel)
+    seen = _seen(poses, moments, noise, limits, slope)
     steps = seen.step(scores[1:].ravel()).reshape(-1, 6)
     moved = (perturbed(pose, step) for pose, step in zip(poses[1:], steps, strict=True))
     return _team_poses((poses[0], *moved), seen, limits)
@@ -118,18 +120,18 @@ def fitted_poses(
     moments: RegistrationMoments,
     noise: SensorNoise,
     limits: Visibility | None = None,
-    kernel: Array | None = None,
+    slope: Array = NO_SLOPE,
 ) -> TeamPoses:
     """How well poses are known that were fitted to samples with these moments; arguments as of ``register_team``."""
     limits = limits or Visibility()
-    return _team_poses(tuple(poses), _seen(poses, moments, noise, limits, kernel), limits)
+    return _team_poses(tuple(poses), _seen(poses, moments, noise, limits, slope), limits)
 
 
 def _seen(
-    poses: Sequence[Pose], moments: RegistrationMoments, noise: SensorNoise, limits: Visibility, kernel: Array | None
+    poses: Sequence[Pose], moments: RegistrationMoments, noise: SensorNoise, limits: Visibility, slope: Array
 ) -> SeenInformation | AllSeen:
     """Joint information of all poses but the first's, as far as it is due to motion."""
-    information, from_noise = team_information(moments, poses, noise, kernel)
+    information, from_noise = team_information(moments, poses, noise, slope)
     doubt = _DOUBT / np.sqrt(max(moments.count, 1.0)) * from_noise
     due_to_motion, doubt = (information - from_noise)[6:, 6:], doubt[6:, 6:]
     seen = all_seen(due_to_motion, limits, doubt) if len(poses) > _MANY else None
@@ -143,7 +145,7 @@ def _team_poses(poses: tuple[Pose, ...], seen: SeenInformation | AllSeen, limits
 
 
 def team_information(
-    moments: RegistrationMoments, poses: Sequence[Pose], noise: SensorNoise, kernel: Array | None = None
+    moments: RegistrationMoments, poses: Sequence[Pose], noise: SensorNoise, slope: Array = NO_SLOPE
 ) -> tuple[Array, Array]:
     """Joint information of all poses, the motions of all samples eliminated, and what of it is due to noise.
 
@@ -159,12 +161,12 @@ def team_information(
     weights = noise.per_column()[KINEMATICS] ** -2
     size = 6 * len(poses)
     information, from_noise = np.zeros((size, size)), np.zeros((size, size))
-    slopes = (np.zeros((6, 6)), _slope_information(poses, noise, kernel))
-    for (rows, columns), gram, slope in zip(_CHANNELS, (moments.centred(), moments.gram), slopes, strict=True):
+    priors = (NO_SLOPE, slope)
+    for (rows, columns), gram, prior in zip(_CHANNELS, (moments.centred(), moments.gram), priors, strict=True):
         weight = weights[rows, None]
         by_motion = [_predicted(pose)[rows, columns] for pose in poses]
         by_pose = [-residual_derivative(pose)[:, rows] for pose in poses]
-        seen = np.sum([b.T @ (weight * b) for b in by_motion], axis=0) + slope
+        seen = np.sum([b.T @ (weight * b) for b in by_motion], axis=0) + prior
         covariance = np.linalg.inv(seen + _NO_PRIOR * np.eye(6))
         noise_gram = np.zeros((FEATURES, FEATURES))
         noise_gram[columns, columns] = moments.count * covariance @ seen @ covariance
@@ -178,12 +180,7 @@ def team_information(
     return information, from_noise
 
 
-def _slope_information(poses: Sequence[Pose], noise: SensorNoise, kernel: Array | None) -> Array:
-    """What the gyros' slope says about ``(a, alpha)``, shape (6, 6), where it is made use of."""
-    return np.zeros((6, 6)) if kernel is None else MotionFusion.of_robots(noise, poses, kernel).slope_information
-
-
-def motion_by_poses(poses: Sequence[Pose], noise: SensorNoise, kernel: Array | None = None) -> Array:
+def motion_by_poses(poses: Sequence[Pose], noise: SensorNoise, slope: Array = NO_SLOPE) -> Array:
     """How the fused ``(a, alpha)`` of a sample follows, linear in its features, when poses are perturbed.
 
     The derivative of ``refit_map`` by the new poses, rows ``ACCELERATION``, but for what turning ``w`` does to its
@@ -196,14 +193,14 @@ def motion_by_poses(poses: Sequence[Pose], noise: SensorNoise, kernel: Array | N
     weight = noise.per_column()[KINEMATICS][rows, None] ** -2
     by_motion = [_predicted(pose)[rows, columns] for pose in poses]
     by_pose = [-residual_derivative(pose)[:, rows] for pose in poses]
-    seen = np.sum([b.T @ (weight * b) for b in by_motion], axis=0) + _slope_information(poses, noise, kernel)
+    seen = np.sum([b.T @ (weight * b) for b in by_motion], axis=0) + slope
     covariance = np.linalg.inv(seen + _NO_PRIOR * np.eye(6))
     coupling = np.concatenate([(weight * b).T @ d for b, d in zip(by_motion, by_pose, strict=True)])
     result: Array = -covariance @ coupling
     return result
 
 
-def refit_map(old: Sequence[Pose], new: Sequence[Pose], noise: SensorNoise, kernel: Array | None = None) -> Array:
+def refit_map(old: Sequence[Pose], new: Sequence[Pose], noise: SensorNoise, slope: Array = NO_SLOPE) -> Array:
     """Features of a sample had its body motion been found with the poses ``new`` instead of ``old``, shape (28, 28).
 
     The motion found with ``old`` predicts what all robots measured; the map fits the motion to that with ``new``.
@@ -213,7 +210,7 @@ def refit_map(old: Sequence[Pose], new: Sequence[Pose], noise: SensorNoise, kern
     weights = noise.per_column()[KINEMATICS] ** -2
     feature_map = np.eye(FEATURES)
     before, after = ([_predicted(pose) for pose in poses] for poses in (old, new))
-    no_prior, slope = _NO_PRIOR * np.eye(6), _slope_information(new, noise, kernel)
+    no_prior = _NO_PRIOR * np.eye(6)
 
     def fit(rows: slice, columns: slice, predictions: Sequence[Array], prior: Array) -> Array:
         """Weighted least squares of the motion's ``columns`` to what is predicted for ``rows``, and to what it was."""

@@ -14,7 +14,7 @@ from coheft.estimation.measurement import WRENCH
 from coheft.estimation.pose_sensitivity import MOTION_FEATURES, PoseSensitivity, inertia_by_poses
 from coheft.estimation.registration import ACCELERATION, PRODUCTS
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import motion_by_poses, refit_map
+from coheft.estimation.team_registration import NO_SLOPE, motion_by_poses, refit_map
 from tests.estimation.fusion import fusion_of
 from tests.estimation.team import Team, make_team
 from tests.estimation.test_team_registration import fused_motion
@@ -37,18 +37,24 @@ def sample_features(team: Team, poses: Sequence[Pose]) -> Array:
     return features(fused_motion(team.exact, poses, team.noise), np.asarray(total))
 
 
-@pytest.mark.parametrize("kernel", [None, derivative_kernel(10, 0.1)], ids=["accelerometers", "slope as well"])
+def slope_information(team: Team, poses: Sequence[Pose]) -> Array:
+    """What a slope over a second says, which is more than the accelerometers do."""
+    return MotionFusion.of_robots(team.noise, poses, derivative_kernel(10, 0.1)).slope_information
+
+
+@pytest.mark.parametrize("is_slope_used", [False, True], ids=["accelerometers", "slope as well"])
 @pytest.mark.parametrize("count", [3, 6])
-def test_motion_by_poses(count: int, kernel: Array | None) -> None:
+def test_motion_by_poses(count: int, is_slope_used: bool) -> None:
     team = make_team(3, count=count, duration=0.1)
-    is_slope_used = (
-        kernel is not None and MotionFusion.of_robots(team.noise, team.poses, kernel).slope_information.any()
-    )
-    assert is_slope_used == (kernel is not None)
+    assert slope_information(team, team.poses).any()
+
+    def slope(poses: Sequence[Pose]) -> Array:
+        return slope_information(team, poses) if is_slope_used else NO_SLOPE
+
     numeric = by_all_poses(
-        lambda poses: refit_map(team.poses, poses, team.noise, kernel)[ACCELERATION], team.poses, step=1e-6
+        lambda poses: refit_map(team.poses, poses, team.noise, slope(poses))[ACCELERATION], team.poses, step=1e-6
     )
-    analytic = motion_by_poses(team.poses, team.noise, kernel)
+    analytic = motion_by_poses(team.poses, team.noise, slope(team.poses))
     np.testing.assert_allclose(analytic[:, :, : PRODUCTS.start], numeric[:, :, : PRODUCTS.start], atol=1e-8)
 
 
