@@ -73,7 +73,7 @@ class LateWrenches:
         if information is None:
             self._unknowns = None
             return
-        ridge = _SINGULAR * np.diag(np.diag(information.uncompensated))
+        ridge = _SINGULAR * np.diag(information.uncompensated.diagonal())
         self._unknowns = np.asarray(np.linalg.solve(information.matrix + ridge, information.vector))
 
     def compare(self, model: InertiaModel, disturbance: Array) -> None:

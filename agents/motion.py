@@ -79,20 +79,23 @@ class Excitation:
     def __init__(self, motion: Motion, waves: Waves, rate: int, block: int) -> None:
         self._amplitudes = 0.5 * np.repeat([motion.rotation, motion.translation], 3) * motion.axes
         self._omegas = 2.0 * np.pi * np.array(waves.frequencies)
-        self._phases = np.array(waves.phases)
+        # Angles during a block, as turns from its first sample on: sines of sums take less time than sines.
+        steps = self._omegas * (np.arange(block) / rate)[:, None, None]
+        self._phases, self._turns = np.array(waves.phases), (np.cos(steps), np.sin(steps))
         self._ramp = motion.ramp
         self._rate = rate
         self._block = block
 
     def reference(self, block: int) -> Array:
         """See ``ReferenceMotion.reference``."""
-        time = (block * self._block + np.arange(self._block)) / self._rate
-        phases = self._omegas * time[:, None, None] + self._phases
-        wave = self._amplitudes * np.sin(phases).sum(axis=1)
-        wave_rate = self._amplitudes * (self._omegas * np.cos(phases)).sum(axis=1)
-        if time[0] >= self._ramp:
+        start = block * self._block / self._rate
+        phases = self._omegas * start + self._phases
+        (cosine, sine), at_start = self._turns, (self._amplitudes * np.cos(phases), self._amplitudes * np.sin(phases))
+        wave = (sine * at_start[0] + cosine * at_start[1]).sum(axis=1)
+        wave_rate = (self._omegas * (cosine * at_start[0] - sine * at_start[1])).sum(axis=1)
+        if start >= self._ramp:
             return np.concatenate([wave, wave_rate], axis=1)
-        ramp, ramp_rate = self._ramp_at(time)
+        ramp, ramp_rate = self._ramp_at(start + np.arange(self._block) / self._rate)
         return np.concatenate([ramp * wave, ramp * wave_rate + ramp_rate * wave], axis=1)
 
     def _ramp_at(self, time: Array) -> tuple[Array, Array]:

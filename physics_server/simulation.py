@@ -258,16 +258,17 @@ class Simulation:
         kinematics = np.empty((samples, count * READINGS))
         forces = np.empty((samples, self._arms.read_size))
         steps_per_sample = len(controls) // samples
+        position, readings = data.qpos[:_FREE_JOINT], data.sensordata[: count * READINGS]
         for step, control in enumerate(controls):
             sample, is_between = divmod(step, steps_per_sample)
             self._arms.drive(data, control)
             if is_between:
                 mujoco.mj_step(model, data)
                 continue
-            positions[sample] = data.qpos[:_FREE_JOINT]
+            positions[sample] = position
             mujoco.mj_step(model, data)
             # Sensors, and with Euler's method all that the engine derives, belong to the state before the step.
-            kinematics[sample] = data.sensordata[: count * READINGS]
+            kinematics[sample] = readings
             forces[sample] = self._arms.read(data)
         return _Readings(
             positions,

@@ -37,8 +37,8 @@ def parameters_of(pseudo: Array) -> Array:
 def is_possible(parameters: Array) -> bool:
     """Whether there is a body with ``theta``, shape (10,): mass and pseudo-inertia safely positive."""
     pseudo = pseudo_inertia(parameters)
-    diagonal = np.diag(pseudo)
-    if not np.all(diagonal > 0.0):
+    diagonal = pseudo.diagonal()
+    if not diagonal.min() > 0.0:
         return False
     scale = np.sqrt(diagonal)
     return bool(np.linalg.eigvalsh(pseudo / scale[:, None] / scale)[0] > _THINNEST)

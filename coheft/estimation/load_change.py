@@ -206,7 +206,7 @@ class LoadWindow:
         self._changes.append((self._count, size))
         older = model.information(self._sums[0, :GRAM_SIZE] - self._sums[border, :GRAM_SIZE])
         last = np.zeros(model.unknowns) if self._last is None else self._last
-        ridge = _HARDLY * np.diag(np.diag(older.uncompensated))
+        ridge = _HARDLY * np.diag(older.uncompensated.diagonal())
         self._moved = np.asarray(np.linalg.solve(older.matrix + ridge, older.vector - older.matrix @ last))
         self._last = np.asarray(last + self._moved)
         self.forget_before(int(self._firsts[border]))
@@ -301,12 +301,13 @@ class LoadWindow:
         own = basis @ _safe_score_covariance(newer) @ basis.T
         cross = gain @ own
         spread = own - cross - cross.swapaxes(-1, -2) + gain @ gain.swapaxes(-1, -2)
-        rest = np.eye(len(basis)) - gain
+        one = np.eye(len(basis))
+        rest = one - gain
         for share, stretches in ((rest, self._sums[borders]), (gain, self._sums[0] - self._sums[borders])):
             disturbance = basis @ self._disturbance(model, stretches, is_coherent) @ basis.T
             spread += share @ disturbance @ share.swapaxes(-1, -2)
-        spread += 1e-9 * np.eye(len(basis))
-        statistics = np.einsum("ki,ki->k", score, np.linalg.solve(spread, score[..., None])[..., 0])
+        whitened = np.linalg.solve(spread + 1e-9 * one, score[..., None])[..., 0]
+        statistics = (score * whitened).sum(axis=1)
         return statistics, len(basis)
 
 
@@ -327,7 +328,7 @@ def signal_directions(matrix: Array, covariance: Array, least: float) -> tuple[A
         ``basis`` (r, u), ``dual`` (r, u) and ``shares`` (r,): ``basis @ vector`` has the identity as covariance,
         ``basis @ matrix @ basis.T == diag(shares)``, and ``dual @ theta`` are the unknowns in these coordinates.
     """
-    scale = np.sqrt(np.diag(covariance))
+    scale = np.sqrt(covariance.diagonal())
     balanced = covariance / scale[:, None] / scale + 1e-12 * np.eye(len(scale))
     root = scale[:, None] * np.linalg.cholesky(balanced)
     whitening = np.linalg.inv(root)

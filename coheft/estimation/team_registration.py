@@ -73,7 +73,7 @@ class TeamPoses:
     @property
     def deviations(self) -> Array:
         """Standard deviations of all perturbations, shape (N, 6)."""
-        result: Array = np.sqrt(np.diag(self.covariance)).reshape(-1, 6)
+        result: Array = np.sqrt(self.covariance.diagonal()).reshape(-1, 6)
         return result
 
     def relative(self, i: int, j: int) -> PoseEstimate:
