@@ -11,6 +11,7 @@ from agents.disturbance import COHERENCE, Disturbance, Uncorrected
 from agents.early_blocks import EarlyBlocks
 from agents.late_wrenches import LateWrenches
 from agents.load_moments import CROSS_SHAPE, RIDERS, gram_map, load_moments, mapped, number_of_samples
+from agents.load_weights import LoadWeights
 from agents.seen_payload import seen_payload
 from agents.wrench_correction import (
     TOLD_SIZE,
@@ -28,14 +29,10 @@ from coheft.estimation.inertia import (
     INERTIA_SIZE,
     OFFSET_SIZE,
     InertiaInformation,
-    InertiaModel,
     unpacked_gram,
 )
-from coheft.estimation.inertia_estimate import InertiaSolution, middle_and_size, solve_inertia
 from coheft.estimation.load_change import LoadWindow
 from coheft.estimation.load_samples import Memory
-from coheft.estimation.pose_disturbance import wrench_disturbance
-from coheft.estimation.pose_sensitivity import PoseSensitivity, inertia_by_poses
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.config import AgentConfig
@@ -59,17 +56,16 @@ class LoadMemory:
 
     Args:
         config: The agent's settings.
-        robots: Number of robots.
-        own: Index of this one.
+        own: Index of this robot.
+        poses: Of all robots, in the body frame.
+        fusion: Of their motion sensors, at these poses.
     """
 
     told_size = TOLD_SIZE
     """Numbers of ``told``."""
 
-    def __init__(self, config: AgentConfig, robots: int, own: int) -> None:
+    def __init__(self, config: AgentConfig, own: int, poses: Sequence[Pose], fusion: MotionFusion) -> None:
         self._config = config
-        self._own = own
-        self._offsets = config.efficient.offsets
         self._window: Memory
         memory = config.efficient.memory
         self._kept = 1.0
@@ -79,23 +75,18 @@ class LoadMemory:
         else:
             blocks = memory * config.rate / config.block
             self._kept = float(np.exp(-1.0 / blocks))
-            floor = np.full(INERTIA_SIZE + OFFSET_SIZE * self._offsets, 1e3)
+            floor = np.full(INERTIA_SIZE + OFFSET_SIZE * config.efficient.offsets, 1e3)
             self._window = ForgettingWindow(blocks, floor, riders=RIDERS)
         self._last_block = self._changed_at = -1
         self._early = EarlyBlocks()
         # Whether the samples of the correction under way were forgotten, to come again.
         self._comes_again = False
-        self._poses: Sequence[Pose] = ()
-        self._middle_and_size = np.zeros(3), 0.0
-        self._sensitivity: PoseSensitivity | None = None
-        self._fusion: MotionFusion | None = None
-        self._model: InertiaModel | None = None
-        self._parameters: Array | None = None
         self._correction: WrenchCorrection | None = None
         self._uncorrected = Uncorrected()
         self._forces = MeanSquare()
-        self._wrenches_by_motion = np.zeros((robots, *CROSS_SHAPE))
+        self._wrenches_by_motion = np.zeros((len(poses), *CROSS_SHAPE))
         self._disturbance = Disturbance(config.rate)
+        self._weights = LoadWeights(config, poses, fusion, self._disturbance)
         self._late = LateWrenches(config.rate / config.block)
 
     @property
@@ -110,35 +101,7 @@ class LoadMemory:
 
     def set_poses(self, poses: Sequence[Pose], fusion: MotionFusion) -> None:
         """All that is remembered, and what comes, is seen with these poses."""
-        self._poses = poses
-        self._middle_and_size = middle_and_size(poses)
-        self._sensitivity = PoseSensitivity.of(poses, self._config.noise, fusion.slope_information)
-        self._fusion = fusion
-        if self._model is not None and self._is_enough():
-            self._find_parameters(self._model)
-        self._make_model()
-
-    def _make_model(self) -> None:
-        """Weights of the samples, with the motions' noise as a load with these parameters makes it felt."""
-        assert self._fusion is not None
-        self._model = InertiaModel(
-            self._fusion.wrench_covariance,
-            self._fusion.acceleration_covariance,
-            self._parameters,
-            with_offset=self._offsets,
-        )
-        self._disturbance.tell(self._model)
-
-    def _find_parameters(self, model: InertiaModel) -> None:
-        self._parameters = self._solve(self._window.information(model)).parameters
-
-    def _weigh(self) -> bool:
-        """Whether it is known how much the motions' noise is felt: until then samples cannot be told apart."""
-        assert self._model is not None
-        if self._parameters is None and self._is_enough():
-            self._find_parameters(self._model)
-            self._make_model()
-        return self._parameters is not None
+        self._weights.set_poses(poses, fusion, self._window if self._is_enough() else None)
 
     def push(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> int | None:
         """Take in a block of body motion (B, 12), total wrench (B, 6) and own wrench in ``F_i`` (B, 6).
@@ -152,7 +115,6 @@ class LoadMemory:
         Returns:
             The first block of a new load, if a change was found.
         """
-        assert self._model is not None
         moments = load_moments(motion, wrench, own_wrench, self._disturbance.per_sample)
         self._window.push(block, moments)
         if self._correction is None:  # else they wait for its end: they were carried with the new poses already
@@ -168,7 +130,9 @@ class LoadMemory:
             return None
         # Until ``correct`` the poses' last step adds up in all samples from before it.
         is_coherent = self._correction is not None
-        change = self._window.review(self._model, is_coherent) if self._weigh() else None
+        if not self._weights.know_load and self._is_enough():
+            self._weights.learn(self._window)
+        change = self._window.review(self._weights.model, is_coherent) if self._weights.know_load else None
         if change is None:
             self._look_back(block, moments)
             return None
@@ -181,8 +145,7 @@ class LoadMemory:
 
     def _surprise(self, motion: Array, wrench: Array) -> float:
         """The same in units of the noise."""
-        assert self._model is not None
-        return self._late.surprise(self._model, motion, wrench)
+        return self._late.surprise(self._weights.model, motion, wrench)
 
     def _look_back(self, block: int, moments: Array) -> None:
         """Hold the wrenches of late against what is remembered; if they do not fit for long, forget it."""
@@ -196,13 +159,12 @@ class LoadMemory:
             self._begin(self._changed_at)
 
     def _compare(self, is_new: bool) -> None:
-        assert self._model is not None
         if not self._is_enough():
             self._late.solve(None)
             return
         if is_new:
-            self._late.solve(self._window.information(self._model))
-        self._late.compare(self._model, self._disturbance.covariance)
+            self._late.solve(self._window.information(self._weights.model))
+        self._late.compare(self._weights.model, self._disturbance.covariance)
 
     def _begin(self, changed_at: int) -> None:
         """What is remembered is of another load than before."""
@@ -228,8 +190,7 @@ class LoadMemory:
         if changed_at <= self._changed_at:
             return False
         self._begin(changed_at)
-        if self._model is not None:
-            self._window.accept(changed_at, self._model)
+        self._window.accept(changed_at, self._weights.model)
         return True
 
     def forget_late(self, duration: float) -> None:
@@ -311,21 +272,13 @@ class LoadMemory:
             self._early.end()
 
     def _expect_disturbance(self, forces: Array, team: TeamPoses) -> None:
-        """From now on samples are spoilt, beside their noise, by what poses do to forces.
+        """From now on samples are spoilt by what poses do to everybody's mean square forces (N,) [N²].
 
         Who has not felt any yet counts as if it pushed as hard as this robot; if nobody has, nothing is known.
-
-        Args:
-            forces: Everybody's mean square force (N,) [N²].
-            team: The poses in use.
         """
-        assert self._fusion is not None
-        assert self._model is not None
         forces = np.where(forces > 0.0, forces, self._forces.mean)
         if forces.all():
-            covariance = wrench_disturbance(self._poses, team.covariance, forces)
-            self._disturbance.expect(covariance, self._fusion.wrench_covariance)
-            self._disturbance.tell(self._model)
+            self._weights.expect_disturbance(forces, team)
 
     def map_features(self, feature_map: Array, old_poses: Sequence[Pose], new_poses: Sequence[Pose]) -> None:
         """All samples' motions count as if they had been fused with new poses: ``refit_map`` (28, 28)."""
@@ -348,45 +301,30 @@ class LoadMemory:
         self._uncorrected.begin()
         self._early.begin()
         self._late.begin()
-        self._expect_disturbance(np.zeros(len(self._poses)), team)
+        self._expect_disturbance(np.zeros(len(team.poses)), team)
 
     def payload(self, own: int, team: TeamPoses) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
         """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable."""
-        if self._model is None or not self._is_enough():
+        if not self._is_enough():
             return None, ()
         if self._late.contradict:
             return None, ("load: the forces of late do not fit what is remembered of it",)
-        information = self._window.information(self._model)
-        solution = self._solve(information)
-        uncorrected = self._by_uncorrected(self._model, information)
-        solution = replace(solution, covariance=solution.covariance + uncorrected)
-        by_poses = self._by_poses(information, solution.parameters)
+        information, sums = self._window.information(self._weights.model), self._window.total
+        solution = self._weights.solution(information)
+        solution = replace(solution, covariance=solution.covariance + self._by_uncorrected(information))
+        crosses = motion_grams(sums) @ self._wrenches_by_motion
+        by_poses = self._weights.by_poses(information, solution.parameters, sums, crosses)
         estimate = solution.made_possible(by_poses @ team.covariance @ by_poses.T)
         inflation = self._window.doubt * (1.0 + (_NEW * self._config.rate / self.count) ** 2)
         return seen_payload(estimate, by_poses, own, team, inflation, solution.length)
 
-    def _by_uncorrected(self, model: InertiaModel, information: InertiaInformation) -> Array:
+    def _by_uncorrected(self, information: InertiaInformation) -> Array:
         """Covariance (10, 10) of ``theta`` by what poses do to samples and was not corrected."""
-        scores = self._uncorrected.of_scores(self._disturbance, model, self._window.total[:GRAM_SIZE])
+        gram = self._window.total[:GRAM_SIZE]
+        scores = self._uncorrected.of_scores(self._disturbance, self._weights.model, gram)
         inverse = np.linalg.inv(information.uncompensated)
         covariance: Array = (inverse @ scores @ inverse)[:INERTIA_SIZE, :INERTIA_SIZE]
         return covariance
-
-    def _by_poses(self, information: InertiaInformation, parameters: Array) -> Array:
-        """Derivative of ``theta`` by all poses at ``parameters``, shape (10, 6 N)."""
-        assert self._model is not None
-        assert self._sensitivity is not None
-        return inertia_by_poses(
-            self._model,
-            information,
-            parameters,
-            unpacked_gram(self._window.total[:GRAM_SIZE]),
-            motion_grams(self._window.total) @ self._wrenches_by_motion,
-            self._sensitivity,
-        )
-
-    def _solve(self, information: InertiaInformation) -> InertiaSolution:
-        return solve_inertia(information, *self._middle_and_size)
 
     def _is_enough(self) -> bool:
         return self.count >= _LEAST * self._config.rate

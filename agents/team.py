@@ -123,8 +123,7 @@ class Team:
         self._found_before: Found | None = None
         self._fitted: TeamPoses | None = None
         self._neighbours_poses: dict[str, PoseEstimate] = {}
-        self._memory = LoadMemory(config, len(self._names), self._own)
-        self._memory.set_poses(self._poses, self._motion.fusion)
+        self._memory = LoadMemory(config, self._own, self._poses, self._motion.fusion)
 
         members = len(self._names)
         self._fits = PoseFits(config, members, self._own, start, schedule.rounds, self._hearing)

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from agents.load_memory import LoadMemory
-from coheft.estimation.acceleration import MotionFusion, carried_constants, derivative_kernel, robot_constants
+from coheft.estimation.acceleration import MotionFusion, derivative_kernel
 from coheft.estimation.body_motion import perturbed
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.observability import Visibility
@@ -43,14 +43,16 @@ class Memories:
 
     def __init__(self, config: AgentConfig, team: Team, poses: Sequence[Pose]) -> None:
         self.team = team
-        self.each = [LoadMemory(config, COUNT, own) for own in range(COUNT)]
-        self.use(poses)
+        self.poses = poses
+        self.each = [LoadMemory(config, own, poses, self._fusion(poses)) for own in range(COUNT)]
+
+    def _fusion(self, poses: Sequence[Pose]) -> MotionFusion:
+        return MotionFusion.of_robots(self.team.noise, poses, derivative_kernel(2, 0.01))
 
     def use(self, poses: Sequence[Pose]) -> None:
         self.poses = poses
-        constants = sum(carried_constants(robot_constants(self.team.noise), pose) for pose in poses)
         for memory in self.each:
-            memory.set_poses(poses, MotionFusion.of(np.asarray(constants), derivative_kernel(2, 0.01)))
+            memory.set_poses(poses, self._fusion(poses))
 
     def push(self, first: int, last: int, load: float = 1.0, robots: Sequence[int] = range(COUNT)) -> list[int | None]:
         """Blocks ``first`` to ``last - 1``, of a load so many times as heavy. Returns what the first robot found."""

@@ -1,0 +1,101 @@
+"""How an agent weighs samples of the load, and what the load is by these weights, with the poses in use."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from agents.disturbance import Disturbance
+from coheft.estimation.acceleration import MotionFusion
+from coheft.estimation.inertia import GRAM_SIZE, InertiaInformation, InertiaModel, unpacked_gram
+from coheft.estimation.inertia_estimate import InertiaSolution, middle_and_size, solve_inertia
+from coheft.estimation.load_samples import Memory
+from coheft.estimation.pose_disturbance import wrench_disturbance
+from coheft.estimation.pose_sensitivity import PoseSensitivity, inertia_by_poses
+from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.team_registration import TeamPoses
+from coheft.wire.config import AgentConfig
+
+
+class LoadWeights:
+    """Weights of one agent's samples.
+
+    The motions' noise is felt as a load makes it felt, so weights depend a little on what the load is: as long as that
+    is not known, samples are weighed as if motions had no noise.
+
+    Args:
+        config: The agent's settings.
+        poses: Of all robots, in the body frame.
+        fusion: Of their motion sensors, at these poses.
+        disturbance: What poses do to wrenches: it is told what it is, and tells the weights.
+
+    Attributes:
+        model: The weights.
+    """
+
+    def __init__(
+        self, config: AgentConfig, poses: Sequence[Pose], fusion: MotionFusion, disturbance: Disturbance
+    ) -> None:
+        self._noise = config.noise
+        self._with_offset = config.efficient.offsets
+        self._disturbance = disturbance
+        self._parameters: Array | None = None
+        self._see(poses, fusion)
+        self._make_model()
+
+    def set_poses(self, poses: Sequence[Pose], fusion: MotionFusion, window: Memory | None) -> None:
+        """From now on samples are seen with these poses; ``window`` holds those that are, if there are enough."""
+        self._see(poses, fusion)
+        if window is not None:
+            self._parameters = self.solution(window.information(self.model)).parameters
+        self._make_model()
+
+    def learn(self, window: Memory) -> None:
+        """From now on the load is known."""
+        self._parameters = self.solution(window.information(self.model)).parameters
+        self._make_model()
+
+    @property
+    def know_load(self) -> bool:
+        """Whether it is known how much the motions' noise is felt: until then samples cannot be told apart."""
+        return self._parameters is not None
+
+    def _see(self, poses: Sequence[Pose], fusion: MotionFusion) -> None:
+        self._poses, self._fusion = poses, fusion
+        self._middle_and_size = middle_and_size(poses)
+        self._sensitivity = PoseSensitivity.of(poses, self._noise, fusion.slope_information)
+
+    def _make_model(self) -> None:
+        self.model = InertiaModel(
+            self._fusion.wrench_covariance,
+            self._fusion.acceleration_covariance,
+            self._parameters,
+            with_offset=self._with_offset,
+        )
+        self._disturbance.tell(self.model)
+
+    def expect_disturbance(self, forces: Array, team: TeamPoses) -> None:
+        """From now on samples are spoilt, beside their noise, by what poses do to forces.
+
+        Args:
+            forces: Everybody's mean square force (N,) [N²].
+            team: The poses in use, and how well they are known.
+        """
+        covariance = wrench_disturbance(self._poses, team.covariance, forces)
+        self._disturbance.expect(covariance, self._fusion.wrench_covariance)
+        self._disturbance.tell(self.model)
+
+    def solution(self, information: InertiaInformation) -> InertiaSolution:
+        """What the load is."""
+        return solve_inertia(information, *self._middle_and_size)
+
+    def by_poses(self, information: InertiaInformation, parameters: Array, sums: Array, crosses: Array) -> Array:
+        """Derivative of ``theta`` by all poses, shape (10, 6 N).
+
+        Args:
+            information: Of the samples.
+            parameters: ``theta`` (10,).
+            sums: Of the samples, packed Gram matrix (190,) first.
+            crosses: Of the motion's features with each robot's own wrench, shape (N, 13, 6).
+        """
+        gram = unpacked_gram(sums[:GRAM_SIZE])
+        return inertia_by_poses(self.model, information, parameters, gram, crosses, self._sensitivity)
