@@ -25,12 +25,14 @@ class Contradictions:
     Args:
         config: The robot's settings.
         names: Of the team, in its order.
+        pose: The own one.
+        deviations: Standard deviations of poses, shape (6,).
 
     Attributes:
         flood: Tells the others how badly the own sensors fit, once they do not, and hears the same of them.
     """
 
-    def __init__(self, config: AgentConfig, names: Sequence[str]) -> None:
+    def __init__(self, config: AgentConfig, names: Sequence[str], pose: Pose, deviations: Array) -> None:
         self.flood = Flood(len(names), 1)
         self._names = names
         self._own = names.index(config.name)
@@ -40,20 +42,19 @@ class Contradictions:
         self._patience = config.blocks(_BLAMED)
         self._blamed = 0
         self._told = 0.0
+        self.use_pose(pose, deviations)
 
-    def add(self, moments: RegistrationMoments, pose: Pose, deviations: Array) -> bool:
-        """Take in what a block says of the own pose; returns whether it is like those of late.
+    def use_pose(self, pose: Pose, deviations: Array) -> None:
+        """From now on sensors are held against the team's motion with this pose; arguments as of the class."""
+        self._pose, self._variances = pose, deviations**2
 
-        Args:
-            moments: Of the block.
-            pose: The own one.
-            deviations: Standard deviations of poses, shape (6,).
-        """
-        return self._watch.add(moments, pose, deviations**2)
+    def add(self, moments: RegistrationMoments) -> bool:
+        """Take in what a block says of the own pose; returns whether it is like those of late."""
+        return self._watch.add(moments, self._pose, self._variances)
 
-    def add_early(self, moments: RegistrationMoments, pose: Pose, deviations: Array) -> bool:
+    def add_early(self, moments: RegistrationMoments) -> bool:
         """The same of blocks that came early, ``PACE`` of them."""
-        return self._early_watch.add(moments, pose, deviations**2)
+        return self._early_watch.add(moments, self._pose, self._variances)
 
     def forget_early(self) -> None:
         """They do not matter any more."""
@@ -64,16 +65,10 @@ class Contradictions:
         self._watch.map(feature_map)
         self._early_watch.map(feature_map)
 
-    def step(self, index: int, pose: Pose, deviations: Array) -> None:
-        """One block.
-
-        Args:
-            index: Its number.
-            pose: The own one.
-            deviations: Standard deviations of poses, shape (6,).
-        """
+    def step(self, index: int) -> None:
+        """One block, by its number."""
         if index % self._every == 0:
-            misfit = max(watch.misfit(pose, deviations**2) for watch in (self._watch, self._early_watch))
+            misfit = max(watch.misfit(self._pose, self._variances) for watch in (self._watch, self._early_watch))
             if max(misfit, self._told) > MISFIT:
                 self.flood.tell(self._own, index, np.array([misfit]))
                 self._told = misfit
@@ -83,9 +78,9 @@ class Contradictions:
     @property
     def by(self) -> str | None:
         """The robot whose measurements contradict the team's motion most, if any do."""
-        table = self.flood.table
-        worst = int(np.argmax(table[:, 1]))
-        return self._names[worst] if table[worst, 1] > MISFIT else None
+        misfits = self.flood.table[:, 1]
+        worst = int(misfits.argmax())
+        return self._names[worst] if misfits[worst] > MISFIT else None
 
     @property
     def have_lasted(self) -> bool:

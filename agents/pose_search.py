@@ -58,7 +58,7 @@ class PoseSearch:
         self._sums = TeamSums("sums", config.name, self._neighbours, schedule, config.block, config.noise)
         self._motion = TotalMotion(config, self._poses)
         self._fits = PoseFits(config, len(self._names), self._own, start, schedule.rounds, hearing(graph))
-        self._contradictions = Contradictions(config, self._names)
+        self._contradictions = Contradictions(config, self._names, self._poses[self._own], _ROUGHLY_KNOWN)
         self._floods = Floods({**self._fits.floods, "misfits": self._contradictions.flood})
         self._version = 0
         self._fitted: TeamPoses | None = None
@@ -84,7 +84,7 @@ class PoseSearch:
         finished = self._sums.advance(inbox)
         self._fits.common.add(index, (None if finished is None else self._moments(*finished), None))
         pose, version = self._fits.carrying_pose(self._poses), self._fits.carried
-        self._contradictions.step(index, self._poses[self._own], self._pose_deviations())
+        self._contradictions.step(index)
         self._sums.enter(None if samples is None else Entered(index, samples, pose, version))
         return self._sums.channels() | self._floods.channels()
 
@@ -97,12 +97,8 @@ class PoseSearch:
         entered, _, motion = seen
         self._last_block = block
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
-        is_like_others = self._contradictions.add(moments, self._poses[self._own], self._pose_deviations())
+        is_like_others = self._contradictions.add(moments)
         return moments if is_like_others else None
-
-    def _pose_deviations(self) -> Array:
-        """Standard deviations of the pose that is known worst (6,)."""
-        return _ROUGHLY_KNOWN if self._fitted is None else _FIRST_FITS * self._fitted.deviations.max(axis=0)
 
     def _use_poses(self, version: int) -> None:
         """All samples so far count from now on as if they had been carried with the poses of a version."""
@@ -115,9 +111,9 @@ class PoseSearch:
         self._contradictions.map(feature_map)
         steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
         self._poses, self._version = poses, version
-        self._fitted = self._fits.known(
-            poses, steps, self._motion.slope, untried=0.0
-        )  # the load is not weighed with them
+        # The load is not weighed with them.
+        self._fitted = self._fits.known(poses, steps, self._motion.slope, untried=0.0)
+        self._contradictions.use_pose(poses[self._own], _FIRST_FITS * self._fitted.deviations.max(axis=0))
 
     def fits(self, channels: Mapping[str, Array]) -> bool:
         """Whether what a neighbour sent has the shapes of this team."""

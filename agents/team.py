@@ -133,7 +133,7 @@ class Team:
         self._counted_from = start
         self._largest_step = np.inf
         self._wrenches = Flood(members, LoadMemory.told_size)
-        self._contradictions = Contradictions(config, self._names)
+        self._contradictions = Contradictions(config, self._names, self._poses[self._own], WELL_KNOWN)
         self._floods = Floods(
             {
                 **self._fits.floods,
@@ -175,7 +175,7 @@ class Team:
         else:
             self._contradictions.forget_early()
         self._fits.common.add(index, (newest, early))
-        self._contradictions.step(index, self._poses[self._own], self._pose_deviations())
+        self._contradictions.step(index)
         if not self.doubts():
             self._beyond_doubt = self._poses
         told["load_change"] = np.array([float(self._memory.changed_at)])
@@ -245,10 +245,6 @@ class Team:
                 self._memory.forget_early(PACE * UNNOTICED)
             self._early_sums.end()
 
-    def _pose_deviations(self) -> Array:
-        """Standard deviations of the pose that is known worst (6,): the reference robot's defines the frame."""
-        return WELL_KNOWN if self._fitted is None else self._fitted.deviations.max(axis=0)
-
     # --- sums ---
 
     def _entered(self, block: int, samples: Array | None) -> Entered | None:
@@ -265,9 +261,9 @@ class Team:
         entered, sums = finished
         motion = self._motion.fusion.motion(sums)
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
-        pose, deviations = self._poses[self._own], self._pose_deviations()
-        is_like_others = self._contradictions.add_early(moments, pose, deviations)
-        is_unlikely = not is_like_others or block_misfit(moments, pose, self._config.noise) > _UNLIKELY
+        is_like_others = self._contradictions.add_early(moments)
+        misfit = block_misfit(moments, self._poses[self._own], self._config.noise)
+        is_unlikely = not is_like_others or misfit > _UNLIKELY
         if self._fitted is not None and is_unlikely:
             return None
         self._memory.push_early(entered.block, motion, sums[:, 0], entered.samples[:, WRENCH])
@@ -287,12 +283,12 @@ class Team:
         entered, sums, motion = seen
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
         found = _Block(block, motion, sums[:, 0], entered.samples[:, WRENCH], moments)
-        pose = self._poses[self._own]
-        is_like_others = self._contradictions.add(moments, pose, self._pose_deviations())
+        is_like_others = self._contradictions.add(moments)
         held, self._held = self._held, None
         if self._is_contradicted:
             return None
-        if not is_like_others or block_misfit(moments, pose, self._config.noise) > _NONSENSE:
+        misfit = block_misfit(moments, self._poses[self._own], self._config.noise)
+        if not is_like_others or misfit > _NONSENSE:
             return None
         if self._memory.surprise(motion, found.wrench) <= _JUMP:
             return self._learn(found, index)
@@ -354,6 +350,7 @@ class Team:
         self._poses, self._version = poses, version
         self._memory.set_poses(poses, self._motion.fusion)
         self._fitted = self._fits.known(poses, steps, self._motion.slope)
+        self._contradictions.use_pose(poses[self._own], self._fitted.deviations.max(axis=0))
         self._neighbours_poses = seen_from(self._fitted, self._config.name, self._names, self._neighbours)
         self._largest_step = largest_step(self._fitted, steps)
         self._wrenches.tell(self._own, version, self._memory.told())

@@ -37,7 +37,13 @@ class Watching:
         scenario = changed("ring3")
         self.unlike: list[tuple[int, str]] = []
         self.robots = [
-            Contradictions(agent_config(scenario, name, tuple(o for o in NAMES if o != name)), NAMES) for name in NAMES
+            Contradictions(
+                agent_config(scenario, name, tuple(o for o in NAMES if o != name)),
+                NAMES,
+                self.team.poses[k],
+                DEVIATIONS,
+            )
+            for k, name in enumerate(NAMES)
         ]
 
     def run(self, first: int, blocks: int, *, early: bool = False) -> None:
@@ -45,9 +51,9 @@ class Watching:
             rows = slice(block * BLOCK, (block + 1) * BLOCK)
             for k, robot in enumerate(self.robots):
                 moments = RegistrationMoments.of(self.samples[rows, k, KINEMATICS], self.team.motion[rows])
-                like = (robot.add_early if early else robot.add)(moments, self.team.poses[k], DEVIATIONS)
+                like = (robot.add_early if early else robot.add)(moments)
                 self.unlike += [] if like else [(block, NAMES[k])]
-                robot.step(block, self.team.poses[k], DEVIATIONS)
+                robot.step(block)
             for robot in self.robots:
                 for other in self.robots:
                     robot.flood.hear("", other.flood.digest, numbered(other.flood.table))
@@ -103,5 +109,5 @@ def test_two_that_take_turns_do_not_go_on_for_ever() -> None:
         for robot in watching.robots:
             for other in watching.robots:
                 robot.flood.hear("", other.flood.digest, other.flood.table)
-            robot.step(1 + 5 * block, watching.team.poses[0], DEVIATIONS)  # not one at which it tells
+            robot.step(1 + 5 * block)  # not one at which it tells
     assert [robot.have_lasted for robot in watching.robots] == [True, True, False]
