@@ -28,6 +28,9 @@ FALSE_ALARM = 1e-12
 neighbouring borders, have much data in common."""
 _CHANCE = 1e-4
 """Probability at a single test beyond which samples may be of two loads, though nobody is told of a change yet."""
+_UNEVEN = 4.0
+"""Where samples disagree, covariances count with their being divided as unevenly as this, and no more: the smaller a
+part is, the less it says about how far the other is off."""
 _YOUNG = 12
 """Up to so many borders, all are tested every time."""
 _DRIFT = 2
@@ -182,8 +185,12 @@ class LoadWindow:
     def _test(self, model: InertiaModel, is_coherent: bool, borders: slice) -> Array:
         """Statistics of borders over what they hardly ever exceed by chance; keeps how doubtful they make the load."""
         statistics, seen = self._statistics(model, is_coherent, borders)
-        largest = float(statistics.max(initial=0.0))
-        self._doubts.append(largest / seen if largest > _threshold(seen, _CHANCE) else 1.0)
+        is_doubtful = statistics > _threshold(seen, _CHANCE)
+        newer = self._sums[borders, 0][is_doubtful]
+        older = self._sums[0, 0] - newer
+        # The smaller part may be the right one, from which the estimate is farther away.
+        uneven = np.minimum(np.maximum(newer / older, older / newer), _UNEVEN)
+        self._doubts.append(float((statistics[is_doubtful] * uneven).max(initial=max(seen, 1))) / max(seen, 1))
         return statistics / _threshold(seen, self._false_alarm)
 
     def statistics(self, model: InertiaModel) -> Array:
@@ -209,11 +216,11 @@ class LoadWindow:
         ridge = _HARDLY * np.diag(older.uncompensated.diagonal())
         self._moved = np.asarray(np.linalg.solve(older.matrix + ridge, older.vector - older.matrix @ last))
         self._last = np.asarray(last + self._moved)
+        self._doubts.clear()
         self.forget_before(int(self._firsts[border]))
 
     def forget_before(self, block: int) -> None:
         """Forget all blocks with smaller numbers, and those that cannot be told apart from them any more."""
-        self._doubts.clear()
         kept = int(np.searchsorted(self._firsts[: self._borders], block))
         end = self._borders - kept
         for array in (self._firsts, self._orders, self._sums):

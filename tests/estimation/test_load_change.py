@@ -111,7 +111,7 @@ def test_a_young_load_is_in_doubt_as_soon_as_its_samples_disagree() -> None:
     for turn in range(2):
         window = LoadWindow(every=2, turn=turn)
         assert run.feed(window, grams) == []
-        assert 2.0 < window.doubt < 10.0
+        assert 2.0 < window.doubt < 40.0
 
 
 @pytest.mark.parametrize("at_rest_until", [0.0, 10.0])
@@ -388,3 +388,29 @@ def test_less_is_claimed_while_samples_disagree_though_no_change_is_certain() ->
     (change,) = found
     assert max(doubts[100 : change.last_block]) > 3.0
     assert doubts[change.last_block] == 1.0
+
+
+def test_doubt_outlasts_samples_that_are_forgotten_without_a_change() -> None:
+    run = Run(seed=2, duration=12.0)
+    window = LoadWindow()
+    run.feed(window, np.concatenate([run.grams(run.theta)[:60], run.grams(run.theta + run.dropped(0.03))[60:]]))
+    doubt = window.doubt
+    assert window.first_block == 0
+    assert doubt > 2.0
+    window.forget_before(20)
+    assert window.doubt == doubt
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_covariances_cover_the_smaller_part_of_samples_that_disagree(seed: int) -> None:
+    """As when a sensor is off, too little to be noticed, soon after the load was taken up."""
+    run = Run(seed, duration=12.0)
+    window, worst = LoadWindow(), 0.0
+    for block, gram in enumerate(
+        np.concatenate([run.grams(run.theta)[:60], run.grams(run.theta + run.dropped(0.03))[60:]])
+    ):
+        assert run.feed(window, gram[None], block) == []
+        if window.doubt > 1.0:
+            variances = window.doubt * np.linalg.inv(window.information(run.model).uncompensated).diagonal()
+            worst = max(worst, float(np.max(np.abs(run.estimate(window) - run.theta) / np.sqrt(variances))))
+    assert 0.0 < worst < 3.0
