@@ -11,7 +11,7 @@ COHERENCE = 1.0
 """Time for which what the robots push against each other keeps its direction, more or less [s]."""
 _SPOILT = 10.0
 """Where poses disturb wrenches more than this, samples are not compared. First fits of few samples disturb less."""
-_ROUGH = 2.0
+_ROUGH = 1.0
 """Where they disturb wrenches more than this, what they do to the load is not of first order only."""
 
 

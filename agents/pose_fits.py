@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from agents.common_moments import CommonMoments
-from coheft.estimation.registration import RegistrationMoments, score_and_information
+from coheft.estimation.registration import RegistrationMoments, least_squares, score_and_information
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses, fitted_poses, register_team
 from coheft.wire.config import AgentConfig
@@ -38,7 +38,9 @@ _LEFT = 0.25
 _UNTRIED = 1.5
 """Poses are so much less certain, in variance, as the square of this over the time of samples that they were fitted to
 [s]: what is left out of their covariance is of second order, and matters when they are new."""
-_SCORE_SIZE, _POSE_SIZE = 6, 12
+_SCORE_SIZE = 8
+"""The version of the poses that a score is at, how badly they fit, and the score."""
+_POSE_SIZE = 12
 _FIT_SIZE = 2 + _POSE_SIZE
 """From which block on the poses count, before which one samples go through sums again, and a pose."""
 
@@ -73,7 +75,7 @@ class PoseFits:
         chunk = max(config.blocks(_CHUNK), 2 * hearing)
         self._unsure = -(-config.blocks(UNNOTICED) // chunk) + 1
         self.common = CommonMoments(robots, own, start, chunk, parts=2, unsure=self._unsure)
-        self._scores = Flood(robots, 1 + _SCORE_SIZE)
+        self._scores = Flood(robots, _SCORE_SIZE)
         self._fits = Flood(robots, _FIT_SIZE)
         self.floods = {"common": self.common.flood, "scores": self._scores, "fits": self._fits}
         self.told_moments = RegistrationMoments.none()
@@ -143,6 +145,8 @@ class PoseFits:
         left = _LEFT * np.concatenate(steps)
         fitted = fitted_poses(poses, self.told_moments, self._config.noise, slope=slope)
         inflation = 1.0 + (untried * self._config.rate / max(self.told_moments.count, 1.0)) ** 2
+        # Birge (1932): as residuals are larger than noise explains, so may be errors.
+        inflation *= self._scores.table[:, 2].max(initial=1.0)
         return replace(fitted, covariance=inflation * fitted.covariance + np.outer(left, left))
 
     def map(self, feature_map: Array) -> None:
@@ -162,9 +166,11 @@ class PoseFits:
         grown = round(self._config.efficient.refit_share * steps)
         self._tell_step = steps + max(self._longest, self._shortest, grown)
         if can_tell:
-            score, _, _ = score_and_information(self.common.total, poses[self._own], self._config.noise)
-            self._scores.tell(self._own, self._tells, np.concatenate([[version], score]))
-            self.told_moments = self.common.total
+            moments = self.common.total
+            score, information, cost = score_and_information(moments, poses[self._own], self._config.noise)
+            square = least_squares(score, information, cost) / (9.0 * max(moments.count, 1.0))
+            self._scores.tell(self._own, self._tells, np.concatenate([[version, square], score]))
+            self.told_moments = moments
 
     def _look_at_spoilt(self) -> None:
         """The samples of late do not count any more: poses that were fitted to them have to be fitted again, soon."""
@@ -179,7 +185,7 @@ class PoseFits:
             return
         if np.any(rows[:, 0] != version):
             return
-        fitted = register_team(poses, rows[:, 1:], self.told_moments, self._config.noise, slope=slope)
+        fitted = register_team(poses, rows[:, 2:], self.told_moments, self._config.noise, slope=slope)
         since = index + self._hearing
         again_before = since if are_rough else self.again_before
         for robot, pose in enumerate(fitted.poses):
