@@ -40,7 +40,7 @@ class Contradictions:
         self._watch, self._early_watch = (Watch(config.noise, blocks_per_second / pace) for pace in (1, PACE))
         self._every = config.blocks(_TOLD)
         self._patience = config.blocks(_BLAMED)
-        self._blamed = 0
+        self._blamed = self._anybody_blamed = 0
         self._told = 0.0
         self.use_pose(pose, deviations)
 
@@ -73,7 +73,11 @@ class Contradictions:
                 self.flood.tell(self._own, index, np.array([misfit]))
                 self._told = misfit
         by = self.by  # one that is blamed again and again is blamed, too
-        self._blamed = max(0, self._blamed - 1) if by is None else self._blamed + (by == self._names[self._own])
+        if by is None:
+            self._blamed, self._anybody_blamed = max(0, self._blamed - 1), max(0, self._anybody_blamed - 1)
+        else:
+            self._blamed += by == self._names[self._own]
+            self._anybody_blamed += 1
 
     @property
     def by(self) -> str | None:
@@ -89,3 +93,8 @@ class Contradictions:
         What was learned before it was noticed may be wrong, and then the contradiction would never end.
         """
         return self._blamed > self._patience
+
+    @property
+    def anybodys_have_lasted(self) -> bool:
+        """The same of all robots' measurements, whoever was blamed for it."""
+        return self._anybody_blamed > self._patience

@@ -21,6 +21,8 @@ _ALIKE = 4
 """So many messages of the same sender and block are looked at."""
 _LARGEST = 1e12
 """No number that an estimator sends is as large as this."""
+_LARGEST_NUMBER = 2**62
+"""No number of a record is as large: there have to be larger ones that a message can hold."""
 _POSE_SIZE = 12
 _LONGEST_NAME = 32
 _ROTATION_TOLERANCE = 1e-6
@@ -106,7 +108,9 @@ class NeighbourInbox:
 
 def _is_possible(record: LinkState) -> bool:
     """Whether a robot's record makes sense on its own."""
-    if record.robot in record.neighbours or min(record.incarnation, record.sequence, record.since) < 0:
+    if record.robot in record.neighbours:
+        return False
+    if not all(0 <= number < _LARGEST_NUMBER for number in (record.incarnation, record.sequence, record.since)):
         return False
     if len(record.neighbours) > MAX_ROBOTS or max(map(len, (record.robot, *record.neighbours))) > _LONGEST_NAME:
         return False

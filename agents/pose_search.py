@@ -142,5 +142,8 @@ class PoseSearch:
 
     @property
     def must_start_over(self) -> bool:
-        """Whether this robot's measurements have contradicted the team's motion for too long."""
-        return self._contradictions.have_lasted
+        """Whether measurements have contradicted the team's motion for too long.
+
+        Where all poses are but roughly known, nobody knows whose is wrong.
+        """
+        return self._contradictions.anybodys_have_lasted

@@ -3,7 +3,8 @@
 Nobody is told the team's size or the graph. Each robot tells its neighbours its own link state; everyone hands on what
 is new. A message carries what changed since the last one, the first heard first, and one older record in turn, so that
 a lost message is made up for. What does not fit into ``PER_MESSAGE`` records follows with the next: the size of
-messages does not grow with the team.
+messages does not grow with the team. Should somebody have a record wrong, it wins over the right one everywhere, or
+nowhere; when the robot hears it, it tells its own anew, as a newer one.
 
 The **team** is all robots that hold the load. Whenever one of them starts again with an empty memory, lets go or takes
 hold, it is another team, and everybody has to be ready for that one. When all of its members know their poses well, it
@@ -47,7 +48,10 @@ class Gossip:
         heard, are_members_same = False, True
         for record in records:
             known = self.records.get(record.robot)
-            if record.robot == self.name or (known is not None and _age(record) <= _age(known)):
+            if known is not None and _age(record) <= _age(known):
+                continue
+            if record.robot == self.name:
+                self._tell(replace(self.own, incarnation=record.incarnation, sequence=record.sequence))
                 continue
             if known is None and len(self.records) >= MAX_ROBOTS:
                 continue  # no team is as large: somebody makes them up
@@ -169,8 +173,9 @@ class Gossip:
     """The block at which everybody is ready, the same for all agents; None while somebody is not."""
 
 
-def _age(record: LinkState) -> tuple[int, int]:
-    return record.incarnation, record.sequence
+def _age(record: LinkState) -> tuple[int, int, LinkState]:
+    """What makes a record newer than another one; of two that should be the same, everybody takes the same."""
+    return record.incarnation, record.sequence, record
 
 
 def _membership(record: LinkState) -> tuple[object, ...]:

@@ -63,7 +63,7 @@ def test_nobody_is_blamed_without_reason() -> None:
     watching = Watching({})
     watching.run(0, 70)
     assert [robot.by for robot in watching.robots] == [None] * 3
-    assert not any(robot.have_lasted for robot in watching.robots)
+    assert not any(robot.have_lasted or robot.anybodys_have_lasted for robot in watching.robots)
     assert watching.unlike == []
 
 
@@ -108,6 +108,7 @@ def test_two_that_take_turns_do_not_go_on_for_ever() -> None:
             robot.flood.tell(k, block, np.array([misfit]))
         for robot in watching.robots:
             for other in watching.robots:
-                robot.flood.hear("", other.flood.digest, other.flood.table)
+                robot.flood.hear("", other.flood.digest, numbered(other.flood.table))
             robot.step(1 + 5 * block)  # not one at which it tells
     assert [robot.have_lasted for robot in watching.robots] == [True, True, False]
+    assert all(robot.anybodys_have_lasted for robot in watching.robots)

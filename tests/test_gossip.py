@@ -254,6 +254,33 @@ def test_whatever_happened_everybody_comes_to_know_the_same(
         assert (robot.graph, robot.team, robot.start_block) == (one.graph, one.team, one.start_block)
 
 
+@given(graphs, st.data())
+def test_a_record_that_somebody_has_wrong_is_put_right(graph: Neighbours, data: st.DataObject) -> None:
+    """As when a bit flips in somebody's memory: newer by mistake, as new as the right one, or older."""
+    team = Team(graph)
+    team.meet()
+    team.everybody_ready(7)
+    team.meet()
+    holder, about = (data.draw(st.sampled_from(sorted(graph))) for _ in range(2))
+    record = team.robots[about].own
+    wrong = replace(
+        record,
+        sequence=record.sequence + data.draw(st.sampled_from([-1, 0, 0, 16, 2**40])),
+        incarnation=record.incarnation + data.draw(st.sampled_from([0, 0, 8])),
+        ready_block=data.draw(st.sampled_from([7, 0, 1031])),
+        since=data.draw(st.sampled_from([0, 0, 64])),
+    )
+    if holder != about:
+        team.robots[holder].hear([wrong])
+        team.robots[holder].records[about] = wrong
+    for _ in range(2):
+        team.make_up()
+    everything = [robot.records for robot in team.robots.values()]
+    assert all(records == everything[0] for records in everything)
+    right = team.robots[about].own
+    assert (right.ready_block, right.since) == (7, 0)
+
+
 def test_robots_that_nothing_was_heard_of_are_named() -> None:
     team = Team(build_graph(Graph(kind="line"), names(4)))
     team.block()

@@ -10,10 +10,12 @@ from coheft.estimation.inertia import symmetric_products
 from coheft.estimation.measurement import KINEMATICS, SensorNoise
 from coheft.estimation.registration import (
     RegistrationMoments,
+    least_squares,
     residual_derivative,
     residual_operator,
     score_and_information,
 )
+from coheft.estimation.spatial import Array, Pose
 from tests.estimation.team import make_team, random_pose
 
 NOISE = SensorNoise()
@@ -52,6 +54,24 @@ def test_score_is_the_gradient_and_information_the_curvature() -> None:
         moved = (perturbed(team.poses[2], s * e) for s in (STEP, -STEP))
         ahead, behind = (score_and_information(exact, pose, NOISE)[0] for pose in moved)
         np.testing.assert_allclose(-(ahead - behind) / (2 * STEP), row, atol=1e-4 * np.abs(information).max())
+
+
+def test_least_squares_are_those_at_the_best_pose_and_show_a_sensor_that_was_off_for_a_while() -> None:
+    team = make_team(1, duration=5.0)
+    own = team.measured(np.random.default_rng(0))[:, 2, KINEMATICS]
+    nearby = perturbed(team.poses[2], np.r_[0.01 * np.ones(3), 0.01 * np.ones(3)])
+
+    def mean_square(samples: Array, pose: Pose) -> float:
+        moments = RegistrationMoments.of(samples, team.motion)
+        return least_squares(*score_and_information(moments, pose, NOISE)) / (9.0 * moments.count)
+
+    usual = mean_square(own, team.poses[2])
+    assert usual == pytest.approx(1.0, abs=8.0 * np.sqrt(2.0 / own.size))
+    assert mean_square(own, nearby) == pytest.approx(usual, rel=0.02)
+    own[:, 3:6] += 5.0 * NOISE.velocity  # all the time: it is found along with the pose
+    assert mean_square(own, team.poses[2]) == pytest.approx(usual, rel=1e-6)
+    own[:200, 3:6] -= 5.0 * NOISE.velocity
+    assert mean_square(own, team.poses[2]) > 2.0
 
 
 def test_exact_data_give_the_exact_pose_in_blocks_and_with_offsets() -> None:
