@@ -48,7 +48,7 @@ class Gossip:
         heard, are_members_same = False, True
         for record in records:
             known = self.records.get(record.robot)
-            if known is not None and _age(record) <= _age(known):
+            if known is not None and not _is_newer(record, known):
                 continue
             if record.robot == self.name:
                 self._tell(replace(self.own, incarnation=record.incarnation, sequence=record.sequence))
@@ -173,9 +173,10 @@ class Gossip:
     """The block at which everybody is ready, the same for all agents; None while somebody is not."""
 
 
-def _age(record: LinkState) -> tuple[int, int, LinkState]:
-    """What makes a record newer than another one; of two that should be the same, everybody takes the same."""
-    return record.incarnation, record.sequence, record
+def _is_newer(record: LinkState, known: LinkState) -> bool:
+    """Whether one record of a robot replaces another; of two that should be the same, everybody takes the same."""
+    age, known_age = (record.incarnation, record.sequence), (known.incarnation, known.sequence)
+    return age > known_age or (age == known_age and record != known and repr(record) > repr(known))
 
 
 def _membership(record: LinkState) -> tuple[object, ...]:
