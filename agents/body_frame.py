@@ -104,8 +104,9 @@ class BodyFrame:
                 continue
             if frame.shape == (1,) and rows.shape == (len(record.neighbours), _KEPT_SIZE):
                 row = rows[record.neighbours.index(name)]
-                if row.any() and frame[0] > 0.0:
-                    self._told = int(frame[0]), int(row[0]), Pose.of_numbers(row[1:])
+                pose = Pose.of_numbers(row[1:])
+                if frame[0] > 0.0 and pose.is_rigid():
+                    self._told = int(frame[0]), int(row[0]), pose
 
     def channels(self) -> dict[str, Array]:
         """What neighbours may need of the kept poses."""

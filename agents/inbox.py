@@ -25,7 +25,6 @@ _LARGEST_NUMBER = 2**62
 """No number of a record is as large: there have to be larger ones that a message can hold."""
 _POSE_SIZE = 12
 _LONGEST_NAME = 32
-_ROTATION_TOLERANCE = 1e-6
 
 
 class NeighbourInbox:
@@ -118,6 +117,4 @@ def _is_possible(record: LinkState) -> bool:
         return True
     if len(record.pose) != _POSE_SIZE or not np.all(np.abs(record.pose) < _LARGEST):
         return False
-    rotation = Pose.of_numbers(record.pose).rotation
-    is_orthonormal = np.abs(rotation.T @ rotation - np.eye(3)).max() < _ROTATION_TOLERANCE
-    return bool(is_orthonormal and np.linalg.det(rotation) > 0.0)
+    return Pose.of_numbers(record.pose).is_rigid()

@@ -114,8 +114,8 @@ class PoseFits:
             self._fit(index, version, poses, slope, are_rough)
         told_version, _ = self._fits.row(0)
         fitted = self._fits.rows(told_version) if told_version > self.carried else None
-        if fitted is not None and index >= fitted[0, 0]:
-            self._told_poses[told_version] = tuple(Pose.of_numbers(row[2:]) for row in fitted)
+        if fitted is not None and index >= fitted[0, 0] and all(pose.is_rigid() for pose in _poses(fitted)):
+            self._told_poses[told_version] = _poses(fitted)
             self.carried = told_version
             if fitted[0, 1] > self.again_before:
                 self.again_before = int(fitted[0, 1])
@@ -190,6 +190,11 @@ class PoseFits:
         again_before = since if are_rough else self.again_before
         for robot, pose in enumerate(fitted.poses):
             self._fits.tell(robot, self._tells, np.array([since, again_before, *pose.numbers()]))
+
+
+def _poses(fitted: Array) -> tuple[Pose, ...]:
+    """Of all robots, from rows (N, 14) that the reference robot has told."""
+    return tuple(Pose.of_numbers(row[2:]) for row in fitted)
 
 
 def largest_step(fitted: TeamPoses, steps: Sequence[Array]) -> float:

@@ -274,6 +274,20 @@ def test_nonsense_teaches_nobody_a_pose(nonsense: dict[str, Array]) -> None:
     assert robot.frame.found_pose() is None
 
 
+def test_what_is_no_pose_is_not_taken_for_one(team: Team) -> None:
+    team.restart("r4")
+    team.run(1)
+    team.dissolve(others_than("r4"))
+    team.run(3)
+    robot = team.robots["r4"]
+    told = robot.frame.kept_pose()
+    assert told is not None
+    rows = np.ones((len(robot.gossip.records["r3"].neighbours), 13))
+    rows[:, 0] = robot.gossip.own.since
+    robot.frame.hear_kept_poses({"r3": {"kept_frame": np.array([float(told[1])]), "kept_poses": rows}})
+    assert robot.frame.kept_pose() == told
+
+
 def test_what_neighbours_knew_of_a_former_hold_does_not_count(team: Team) -> None:
     # Its neighbours tell r4 its pose, after r1 has started again.
     team.restart("r1")

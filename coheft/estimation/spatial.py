@@ -20,6 +20,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 _SMALL_ANGLE_SQUARED = 1e-8
+_ROTATION_TOLERANCE = 1e-6
 _AXES = np.eye(3)
 _CROSS = np.zeros((3, 9))
 """Cross-product matrices of the three axes, row by row."""
@@ -161,6 +162,13 @@ class Pose:
         if array.shape != (12,):
             raise ValueError(f"{array.shape=} but expected (12,)")
         return Pose(array[:9].reshape(3, 3), array[9:])
+
+    def is_rigid(self) -> bool:
+        """Whether the rotation is one, and all numbers are finite: what somebody else says may be anything."""
+        if not np.isfinite(self.translation).all():
+            return False
+        is_orthonormal = np.abs(self.rotation.T @ self.rotation - _AXES).max() < _ROTATION_TOLERANCE
+        return bool(is_orthonormal and np.linalg.det(self.rotation) > 0.0)
 
     def numbers(self) -> Array:
         """Rotation row by row, then translation: shape (12,)."""

@@ -22,6 +22,15 @@ def test_twists_are_carried_between_frames(motion: RigidMotion, pose_i: Pose, po
     np.testing.assert_allclose(np.append(w_i, v_i), pose_j_in_i.adjoint() @ np.append(w_j, v_j), atol=1e-11)
 
 
+@given(poses)
+def test_what_is_no_rotation_is_no_pose(pose: Pose) -> None:
+    assert pose.is_rigid()
+    reflected, scaled, turned = np.diag([1.0, 1.0, -1.0]), 1.001 * np.eye(3), np.full((3, 3), np.nan)
+    assert not any(Pose(pose.rotation @ matrix, pose.translation).is_rigid() for matrix in (reflected, scaled, turned))
+    assert not Pose(pose.rotation, pose.translation * [np.nan, 1.0, 1.0]).is_rigid()
+    assert not Pose(np.zeros((3, 3)), pose.translation).is_rigid()
+
+
 @given(motions, poses, poses)
 def test_accelerations_are_carried_between_frames(motion: RigidMotion, pose_i: Pose, pose_j: Pose) -> None:
     pose_j_in_i = pose_i.inverse() @ pose_j
