@@ -57,7 +57,7 @@ def cases(effort: Effort) -> list[Case]:
     chosen = [Case(6, 1000, "lockstep"), Case(6, 1000, "realtime")]
     if effort == "usual":
         chosen += [Case(robots, 1000, "lockstep") for robots in (3, 12, 24)] + [Case(6, 100, "lockstep")]
-        chosen += [Case(24, 1000, "realtime")]
+        chosen += [Case(24, 1000, "realtime", block) for block in (_BLOCK, *_LONGER[:1])]
         chosen += [Case(robots, 1000, "lockstep", block) for block in _LONGER for robots in (6, 24)]
     return chosen
 

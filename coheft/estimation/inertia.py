@@ -20,7 +20,13 @@ import numpy as np
 import numpy.typing as npt
 
 from coheft.estimation.body_motion import BODY_A, BODY_ALPHA, BODY_W
-from coheft.estimation.rigid_body import inertia_operator, pack_symmetric, unpack_symmetric
+from coheft.estimation.rigid_body import (
+    PACKED_COLUMNS,
+    PACKED_ROWS,
+    inertia_operator,
+    pack_symmetric,
+    unpack_symmetric,
+)
 from coheft.estimation.spatial import Array, skew
 
 FEATURES = 19
@@ -33,9 +39,22 @@ _ROWS, _COLUMNS = np.triu_indices(FEATURES)
 _IDENTITY = np.eye(6)
 
 
+@lru_cache
+def _unpacking(size: int) -> npt.NDArray[np.intp]:
+    """Where the entries of a symmetric matrix are in its packed upper triangle, shape (size, size); read only."""
+    places = np.empty((size, size), dtype=np.intp)
+    rows, columns = np.triu_indices(size)
+    places[rows, columns] = places[columns, rows] = np.arange(len(rows))
+    places.flags.writeable = False
+    return places
+
+
+_PLACES, _UPPER = _unpacking(FEATURES), _ROWS * FEATURES + _COLUMNS
+
+
 def symmetric_products(w: Array) -> Array:
     """``w w^T`` packed as ``(xx, yy, zz, xy, xz, yz)``, shape (n, 3) to (n, 6)."""
-    return w[:, [0, 1, 2, 0, 0, 1]] * w[:, [0, 1, 2, 1, 2, 2]]
+    return w.take(PACKED_ROWS, axis=1) * w.take(PACKED_COLUMNS, axis=1)
 
 
 def _products_regressor() -> Array:
@@ -73,20 +92,19 @@ def features(motion: Array, wrench: Array) -> Array:
 
 def packed_gram(sample_features: Array) -> Array:
     """Upper triangle of the Gram matrix of features (n, 19), shape (190,). The first entry counts the samples."""
-    gram: Array = (sample_features.T @ sample_features)[_ROWS, _COLUMNS]
-    return gram
+    return repacked_gram(sample_features.T @ sample_features)
 
 
 def unpacked_gram(packed: Array) -> Array:
     """Gram matrices (..., 19, 19) of packed ones (..., 190)."""
-    gram = np.empty((*packed.shape[:-1], FEATURES, FEATURES))
-    gram[..., _ROWS, _COLUMNS] = gram[..., _COLUMNS, _ROWS] = packed
+    gram: Array = packed.take(_PLACES, axis=-1)
     return gram
 
 
 def repacked_gram(gram: Array) -> Array:
     """Inverse of ``unpacked_gram``."""
-    return gram[..., _ROWS, _COLUMNS]
+    packed: Array = gram.reshape(*gram.shape[:-2], FEATURES**2).take(_UPPER, axis=-1)
+    return packed
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +187,7 @@ class InertiaModel:
 
     def information(self, grams: Array) -> InertiaInformation:
         """Information of packed Gram matrices, shape (..., 190)."""
-        joint = (grams @ self._table)[..., self._unpack]
+        joint = (grams @ self._table).take(self._unpack, axis=-1)
         matrix, count = joint[..., :-1, :-1], grams[..., 0]
         uncompensated = matrix + count[..., None, None] * self._noise
         return InertiaInformation(
@@ -187,7 +205,7 @@ class InertiaModel:
 
     def disturbance(self, grams: Array) -> Array:
         """What the disturbance adds to the score's covariance, if it is new with every sample, shape (..., u, u)."""
-        result: Array = (grams @ self._disturbance_table)[..., self._unpack[:-1, :-1]]
+        result: Array = (grams @ self._disturbance_table).take(self._unpack[:-1, :-1], axis=-1)
         return result
 
 
@@ -196,16 +214,6 @@ def _products(coefficients: Array, weight: npt.NDArray[np.floating]) -> Array:
     features, size = len(coefficients), coefficients.shape[-1]
     flat = coefficients.transpose(1, 0, 2).reshape(6, features * size)
     return (flat.T @ weight @ flat).reshape(features, size, features, size).transpose(0, 2, 1, 3)
-
-
-@lru_cache
-def _unpacking(size: int) -> npt.NDArray[np.intp]:
-    """Where the entries of a symmetric matrix are in its packed upper triangle, shape (size, size); read only."""
-    places = np.empty((size, size), dtype=np.intp)
-    rows, columns = np.triu_indices(size)
-    places[rows, columns] = places[columns, rows] = np.arange(len(rows))
-    places.flags.writeable = False
-    return places
 
 
 def _packed_table(products: Array) -> Array:

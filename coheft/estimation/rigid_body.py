@@ -13,16 +13,21 @@ import numpy.typing as npt
 
 from coheft.estimation.spatial import Array, Pose, skew
 
+PACKED_ROWS, PACKED_COLUMNS = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
+"""Which entries of a symmetric 3x3 matrix are packed."""
+_PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
+
 
 def pack_symmetric(matrix: Array) -> Array:
     """``(xx, yy, zz, xy, xz, yz)`` of symmetric matrices, shape (..., 3, 3) to (..., 6)."""
-    rows, columns = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
-    return matrix[..., rows, columns]
+    packed: Array = matrix.reshape(*matrix.shape[:-2], 9).take(3 * PACKED_ROWS + PACKED_COLUMNS, axis=-1)
+    return packed
 
 
 def unpack_symmetric(packed: Array) -> Array:
     """Inverse of ``pack_symmetric``, shape (..., 6) to (..., 3, 3)."""
-    return packed[..., [[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+    matrix: Array = packed.take(_PLACES, axis=-1)
+    return matrix
 
 
 _OF_ELEMENTS = unpack_symmetric(np.eye(6)).reshape(18, 3).T
