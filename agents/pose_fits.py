@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from agents.common_moments import CommonMoments
+from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.registration import RegistrationMoments, least_squares, score_and_information
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses, fitted_poses, register_team
@@ -33,6 +34,9 @@ UNNOTICED = 0.5
 """What contradicts the team's motion is noticed within this time [s]."""
 _CHUNK = 0.1
 """Robots tell each other every so often, or when all have been heard, which blocks they have [s]."""
+_FAR = np.radians(2.0)
+"""When a fit turns a pose by more, how samples seen with the old poses would look with the new ones is not known well
+enough [rad]."""
 _LEFT = 0.25
 """Share of a fit's last step that may be left to go, because the fit is not linear."""
 _UNTRIED = 1.5
@@ -92,6 +96,7 @@ class PoseFits:
         is_settled: bool,
         is_spoilt: bool,
         are_rough: bool,
+        come_again: bool,
     ) -> None:
         """Whatever is due at a block.
 
@@ -103,6 +108,7 @@ class PoseFits:
             is_settled: Whether everything accumulated is seen with these poses.
             is_spoilt: Whether something contradicts the team's motion.
             are_rough: Whether the poses in use are, or may be, too rough to weigh with.
+            come_again: Whether samples that poses were too rough for can be left out, or go through sums again.
         """
         if is_spoilt:
             self.common.spoil(index - 1)
@@ -111,7 +117,7 @@ class PoseFits:
                 self._look_at_spoilt()
             self._tell_score(version, poses, is_settled and self.carried == version)
         if self._own == 0:
-            self._fit(index, version, poses, slope, are_rough)
+            self._fit(index, version, poses, slope, are_rough, come_again)
         told_version, _ = self._fits.row(0)
         fitted = self._fits.rows(told_version) if told_version > self.carried else None
         if fitted is not None and index >= fitted[0, 0] and all(pose.is_rigid() for pose in _poses(fitted)):
@@ -178,7 +184,9 @@ class PoseFits:
             self.spoilt = self._tells
             self._tell_step = min(self._tell_step, self.common.steps + self._longest)
 
-    def _fit(self, index: int, version: int, poses: Sequence[Pose], slope: Array, are_rough: bool) -> None:
+    def _fit(
+        self, index: int, version: int, poses: Sequence[Pose], slope: Array, are_rough: bool, come_again: bool
+    ) -> None:
         """As the reference robot: all poses after the joint step, once everybody's score at those in use is known."""
         rows = self._scores.rows(self._tells)
         if self._tells <= self.carried or self._fits.row(0)[0] >= self._tells or rows is None:
@@ -187,7 +195,9 @@ class PoseFits:
             return
         fitted = register_team(poses, rows[:, 2:], self.told_moments, self._config.noise, slope=slope)
         since = index + self._hearing
-        again_before = since if are_rough else self.again_before
+        turns = [perturbation_between(old, new)[:3] for old, new in zip(poses, fitted.poses, strict=True)]
+        are_far = are_rough or np.linalg.norm(turns, axis=1).max() > _FAR
+        again_before = since if are_far and come_again else self.again_before
         for robot, pose in enumerate(fitted.poses):
             self._fits.tell(robot, self._tells, np.array([since, again_before, *pose.numbers()]))
 

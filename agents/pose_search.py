@@ -80,6 +80,7 @@ class PoseSearch:
             is_settled=True,
             is_spoilt=self._contradictions.by is not None,
             are_rough=False,
+            come_again=True,
         )
         finished = self._sums.advance(inbox)
         self._fits.common.add(index, (None if finished is None else self._moments(*finished), None))

@@ -324,7 +324,8 @@ class Team:
             self._motion.slope,
             is_settled=self._corrected == self._version,
             is_spoilt=self._is_contradicted,
-            are_rough=self._memory.is_spoilt and not self._motion.needs_slope,
+            are_rough=self._memory.is_spoilt,
+            come_again=not self._motion.needs_slope,
         )
         if self._fits.again_before > self._early_sums.start:
             self._early_sums.begin(self._fits.again_before)

@@ -89,7 +89,8 @@ class Arms:
             self._rate[:, i, :3], self._rate[:, i, 3:] = motion[:, 9:], motion[:, 6:9]
             self._controls[..., i, _MOTOR, :] = reference.wrench
         slope = np.diff(self._rate, axis=0)
-        slope = np.concatenate([slope, slope[-1:]])  # the next block's reference is not known yet
+        # The next block's reference is not known yet: the slope goes on as it has changed.
+        slope = np.concatenate([slope, 2.0 * slope[-1:] - slope[-2:-1] if len(slope) > 1 else slope])
         spring = (
             self._displacement[:, None] + self._rate[:, None] * self._rate_gains + slope[:, None] * self._slope_gains
         )

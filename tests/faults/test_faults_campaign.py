@@ -33,7 +33,7 @@ OUTCOME = Outcome(
 )
 _replace = msgspec.structs.replace
 
-ONCE_BROKEN = [307, 503, 555, 1141, 1294, 1635, 2045, 2254, 2532, 2650, 2871, 2924, 3690, 7069, 10387]
+ONCE_BROKEN = [307, 503, 555, 1141, 1294, 1635, 2045, 2254, 2532, 2650, 2871, 2924, 3690, 4520, 4571, 7069, 10387]
 
 
 def short(seed: int) -> Outcome:
