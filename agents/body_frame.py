@@ -18,13 +18,15 @@ from agents.estimator import Channels
 from coheft.estimation.measurement import KINEMATICS
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.twist_registration import TwistMoments, register_twists
+from coheft.estimation.twist_registration import TwistMoments, mean_square, register_twists
 from coheft.wire.config import AgentConfig
 from consensus.gossip import Gossip
 from consensus.graph import distances
 
 _KEPT_SIZE = 1 + 12
 """Since which block a robot has held the load there, and its pose."""
+_MISFIT = 5.0
+"""Mean square of a pair's residuals, in units of the noise, from which on they do not fit together."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,9 @@ class BodyFrame:
     Args:
         config: The agent's settings.
         gossip: Knows the graph.
+
+    Attributes:
+        misfits: Neighbours whose measurements did not fit the own ones when that was looked at last.
     """
 
     def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
@@ -58,6 +63,7 @@ class BodyFrame:
         self._kept: KeptPoses | None = None
         # The own pose as neighbours know it: number of the frame, since when the load has been held there, and pose.
         self._told: tuple[int, int, Pose] | None = None
+        self.misfits: tuple[str, ...] = ()
 
     def keep(self, frame: int, poses: Mapping[str, Pose], holds: Mapping[str, int]) -> None:
         """The team is dissolved; these were its poses, and the blocks since which its members had held the load.
@@ -90,6 +96,17 @@ class BodyFrame:
             kinematics = channels.get("kinematics")
             if previous is not None and kinematics is not None and kinematics.shape == previous[:, KINEMATICS].shape:
                 self._pairs[name] += TwistMoments.of(previous[:, :6], kinematics[:, :6])
+
+    def forget_misfits(self) -> None:
+        """What does not fit together was not measured at the same time, or by sensors that work: begin anew."""
+        noise = self._config.noise
+        self.misfits = tuple(
+            name
+            for name, moments in sorted(self._pairs.items())
+            if moments.count > 1.0 and mean_square(moments, self._pair(name).pose, noise, noise) > _MISFIT
+        )
+        for name in self.misfits:
+            self._pairs[name] = TwistMoments.none()
 
     def hear_kept_poses(self, inbox: Mapping[str, Channels]) -> None:
         """Neighbours may know this robot's pose from a former team."""

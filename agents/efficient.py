@@ -106,6 +106,7 @@ class EfficientEstimator:
         if kept is not None:
             self._announce_pose(index, *kept, refined=True)
         elif index % self._look_every == 0:
+            self._body_frame.forget_misfits()
             found = self._body_frame.found_pose()
             if found is not None:
                 self._announce_pose(index, *found, refined=False)
@@ -191,7 +192,10 @@ class EfficientEstimator:
     def doubts(self) -> tuple[str, ...]:
         """See ``Estimator.doubts``."""
         at_work = self._team or self._search
-        return ("the team's sums have not begun",) if at_work is None else at_work.doubts()
+        if at_work is not None:
+            return at_work.doubts()
+        misfits = (f"what {name} measures does not fit how this robot moves" for name in self._body_frame.misfits)
+        return ("the team's sums have not begun", *misfits)
 
 
 def _seen(poses: Mapping[str, PoseEstimate]) -> dict[str, UncertainPose]:

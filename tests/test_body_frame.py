@@ -288,6 +288,21 @@ def test_what_is_no_pose_is_not_taken_for_one(team: Team) -> None:
     assert robot.frame.kept_pose() == told
 
 
+def test_what_was_measured_at_other_times_is_forgotten() -> None:
+    team = Team()
+    team.run(4)
+    robot, samples = team.robots["r1"], team.robots["r2"].samples
+    assert samples is not None
+    robot.frame.update_pairs(team.block, robot.samples, {"r2": {"kinematics": samples[::-1, KINEMATICS] + 1.0}})
+    robot.frame.forget_misfits()
+    assert robot.frame.misfits == ("r2",)
+    assert robot.frame.neighbours_poses() == {}
+    team.run(ENOUGH)
+    robot.frame.forget_misfits()
+    assert robot.frame.misfits == ()
+    assert team.distance(robot.frame.neighbours_poses()["r2"].pose, team.true_pose("r1", "r2")) < CLOSE
+
+
 def test_what_neighbours_knew_of_a_former_hold_does_not_count(team: Team) -> None:
     # Its neighbours tell r4 its pose, after r1 has started again.
     team.restart("r1")

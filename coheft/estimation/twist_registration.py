@@ -109,6 +109,20 @@ def register_twists(
     return PoseEstimate(pose, covariance, seen.unseen())
 
 
+def mean_square(moments: TwistMoments, pose: Pose, noise_i: SensorNoise, noise_j: SensorNoise) -> float:
+    """Mean square of the residuals ``xi_i - Ad(pose_j_in_i) xi_j`` in units of their noise, means left out.
+
+    1 up to sampling if both sensors measure the same motion at the same time; other arguments as of
+    ``register_twists``.
+    """
+    second, count = moments.second(centred=True)
+    sigma_i, sigma_j = (np.square(noise.per_column()[:6]) for noise in (noise_i, noise_j))
+    adjoint = pose.adjoint()
+    residual = np.hstack([_IDENTITY, -adjoint])
+    covariance = (adjoint * sigma_j) @ adjoint.T + np.diag(sigma_i)
+    return float(np.trace(np.linalg.solve(covariance, residual @ second @ residual.T))) / (6.0 * max(count, 1.0))
+
+
 def closed_form_pose(second: Array, sigma_i: Array, sigma_j: Array) -> Pose:
     """Global start: the quaternion that turns j's vectors into i's best, then the translation, both linear.
 

@@ -14,6 +14,7 @@ from coheft.estimation.twist_registration import (
     TwistMoments,
     adjoint_derivative,
     closed_form_pose,
+    mean_square,
     register_twists,
 )
 from tests.estimation.team import Team, make_team, random_pose
@@ -50,6 +51,16 @@ def test_adjoint_derivative() -> None:
     for analytic, e in zip(adjoint_derivative(pose), np.eye(6), strict=True):
         numeric = (perturbed(pose, step * e).adjoint() - perturbed(pose, -step * e).adjoint()) / (2 * step)
         np.testing.assert_allclose(analytic, numeric, atol=1e-9)
+
+
+@pytest.mark.parametrize("late", [0, 2])
+def test_residuals_are_those_of_the_noise_unless_clocks_are_apart(late: int) -> None:
+    team = make_team(1, count=3, duration=5.0)
+    samples = team.measured(np.random.default_rng(0)) + 3.0 * NOISE.per_column()  # offsets do not matter
+    moments = TwistMoments.of(samples[late:, 1, :6], samples[: len(samples) - late, 2, :6])
+    found = register_twists(moments, NOISE, NOISE)
+    value = mean_square(moments, found.pose, NOISE, NOISE)
+    assert value == pytest.approx(1.0, abs=0.1) if late == 0 else value > 5.0
 
 
 @pytest.mark.parametrize("seed", range(5))
