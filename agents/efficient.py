@@ -132,8 +132,7 @@ class EfficientEstimator:
             self._search = PoseSearch(self._config, graph, known, next(refined, min(graph)), start)
             return
         # A load that was held by others weighed otherwise.
-        earliest = max(record.since for record in self._gossip.records.values())
-        history = {block: rows for block, rows in self._history.items() if block >= earliest}
+        history = {block: rows for block, rows in self._history.items() if block >= self._gossip.changed_at}
         self._history = {}
         self._holds = {name: self._gossip.records[name].since for name in graph}
         self._team = Team(self._config, graph, known, start, history, self._load_changes)

@@ -42,8 +42,8 @@ _LEFT = 0.25
 _UNTRIED = 1.5
 """Poses are so much less certain, in variance, as the square of this over the time of samples that they were fitted to
 [s]: what is left out of their covariance is of second order, and matters when they are new."""
-_SCORE_SIZE = 8
-"""The version of the poses that a score is at, how badly they fit, and the score."""
+_SCORE_SIZE = 9
+"""The version of the poses that a score is at, how badly they fit, to how many samples, and the score."""
 _POSE_SIZE = 12
 _FIT_SIZE = 2 + _POSE_SIZE
 """From which block on the poses count, before which one samples go through sums again, and a pose."""
@@ -175,7 +175,7 @@ class PoseFits:
             moments = self.common.total
             score, information, cost = score_and_information(moments, poses[self._own], self._config.noise)
             square = least_squares(score, information, cost) / (9.0 * max(moments.count, 1.0))
-            self._scores.tell(self._own, self._tells, np.concatenate([[version, square], score]))
+            self._scores.tell(self._own, self._tells, np.concatenate([[version, square, moments.count], score]))
             self.told_moments = moments
 
     def _look_at_spoilt(self) -> None:
@@ -193,12 +193,15 @@ class PoseFits:
             return
         if np.any(rows[:, 0] != version):
             return
-        fitted = register_team(poses, rows[:, 2:], self.told_moments, self._config.noise, slope=slope)
         since = index + self._hearing
-        turns = [perturbation_between(old, new)[:3] for old, new in zip(poses, fitted.poses, strict=True)]
-        are_far = are_rough or np.linalg.norm(turns, axis=1).max() > _FAR
-        again_before = since if are_far and come_again else self.again_before
-        for robot, pose in enumerate(fitted.poses):
+        if np.all(rows[:, 2] == self.told_moments.count):
+            fitted = register_team(poses, rows[:, 3:], self.told_moments, self._config.noise, slope=slope).poses
+            turns = [perturbation_between(old, new)[:3] for old, new in zip(poses, fitted, strict=True)]
+            are_far = are_rough or np.linalg.norm(turns, axis=1).max() > _FAR
+            again_before = since if are_far and come_again else self.again_before
+        else:  # somebody has it wrong which samples all have: begin anew
+            fitted, again_before = tuple(poses), since
+        for robot, pose in enumerate(fitted):
             self._fits.tell(robot, self._tells, np.array([since, again_before, *pose.numbers()]))
 
 

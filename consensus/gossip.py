@@ -127,16 +127,30 @@ class Gossip:
         frames = (self.records[name].frame for name in self.graph or ())
         return next((frame for frame in frames if frame), 0)
 
+    @property
+    def changed_at(self) -> int:
+        """The newest block at which somebody has taken hold or let go."""
+        return max(self.records[name].since for name in self._named & self.records.keys())
+
     def unknown(self) -> list[str]:
         """Robots that somebody has named as a neighbour, and of which nothing has been heard."""
-        named = set().union(*(record.neighbours for record in self.records.values()))
-        return sorted(named - self.records.keys())
+        return sorted(self._named - self.records.keys())
+
+    def _look_who_is_named(self) -> None:
+        """This robot, whom it names as a neighbour, whom these do, and so on: others are there by mistake."""
+        self._named, left = {self.name}, [self.name]
+        while left:
+            record = self.records.get(left.pop())
+            new = set() if record is None else set(record.neighbours) - self._named
+            self._named |= new
+            left += new
 
     def _look_at_members(self) -> None:
         """Who is there and who talks with whom may have changed."""
         self.graph, self.membership = None, 0
+        self._look_who_is_named()
         if not self.unknown():
-            members = {name: self.records[name] for name in sorted(self.records) if self.records[name].holding}
+            members = {name: self.records[name] for name in sorted(self._named) if self.records[name].holding}
             graph = {
                 name: tuple(o for o in record.neighbours if o in members and name in members[o].neighbours)
                 for name, record in members.items()
@@ -150,8 +164,7 @@ class Gossip:
         self.team, self.start_block, self.is_refined = self.membership, None, False
         members = [self.records[name] for name in self.graph or ()]
         if members and all(r.ready_block >= 0 and r.team == self.membership for r in members):
-            changes = [record.since for record in self.records.values()]
-            self.start_block = max(*(record.ready_block for record in members), *changes)
+            self.start_block = max(self.changed_at, *(record.ready_block for record in members))
             self.is_refined = all(record.refined for record in members)
             if self.is_refined:
                 self.team = zlib.crc32(repr((self._identity(), "refined")).encode())

@@ -281,6 +281,22 @@ def test_a_record_that_somebody_has_wrong_is_put_right(graph: Neighbours, data: 
     assert (right.ready_block, right.since) == (7, 0)
 
 
+@given(graphs, st.data())
+def test_a_robot_that_nobody_names_as_a_neighbour_is_there_by_mistake(graph: Neighbours, data: st.DataObject) -> None:
+    """As when a bit flips in a robot's name."""
+    team = Team(graph)
+    holder, original = (data.draw(st.sampled_from(sorted(graph))) for _ in range(2))
+    mistake = replace(team.robots[original].own, robot="mistake", since=10**6)
+    team.robots[holder].hear([mistake, replace(mistake, robot="another", neighbours=("mistake", "nobody"))])
+    for _ in range(2):
+        team.make_up()
+    team.everybody_ready(7)
+    team.make_up()
+    for robot in team.robots.values():
+        assert robot.graph == graph
+        assert robot.start_block == 7
+
+
 def test_robots_that_nothing_was_heard_of_are_named() -> None:
     team = Team(build_graph(Graph(kind="line"), names(4)))
     team.block()
