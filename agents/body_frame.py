@@ -70,6 +70,7 @@ class BodyFrame:
 
         Whoever has taken hold since then is elsewhere now. An agent that started again says that it has always held it.
         """
+        self.misfits = ()
         since = {name: self._gossip.records[name].since for name in poses}
         self._kept = KeptPoses(
             frame, {(name, since[name]): pose for name, pose in poses.items() if since[name] in (holds[name], 0)}
@@ -77,7 +78,7 @@ class BodyFrame:
 
     def forget(self) -> None:
         """Nothing that is known of poses can be relied upon."""
-        self._pairs, self._holds = {}, {}
+        self._pairs, self._holds, self.misfits = {}, {}, ()
         self._kept = self._told = None
         self._gossip.forget_pose()
 

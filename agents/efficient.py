@@ -10,6 +10,7 @@ still, again and again, and what wrench moves the body says what the load is (``
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
@@ -32,6 +33,8 @@ _DIRECTIONS = 6
 _KINEMATICS_SIZE = 9
 _TEAM = "team"
 """Channel that says of which team the others are."""
+_LEFT = 32
+"""So many teams that were left are remembered."""
 _PAIRS_EVERY = 0.1
 """Time between two looks at the neighbours' poses, before the sums begin [s]."""
 
@@ -49,6 +52,7 @@ class EfficientEstimator:
         self._search: PoseSearch | None = None
         self._team: Team | None = None
         self._team_number = self._frame = 0
+        self._left: deque[int] = deque(maxlen=_LEFT)
         self._holds: dict[str, int] = {}
         self._load_changes = LoadChanges(config)
 
@@ -62,7 +66,7 @@ class EfficientEstimator:
             self._dissolve()
         start = self._gossip.start_block
         if self._search is None and self._team is None and start is not None and index >= start:
-            self._assemble(start)
+            self._assemble(start, index)
         if self._team is None:
             self._remember(index, samples)
         told = {_TEAM: np.array([float(self._team_number)])}
@@ -117,8 +121,14 @@ class EfficientEstimator:
         if graph is not None:
             self._gossip.announce_ready(index + 2 * hearing(graph), pose, frame, refined)
 
-    def _assemble(self, start: int) -> None:
-        """The team's sums begin; not if somebody's pose is missing, or in another frame."""
+    def _assemble(self, start: int, index: int) -> None:
+        """The team's sums begin; not if somebody's pose is missing, or in another frame.
+
+        Whoever left this team, by mistake, cannot come back to others' sums: then it has to be another team.
+        """
+        if self._gossip.team in self._left:
+            self._gossip.announce_holding(True, index)
+            return
         graph, frame = self._gossip.graph, self._gossip.frame()
         poses = {name: self._gossip.pose(name) for name in graph or ()}
         known = {name: pose for name, pose in poses.items() if pose is not None}
@@ -145,6 +155,8 @@ class EfficientEstimator:
                 self._body_frame.forget()
             else:
                 self._body_frame.keep(self._frame, poses, self._holds)
+        if self._team_number:
+            self._left.append(self._team_number)
         self._team_number = 0
         self._search = self._team = None
 

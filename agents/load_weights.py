@@ -45,9 +45,10 @@ class LoadWeights:
     def set_poses(self, poses: Sequence[Pose], fusion: MotionFusion, window: Memory | None) -> None:
         """From now on samples are seen with these poses; ``window`` holds those that are, if there are enough."""
         self._see(poses, fusion)
-        if window is not None:
-            self._parameters = self.solution(window.information(self.model)).parameters
-        self._make_model()
+        if window is None:
+            self._make_model()
+        else:
+            self.learn(window)
 
     def learn(self, window: Memory) -> None:
         """From now on the load is known."""

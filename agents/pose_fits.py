@@ -5,7 +5,7 @@
    which they count. Anybody could, but not everybody need be of the same opinion on the poses, where messages were
    lost, and must not be of another one for that;
 3. *switch*: from that block on samples that enter the sums are carried with the new poses, and bear their version. If
-   the poses before were too rough to weigh with, or nobody knows, all samples from before go through sums again
+   the poses before were too rough, or nobody knows, all samples from before are left out, or go through sums again
    (``agents.early_sums``).
 
 Every step waits for what it needs, however long that takes.
@@ -34,6 +34,11 @@ UNNOTICED = 0.5
 """What contradicts the team's motion is noticed within this time [s]."""
 _CHUNK = 0.1
 """Robots tell each other every so often, or when all have been heard, which blocks they have [s]."""
+_WORST = 25.0
+"""Mean square of the residuals, in units of the noise, beyond which poses are not called more uncertain: then sensors
+contradict the team's motion."""
+_STUCK = 1.0
+"""When all poses have been told for so long and are not in use, they never will be [s]."""
 _FAR = np.radians(2.0)
 """When a fit turns a pose by more, how samples seen with the old poses would look with the new ones is not known well
 enough [rad]."""
@@ -59,17 +64,20 @@ class PoseFits:
         start: Block at which the sums begin.
         under_way: Blocks from a sample's entering the sums to its leaving them.
         hearing: Blocks until everybody has heard everybody.
+        regrowth: When samples were left out, or come again, so many times as many are waited for.
 
     Attributes:
         common: Moments over the samples that all have.
         told_moments: The same as they were when the own score was told last.
         carried: Version of the poses that samples are carried with now, 0 at the start.
-        again_before: Samples from before this block go through sums again, carried with these poses.
+        again_before: Samples from before this block do not count, unless they go through sums again, with these poses.
         spoilt: Poses of versions up to this one were fitted to samples that something may have spoilt.
         floods: What is told to neighbours and heard from them, by name.
     """
 
-    def __init__(self, config: AgentConfig, robots: int, own: int, start: int, under_way: int, hearing: int) -> None:
+    def __init__(
+        self, config: AgentConfig, robots: int, own: int, start: int, under_way: int, hearing: int, regrowth: float
+    ) -> None:
         self._config = config
         self._own = own
         self._hearing = hearing
@@ -83,8 +91,10 @@ class PoseFits:
         self._fits = Flood(robots, _FIT_SIZE)
         self.floods = {"common": self.common.flood, "scores": self._scores, "fits": self._fits}
         self.told_moments = RegistrationMoments.none()
-        self.carried, self.spoilt, self._told_chunk = 0, -1, 0
+        self.carried, self.spoilt, self._told_chunk, self._used = 0, -1, 0, 0
         self.again_before = start
+        self._regrowth = regrowth
+        self._patience, self._uncarried = config.blocks(_STUCK) + 2 * hearing, 0
         self._told_poses: dict[int, tuple[Pose, ...]] = {}
 
     def step(
@@ -120,6 +130,7 @@ class PoseFits:
             self._fit(index, version, poses, slope, are_rough, come_again)
         told_version, _ = self._fits.row(0)
         fitted = self._fits.rows(told_version) if told_version > self.carried else None
+        self._uncarried = 0 if fitted is None else self._uncarried + 1
         if fitted is not None and index >= fitted[0, 0] and all(pose.is_rigid() for pose in _poses(fitted)):
             self._told_poses[told_version] = _poses(fitted)
             self.carried = told_version
@@ -127,13 +138,18 @@ class PoseFits:
                 self.again_before = int(fitted[0, 1])
                 self.common.begin_again(self.again_before)
 
+    @property
+    def are_stuck(self) -> bool:
+        """Whether poses have been told that cannot be used, or from a block on that does not come."""
+        return self._uncarried > self._patience
+
     def carrying_pose(self, poses: Sequence[Pose]) -> Pose:
         """Own pose to carry samples with; ``poses`` are those in use."""
         return self._told_poses.get(self.carried, tuple(poses))[self._own]
 
     def take_poses(self, version: int) -> tuple[Pose, ...]:
         """The poses of a version that has come into use; it and older ones are forgotten."""
-        poses = self._told_poses[version]
+        poses, self._used = self._told_poses[version], version
         self._told_poses = {number: each for number, each in self._told_poses.items() if number > version}
         return poses
 
@@ -152,7 +168,8 @@ class PoseFits:
         fitted = fitted_poses(poses, self.told_moments, self._config.noise, slope=slope)
         inflation = 1.0 + (untried * self._config.rate / max(self.told_moments.count, 1.0)) ** 2
         # Birge (1932): as residuals are larger than noise explains, so may be errors.
-        inflation *= self._scores.table[:, 2].max(initial=1.0)
+        told = self._scores.table
+        inflation *= min(told[told[:, 0] == self._used, 2].max(initial=1.0), _WORST)
         return replace(fitted, covariance=inflation * fitted.covariance + np.outer(left, left))
 
     def map(self, feature_map: Array) -> None:
@@ -165,7 +182,7 @@ class PoseFits:
 
         When it is time depends on the agreed steps only: everybody tells of the same samples.
         """
-        steps, least = self.common.steps, max(_FIRST * self._config.rate, self.common.forgotten)
+        steps, least = self.common.steps, max(_FIRST * self._config.rate, self._regrowth * self.common.forgotten)
         if steps < self._tell_step or self.common.total.count < least:
             return
         self._tells, self._told_chunk = self._tells + 1, self.common.chunks

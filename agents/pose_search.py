@@ -57,7 +57,7 @@ class PoseSearch:
         schedule = choose_schedule({name: graph[name] for name in self._names})
         self._sums = TeamSums("sums", config.name, self._neighbours, schedule, config.block, config.noise)
         self._motion = TotalMotion(config, self._poses)
-        self._fits = PoseFits(config, len(self._names), self._own, start, schedule.rounds, hearing(graph))
+        self._fits = PoseFits(config, len(self._names), self._own, start, schedule.rounds, hearing(graph), 2.0)
         self._contradictions = Contradictions(config, self._names, self._poses[self._own], _ROUGHLY_KNOWN)
         self._floods = Floods({**self._fits.floods, "misfits": self._contradictions.flood})
         self._version = 0
@@ -143,8 +143,8 @@ class PoseSearch:
 
     @property
     def must_start_over(self) -> bool:
-        """Whether measurements have contradicted the team's motion for too long.
+        """Whether measurements have contradicted the team's motion for too long, or no poses can come into use.
 
         Where all poses are but roughly known, nobody knows whose is wrong.
         """
-        return self._contradictions.anybodys_have_lasted
+        return self._contradictions.anybodys_have_lasted or self._fits.are_stuck

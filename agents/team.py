@@ -126,7 +126,7 @@ class Team:
         self._memory = LoadMemory(config, self._own, self._poses, self._motion.fusion)
 
         members = len(self._names)
-        self._fits = PoseFits(config, members, self._own, start, schedule.rounds, self._hearing)
+        self._fits = PoseFits(config, members, self._own, start, schedule.rounds, self._hearing, 1.0)
         # Versions of the poses that the past was mapped to, and corrected for.
         self._version = self._corrected = 0
         # The last start of the early sums that the memory knows of.
@@ -232,8 +232,8 @@ class Team:
 
     @property
     def must_start_over(self) -> bool:
-        """Whether this robot's measurements have contradicted the team's motion for too long."""
-        return self._contradictions.have_lasted
+        """Whether this robot's measurements have contradicted the team's motion for too long, or fits are stuck."""
+        return self._contradictions.have_lasted or self._fits.are_stuck
 
     def _look_for_contradictions(self) -> None:
         """When there is one, what was learned while it went unnoticed does not count."""

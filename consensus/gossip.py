@@ -4,7 +4,7 @@ Nobody is told the team's size or the graph. Each robot tells its neighbours its
 is new. A message carries what changed since the last one, the first heard first, and one older record in turn, so that
 a lost message is made up for. What does not fit into ``PER_MESSAGE`` records follows with the next: the size of
 messages does not grow with the team. Should somebody have a record wrong, it wins over the right one everywhere, or
-nowhere; when the robot hears it, it tells its own anew, as a newer one.
+nowhere; when the robot hears it, it tells its own anew, as if it had started again, for others have believed it.
 
 The **team** is all robots that hold the load. Whenever one of them starts again with an empty memory, lets go or takes
 hold, it is another team, and everybody has to be ready for that one. When all of its members know their poses well, it
@@ -44,14 +44,17 @@ class Gossip:
         self._look_at_members()
 
     def hear(self, records: Iterable[LinkState]) -> None:
-        """Take in what a neighbour handed on; the newest record of each robot wins. Nobody is told about itself."""
+        """Take in what a neighbour handed on; the newest record of each robot wins.
+
+        Nobody is told about itself: what is wrong, and would win, is answered.
+        """
         heard, are_members_same = False, True
         for record in records:
             known = self.records.get(record.robot)
             if known is not None and not _is_newer(record, known):
                 continue
             if record.robot == self.name:
-                self._tell(replace(self.own, incarnation=record.incarnation, sequence=record.sequence))
+                self._tell(replace(self.own, incarnation=record.incarnation + 1, sequence=0))
                 continue
             if known is None and len(self.records) >= MAX_ROBOTS:
                 continue  # no team is as large: somebody makes them up

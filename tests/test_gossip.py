@@ -122,12 +122,15 @@ def test_only_a_robot_itself_says_what_is_new_about_it() -> None:
     a, b = team.robots["a"], team.robots["b"]
     b.announce_ready(5)
     (new,) = (record for record in b.news() if record.robot == "b")
-    a.hear([new, replace(a.own, sequence=99, neighbours=("x",))])
+    a.hear([new])
     a.hear([replace(new, sequence=0, neighbours=("a", "c"))])  # older: came late
     assert a.graph == {"a": ("b",), "b": ("a",)}
     assert a.start_block is None
     a.announce_ready(3)
     assert a.start_block == 5
+    a.hear([replace(a.own, sequence=99, neighbours=("x",))])
+    assert a.graph == {"a": ("b",), "b": ("a",)}
+    assert a.start_block is None  # who has believed that has left the team: it has to be another one
 
 
 @given(graphs)

@@ -226,6 +226,8 @@ class LoadWindow:
         for array in (self._firsts, self._orders, self._sums):
             array[:end] = array[kept : self._borders].copy()
         self._borders = end
+        if end == 0:
+            self._doubts.clear()
 
     def forget_since(self, block: int) -> None:
         """Forget all blocks from this one on, and those that cannot be told apart from them any more."""

@@ -150,7 +150,7 @@ def score_and_information(moments: RegistrationMoments, pose: Pose, noise: Senso
 def least_squares(score: Array, information: Array, cost: float) -> float:
     """Squared residuals in units of the noise at the best pose, by what ``score_and_information`` gives at one nearby.
 
-    For each of the 9 measurements of a sample, 1 at most where there is nothing but noise.
+    9 for each sample at most, where there is nothing but noise.
     """
     ridge = _SINGULAR * np.trace(information) * np.eye(6)
     return 2.0 * cost - float(score @ np.linalg.solve(information + ridge, score))

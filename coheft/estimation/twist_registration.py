@@ -117,10 +117,8 @@ def mean_square(moments: TwistMoments, pose: Pose, noise_i: SensorNoise, noise_j
     """
     second, count = moments.second(centred=True)
     sigma_i, sigma_j = (np.square(noise.per_column()[:6]) for noise in (noise_i, noise_j))
-    adjoint = pose.adjoint()
-    residual = np.hstack([_IDENTITY, -adjoint])
-    covariance = (adjoint * sigma_j) @ adjoint.T + np.diag(sigma_i)
-    return float(np.trace(np.linalg.solve(covariance, residual @ second @ residual.T))) / (6.0 * max(count, 1.0))
+    _, residual, weight = _weighted_residual(pose, sigma_i, sigma_j)
+    return float(np.vdot(weight @ residual @ second, residual)) / (6.0 * max(count, 1.0))
 
 
 def closed_form_pose(second: Array, sigma_i: Array, sigma_j: Array) -> Pose:
@@ -157,14 +155,8 @@ def _score_and_information(
     pose: Pose, second: Array, count: float, sigma_i: Array, sigma_j: Array
 ) -> tuple[Array, Array, Array]:
     """Score (6,), Gauss-Newton information (6, 6), and the part of it that is expected from noise alone (6, 6)."""
-    adjoint = pose.adjoint()
-    carried = adjoint * sigma_j
-    covariance = carried @ adjoint.T
-    covariance[_DIAGONAL, _DIAGONAL] += sigma_i
-    weight = np.linalg.inv(covariance)
-    residual, latent = np.empty((6, 12)), np.empty((6, 12))
-    residual[:, :6], residual[:, 6:] = _IDENTITY, -adjoint
-    latent[:] = carried.T @ weight @ residual
+    carried, residual, weight = _weighted_residual(pose, sigma_i, sigma_j)
+    latent: Array = carried.T @ weight @ residual
     latent[:, 6:] += _IDENTITY
     changes = adjoint_derivative(pose)
     weighted = (weight @ changes).reshape(6, 36)
@@ -177,6 +169,17 @@ def _score_and_information(
     score = weighted @ (residual @ moved).ravel()
     latent_noise = count * (latent * np.concatenate([sigma_i, sigma_j])) @ latent.T
     return score, information(latent @ moved), information(latent_noise)
+
+
+def _weighted_residual(pose: Pose, sigma_i: Array, sigma_j: Array) -> tuple[Array, Array, Array]:
+    """``Ad`` times the variances of ``xi_j`` (6, 6), ``[1, -Ad]`` (6, 12), and the weight of these residuals (6, 6)."""
+    adjoint = pose.adjoint()
+    carried = adjoint * sigma_j
+    covariance = carried @ adjoint.T
+    covariance[_DIAGONAL, _DIAGONAL] += sigma_i
+    residual: Array = np.empty((6, 12))
+    residual[:, :6], residual[:, 6:] = _IDENTITY, -adjoint
+    return carried, residual, np.asarray(np.linalg.inv(covariance), dtype=np.float64)
 
 
 def adjoint_derivative(pose: Pose) -> Array:
