@@ -340,7 +340,7 @@ class Team:
         """All samples so far count from now on as if they had been carried with the poses of a version."""
         if version == self._version:
             return
-        self._found_before, self._held = self.found(), None
+        self._found_before, self._held = None if self.doubts() else self.found(), None
         poses = self._fits.take_poses(version)
         self._motion.set_poses(poses)
         feature_map = refit_map(self._poses, poses, self._config.noise, self._motion.slope)
