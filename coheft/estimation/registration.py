@@ -30,7 +30,7 @@ MOTION = slice(10, 22)
 TWIST, ACCELERATION, PRODUCTS = slice(10, 16), slice(16, 22), slice(22, 28)
 TWIST_ROWS, ACCELERATION_ROWS = slice(0, 6), slice(6, 9)
 ALPHA = slice(19, 22)
-_POSES = 256
+_POSES = 64
 """Operators of so many poses are kept: block after block is held against the same ones."""
 _SINGULAR = 1e-12
 """What is added to an information, relative to itself, so that it has an inverse."""
