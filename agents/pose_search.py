@@ -57,7 +57,7 @@ class PoseSearch:
         schedule = choose_schedule({name: graph[name] for name in self._names})
         self._sums = TeamSums("sums", config.name, self._neighbours, schedule, config.block, config.noise)
         self._motion = TotalMotion(config, self._poses)
-        self._fits = PoseFits(config, len(self._names), self._own, start, schedule.rounds, hearing(graph), 2.0)
+        self._fits = PoseFits(config, len(self._names), self._own, start, schedule.rounds, hearing(graph), regrowth=2.0)
         self._contradictions = Contradictions(config, self._names, self._poses[self._own], _ROUGHLY_KNOWN)
         self._floods = Floods({**self._fits.floods, "misfits": self._contradictions.flood})
         self._version = 0

@@ -126,7 +126,7 @@ class Team:
         self._memory = LoadMemory(config, self._own, self._poses, self._motion.fusion)
 
         members = len(self._names)
-        self._fits = PoseFits(config, members, self._own, start, schedule.rounds, self._hearing, 1.0)
+        self._fits = PoseFits(config, members, self._own, start, schedule.rounds, self._hearing, regrowth=1.0)
         # Versions of the poses that the past was mapped to, and corrected for.
         self._version = self._corrected = 0
         # The last start of the early sums that the memory knows of.
