@@ -355,7 +355,8 @@ class Team:
         self._neighbours_poses = seen_from(self._fitted, self._config.name, self._names, self._neighbours)
         self._largest_step = largest_step(self._fitted, steps)
         self._wrenches.tell(self._own, version, self._memory.told())
-        if self._fits.again_before > self._counted_from:
-            self._counted_from = self._fits.again_before
-            if not self._motion.needs_slope:
-                self._memory.begin_again(self._fitted)
+        comes_again = self._fits.again_before > self._counted_from
+        self._counted_from = self._fits.again_before
+        # What came while poses were too rough may be of several loads, whether it comes again or not.
+        if self._memory.is_spoilt if self._motion.needs_slope else comes_again:
+            self._memory.begin_again(self._fitted)
