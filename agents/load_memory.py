@@ -10,7 +10,7 @@ import numpy as np
 from agents.disturbance import COHERENCE, Disturbance, Uncorrected
 from agents.early_blocks import EarlyBlocks
 from agents.late_wrenches import LateWrenches
-from agents.load_moments import CROSS_SHAPE, RIDERS, gram_map, load_moments, mapped, number_of_samples
+from agents.load_moments import CROSS_SHAPE, RIDERS, disturbed, gram_map, load_moments, mapped, number_of_samples
 from agents.load_weights import LoadWeights
 from agents.seen_payload import seen_payload
 from agents.wrench_correction import (
@@ -245,6 +245,10 @@ class LoadMemory:
             self._apply(correction, told)
         if rows is not None:
             self._expect_disturbance(told_forces(rows), team)
+        if told is not None and not self._comes_again:
+            # They are carried with these poses now, so that is what disturbs them.
+            lacked = correction.mean_lack(told)
+            self._window.revise(lambda sums: disturbed(sums, self._disturbance.per_sample, lacked))
         self._compare(is_new=True)  # what was told may have been nonsense
 
     def _apply(self, correction: WrenchCorrection, rows: Array | None) -> None:

@@ -44,6 +44,20 @@ def cross_moments(sums: Array) -> Array:
     return sums[_CROSS].reshape(CROSS_SHAPE)
 
 
+def disturbed(sums: Array, disturbance: float, lacked: float) -> Array:
+    """What sums (k, 190 + riders) become when poses disturb samples as said, and some as before, too.
+
+    Args:
+        sums: Of stretches of samples.
+        disturbance: As in ``load_moments``.
+        lacked: How many samples of a stretch may still be disturbed as before.
+    """
+    result = sums.copy()
+    still = np.minimum(1.0, lacked / np.maximum(sums[:, 0], 1.0))
+    result[:, _DISTURBANCE] = sums[:, 0] * disturbance + still * sums[:, _DISTURBANCE]
+    return result
+
+
 def gram_map(feature_map: Array) -> Array:
     """What all samples' features become (19, 19) when those of registration become ``feature_map`` (28, 28) times."""
     result = np.eye(FEATURES)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from coheft.estimation.inertia import GRAM_SIZE, InertiaInformation, InertiaModel
-from coheft.estimation.load_change import signal_directions
+from coheft.estimation.load_comparison import signal_directions
 from coheft.estimation.spatial import Array
 
 _SHOWN = 0.5

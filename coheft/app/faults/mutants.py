@@ -13,9 +13,9 @@ import numpy as np
 from agents.inbox import NeighbourInbox
 from agents.sums import Entered, TeamSums
 from coheft.errors import CoheftError
-from coheft.estimation.load_change import LoadWindow
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.spatial import Array
+from coheft.estimation.stretches import Stretches
 from coheft.wire.messages import NeighbourMessage
 from consensus.pipeline import NeighbourStages, Pipeline
 
@@ -67,11 +67,10 @@ def _no_lever_arm(carried: Method) -> Method:
 def _wrong_side(forget_before: Method) -> Method:
     """When the load has changed, what came after the change is forgotten."""
 
-    def mutant(self: LoadWindow, block: int) -> None:
-        kept = int(np.searchsorted(self._firsts[: self._borders], block))
-        if 0 < kept < self._borders:
-            self._sums[:kept] -= self._sums[kept].copy()
-            self._borders = kept
+    def mutant(self: Stretches, block: int) -> None:
+        kept = self.border(block)
+        if 0 < kept < len(self):
+            self.forget_since(int(self.firsts[kept]))
 
     return mutant
 
@@ -90,7 +89,7 @@ MUTANTS: dict[str, tuple[type, str, Callable[[Method], Method]]] = {
     "half-done-sum": (Pipeline, "advance", _half_done_sum),
     "wrong-tick": (TeamSums, "advance", _wrong_tick),
     "no-lever-arm": (TeamSums, "_carried", _no_lever_arm),
-    "wrong-side": (LoadWindow, "forget_before", _wrong_side),
+    "wrong-side": (Stretches, "forget_before", _wrong_side),
     "replayed-message": (NeighbourInbox, "take", _replayed_message),
 }
 """By name: whose method is replaced, and by what."""
