@@ -6,20 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from agents.outliers import outliers
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.spatial import Array
 
 _SENSORS = ("gyro", "velocity", "accelerometer", "force", "torque")
 _LARGEST = 1e6
 """No sensor of an arm reads more, whatever its unit [rad/s, m/s, m/s², N, N·m]; squares of it are still harmless."""
-_OUTLIER = 12.0
-"""A sample that differs by more standard deviations from both its neighbours, on the same side, is an outlier. The last
-one of a block has one neighbour: it is an outlier if it is so far from where the two before it point,"""
-_UNUSUAL = 3.0
-"""and so many times as far as any other of the block."""
-_BACK = 0.3
-"""After an outlier at least so much of the step is taken back: what really changes suddenly may overshoot, but
-stays."""
 
 
 class SensorCheck:
@@ -53,18 +46,10 @@ class SensorCheck:
                 return _in_words("is not a finite number", ~np.isfinite(samples).all(axis=0))
             return _in_words("is out of range", np.abs(samples).max(axis=0) > _LARGEST)
         steps = (samples[1:] - samples[:-1]) / self._deviations
-        sizes = np.abs(steps)
-        stuck = None if sizes.all() else _stuck(samples, steps)
+        stuck = None if steps.all() else _stuck(samples, steps)
         if stuck is not None:
             return stuck
-        if 2.0 * sizes.max(initial=0.0) <= _OUTLIER:
-            return None
-        least, most = np.minimum(sizes[:-1], sizes[1:]), np.maximum(sizes[:-1], sizes[1:])
-        peaks = least * ((steps[:-1] * steps[1:] < 0.0) & (least > _BACK * most))
-        far = (peaks > _OUTLIER).any(axis=0)
-        bends = np.abs(steps[1:] - steps[:-1])
-        if len(bends):
-            far |= bends[-1] > np.maximum(_OUTLIER, _UNUSUAL * bends[:-1].max(axis=0, initial=0.0))
+        far = outliers(steps)
         return _in_words("has outliers", far) if far.any() else None
 
 

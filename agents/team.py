@@ -259,6 +259,8 @@ class Team:
         if finished is None or self._motion.needs_slope or finished[0].version != self._version:
             return None
         entered, sums = finished
+        if not self._motion.are_plausible(sums):
+            return None
         motion = self._motion.fusion.motion(sums)
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
         is_like_others = self._contradictions.add_early(moments)

@@ -6,10 +6,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from agents.outliers import outliers
 from agents.sums import Entered
 from coheft.estimation.acceleration import MotionFusion, derivative, slope_kernel
 from coheft.estimation.spatial import Array, Pose
 from coheft.wire.config import AgentConfig
+
+_NOISELESS = 1e-100
+"""Standard deviation of sums to which no robot adds anything."""
 
 
 class TotalMotion:
@@ -36,6 +40,7 @@ class TotalMotion:
     def set_poses(self, poses: Sequence[Pose]) -> None:
         """From now on sums are seen with these poses."""
         self.fusion: MotionFusion = MotionFusion.of_robots(self._config.noise, poses, self._kernel)
+        self._deviations = np.maximum(self.fusion.deviations.ravel(), _NOISELESS)
 
     @property
     def slope(self) -> Array:
@@ -50,9 +55,19 @@ class TotalMotion:
     def add(self, entered: Entered, sums: Array) -> int:
         """Take in the sums (B, 3, 6) of a block; returns the newest block that may be ready to be looked at."""
         block = entered.block
-        self._totals[block] = entered, sums
+        before = self._totals.get(block - 1)
+        if self.are_plausible(sums, None if before is None else before[1]):
+            self._totals[block] = entered, sums
         self._totals = {number: total for number, total in self._totals.items() if number > block - 3}
         return block - 1 if self.needs_slope else block
+
+    def are_plausible(self, sums: Array, before: Array | None = None) -> bool:
+        """Whether the sums (B, 3, 6) of a block, and of the one ``before`` it, are without outliers.
+
+        Every robot has looked at its own samples: then these are none of a sensor, but of somebody's memory.
+        """
+        rows = sums if before is None else np.concatenate([before[-1:], sums])
+        return not outliers(np.diff(rows.reshape(len(rows), -1), axis=0) / self._deviations).any()
 
     def look_at(self, block: int, after: int, use_poses: Callable[[int], None]) -> tuple[Entered, Array, Array] | None:
         """What a block shows.

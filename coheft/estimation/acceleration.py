@@ -114,6 +114,7 @@ class MotionFusion:
     """Constant matrices that turn the network's sums into the body's motion, for one geometry of grasps.
 
     Attributes:
+        deviations: Standard deviations of the noise in the network's sums, shape (3, 6).
         wrench_covariance: Of the total wrench ``(F, T)``, shape (6, 6).
         acceleration_covariance: Of the fused ``(a, alpha)``, shape (6, 6). Noise of ``w`` in the centripetal term is
             left out: it adds under 1 % at any speed at which people would let robots carry things.
@@ -123,6 +124,7 @@ class MotionFusion:
         centripetal: Shape (6, 6), takes products of ``w`` to the part of the accelerometers' sum that they explain.
     """
 
+    deviations: Array
     wrench_covariance: Array
     acceleration_covariance: Array
     velocity_covariance: Array
@@ -151,6 +153,7 @@ class MotionFusion:
         gain = np.zeros((3, 6))
         gain[:, 3:] = unseen
         return MotionFusion(
+            deviations=np.sqrt(np.diagonal(constants, axis1=1, axis2=2)),
             wrench_covariance=wrench_covariance,
             acceleration_covariance=np.linalg.inv(information),
             velocity_covariance=velocity_covariance,

@@ -1,0 +1,39 @@
+"""Single samples that are far off: where a curve of signals and noise cannot have been."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from coheft.estimation.spatial import Array
+
+_OUTLIER = 12.0
+"""A sample that differs by more standard deviations from both its neighbours, on the same side, is an outlier. The last
+one of a block has one neighbour: it is an outlier if it is so far from where the two before it point,"""
+_UNUSUAL = 3.0
+"""and so many times as far as any other of the block."""
+_BACK = 0.3
+"""After an outlier at least so much of the step is taken back: what really changes suddenly may overshoot, but
+stays."""
+
+
+def outliers(steps: Array) -> npt.NDArray[np.bool_]:
+    """Which signals have one.
+
+    Args:
+        steps: From each sample to the next, in units of the noise, shape (n, c): into the first sample of a block that
+            is looked at, to its last.
+
+    Returns:
+        Shape (c,).
+    """
+    sizes = np.abs(steps)
+    if 2.0 * sizes.max(initial=0.0) <= _OUTLIER:
+        return np.zeros(steps.shape[1], dtype=np.bool_)
+    least, most = np.minimum(sizes[:-1], sizes[1:]), np.maximum(sizes[:-1], sizes[1:])
+    peaks = least * ((steps[:-1] * steps[1:] < 0.0) & (least > _BACK * most))
+    far: npt.NDArray[np.bool_] = np.any(peaks > _OUTLIER, axis=0)
+    bends = np.abs(steps[1:] - steps[:-1])
+    if len(bends):
+        far |= bends[-1] > np.maximum(_OUTLIER, _UNUSUAL * bends[:-1].max(axis=0, initial=0.0))
+    return far
