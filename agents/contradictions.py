@@ -15,6 +15,9 @@ from consensus.flood import Flood
 
 _BLAMED = 0.6
 """After so long a contradiction a robot starts over [s]."""
+_EXCUSED = 0.5
+"""While nobody's pose is known well, a block without a contradiction makes up for so many with one: when all are wrong,
+blame comes and goes."""
 _TOLD = 0.1
 """Robots look so often how their sensors fit the team's motion, and tell each other if they do not [s]."""
 
@@ -40,7 +43,7 @@ class Contradictions:
         self._watch, self._early_watch = (Watch(config.noise, blocks_per_second / pace) for pace in (1, PACE))
         self._every = config.blocks(_TOLD)
         self._patience = config.blocks(_BLAMED)
-        self._blamed = self._anybody_blamed = 0
+        self._blamed, self._anybody_blamed = 0, 0.0
         self._told = 0.0
         self.use_pose(pose, deviations)
 
@@ -74,7 +77,7 @@ class Contradictions:
                 self._told = misfit
         by = self.by  # one that is blamed again and again is blamed, too
         if by is None:
-            self._blamed, self._anybody_blamed = max(0, self._blamed - 1), max(0, self._anybody_blamed - 1)
+            self._blamed, self._anybody_blamed = max(0, self._blamed - 1), max(0.0, self._anybody_blamed - _EXCUSED)
         else:
             self._blamed += by == self._names[self._own]
             self._anybody_blamed += 1

@@ -40,6 +40,11 @@ class ForgettingWindow:
         return 1.0
 
     @property
+    def may_be_offset(self) -> bool:
+        """False: changes are not looked for."""
+        return False
+
+    @property
     def first_block(self) -> int:
         """-1: blocks cannot be told apart."""
         return -1

@@ -33,6 +33,8 @@ FEATURES = 19
 GRAM_SIZE = FEATURES * (FEATURES + 1) // 2
 INERTIA_SIZE = 10
 OFFSET_SIZE = 6
+TORQUE_OFFSET = slice(INERTIA_SIZE + 3, INERTIA_SIZE + OFFSET_SIZE)
+"""Among the unknowns, where offsets are among them."""
 _ONE, _A, _ALPHA, _PRODUCTS, _WRENCH = 0, slice(1, 4), slice(4, 7), slice(7, 13), slice(13, 19)
 _ACCELERATIONS = slice(_A.start, _ALPHA.stop)
 _ROWS, _COLUMNS = np.triu_indices(FEATURES)
@@ -167,6 +169,8 @@ class InertiaModel:
         parameters: Array | None = None,
         with_offset: bool = False,
     ) -> None:
+        self._wrench_covariance, self._acceleration_covariance = wrench_covariance, acceleration_covariance
+        self._parameters, self._disturbance = parameters, np.zeros((6, 6))
         self.unknowns = INERTIA_SIZE + (OFFSET_SIZE if with_offset else 0)
         covariance = wrench_covariance
         if parameters is not None:
@@ -185,6 +189,12 @@ class InertiaModel:
         self._noise = noise[:-1, :-1]
         self._disturbance_table = np.zeros_like(self._table)
 
+    def with_offset(self) -> InertiaModel:
+        """The same weights, with the constant offset among the unknowns."""
+        model = InertiaModel(self._wrench_covariance, self._acceleration_covariance, self._parameters, with_offset=True)
+        model.expect_disturbance(self._disturbance)
+        return model
+
     def information(self, grams: Array) -> InertiaInformation:
         """Information of packed Gram matrices, shape (..., 190)."""
         joint = (grams @ self._table).take(self._unpack, axis=-1)
@@ -201,6 +211,7 @@ class InertiaModel:
 
     def expect_disturbance(self, covariance: Array) -> None:
         """Beside noise, something with this covariance (6, 6) spoils the total wrench: its size is told elsewhere."""
+        self._disturbance = covariance
         self._disturbance_table = _packed_table(_products(self._coefficients, self.weight @ covariance @ self.weight))
 
     def disturbance(self, grams: Array) -> Array:

@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from coheft.estimation.chi_square import chi_square_threshold
-from coheft.estimation.inertia import GRAM_SIZE, InertiaInformation, InertiaModel
-from coheft.estimation.load_comparison import compare_loads
+from coheft.estimation.inertia import GRAM_SIZE, INERTIA_SIZE, InertiaInformation, InertiaModel
+from coheft.estimation.load_comparison import compare_despite_offset, compare_loads
 from coheft.estimation.load_samples import LoadChange
 from coheft.estimation.spatial import Array
 from coheft.estimation.stretches import Stretches
@@ -35,6 +35,8 @@ _UNEVEN = 4.0
 part is, the less it says about how far the other is off."""
 _CHANCE_BETWEEN = 1e-6
 """The same for a while between two borders: of these many are tested, and all the time the same ones."""
+_CHANCE_OFFSET = 1e-6
+"""Probability at a single test that an offset is ruled out though there is one."""
 _LENGTHS = (1, 2, 4)
 """A while is so many stretches long,"""
 _BETWEEN_EVERY = 8
@@ -91,12 +93,18 @@ class LoadWindow:
         self._has_early = False
         self._doubts: deque[float] = deque(maxlen=stride)  # of the last tests, which all borders had a part in
         self._doubt_between = 1.0
+        self._may_be_offset = False
         self._stretches = Stretches(GRAM_SIZE + riders, resolution)
 
     @property
     def doubt(self) -> float:
         """See ``Memory``."""
         return max(self._doubt_between, *self._doubts, 1.0)
+
+    @property
+    def may_be_offset(self) -> bool:
+        """See ``Memory``."""
+        return self._may_be_offset
 
     @property
     def first_block(self) -> int:
@@ -156,6 +164,8 @@ class LoadWindow:
             change = LoadChange(int(self._stretches.firsts[found]), self._last_block, size)
             self._begin(found, size, model)
             found, size = self._test_since(model, is_coherent, everything)
+        if not is_coherent:
+            self._may_be_offset = self._find_offset(model)
         return change
 
     def _test_since(self, model: InertiaModel, is_coherent: bool, borders: slice) -> tuple[int, float]:
@@ -188,6 +198,22 @@ class LoadWindow:
         self._doubt_between = self._doubt_by(statistics, seen, parts, _CHANCE_BETWEEN)
         found = int(np.argmax(statistics))
         return int(ends[found]), float(statistics[found]) / _threshold(seen, self._false_alarm)
+
+    def _find_offset(self, model: InertiaModel) -> bool:
+        """Whether nobody can tell if the load has changed: it is not what it was, unless a torque sensor is off."""
+        before, now = self._stretches.aside, self._stretches.total
+        if before is None:
+            return False
+        statistic, seen = compare_loads(model, before + now, now[None], self._coherence)
+        if statistic[0] < _threshold(seen, _CHANCE if self._may_be_offset else self._false_alarm):
+            if now[0] > before[0]:
+                self._stretches.drop_aside()
+            return False
+        despite, seen = compare_despite_offset(model, before, now, self._coherence)
+        if despite < _threshold(seen, _CHANCE_OFFSET):
+            return True
+        self._stretches.drop_aside()
+        return False
 
     def _compare(self, model: InertiaModel, parts: Array, is_coherent: bool = False) -> tuple[Array, int]:
         """Statistics of parts (k, 190 + riders) against the rest, and their degrees of freedom."""
@@ -227,6 +253,8 @@ class LoadWindow:
         ridge = _HARDLY * np.diag(older.uncompensated.diagonal())
         self._moved = np.asarray(np.linalg.solve(older.matrix + ridge, older.vector - older.matrix @ last))
         self._last = np.asarray(last + self._moved)
+        if not self._may_be_offset and model.unknowns == INERTIA_SIZE:  # else offsets are known
+            self._stretches.set_aside(border)
         self._trust()
         self.forget_before(int(self._stretches.firsts[border]))
 

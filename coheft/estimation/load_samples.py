@@ -43,6 +43,10 @@ class Memory(Protocol):
         """
 
     @property
+    def may_be_offset(self) -> bool:
+        """Whether the load seems to have changed, but a torque sensor that has been off since explains that as well."""
+
+    @property
     def first_block(self) -> int:
         """Number of the oldest block that counts, -1 if there is none or it cannot be told from others."""
 
