@@ -35,19 +35,19 @@ _replace = msgspec.structs.replace
 
 ONCE_BROKEN = (
     *(307, 503, 555, 1141, 1294, 1635, 2045, 2254, 2532, 2650, 2871),
-    *(2924, 3690, 4520, 4571, 5519, 6236, 6877, 7069, 7870, 10387),
+    *(2924, 3154, 3690, 4220, 4520, 4571, 5519, 6075, 6236, 6877, 6907, 7069, 7870, 10387),
 )
 
 
 def short(seed: int) -> Outcome:
     """The schedule of a seed, cut off after 1 s."""
-    schedule = draw_schedule(seed)
+    schedule = draw_schedule(seed, delayed=False)
     scenario = _replace(schedule.scenario, duration=1.0, load_changes=())
     return try_schedule(_replace(schedule, scenario=scenario, faults=schedule.faults))
 
 
 def test_equal_schedules_give_equal_runs_bit_for_bit():
-    schedule = draw_schedule(11)
+    schedule = draw_schedule(10)
     runs = [iter(FaultyRun(schedule)) for _ in range(2)]
     for _ in range(40):
         said = [next(run).outboxes for run in runs]
@@ -129,4 +129,4 @@ def test_a_sensor_that_was_off_while_poses_were_rough_spoils_no_estimate(team: i
 
 @pytest.mark.parametrize("seed", ONCE_BROKEN)
 def test_schedules_that_once_broke_a_promise_keep_them_all(seed: int):
-    assert try_seed(seed).violations == []
+    assert try_schedule(draw_schedule(seed, delayed=False)).violations == []

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from coheft.app.faults.draw import LATEST_START, MOST_FAULTS, draw_schedule
+from coheft.app.faults.draw import DELAY, LATEST_START, MOST_FAULTS, draw_schedule
 from coheft.app.faults.schedule import Crash, FaultSchedule, Loss, read_schedule, write_schedule
 from coheft.app.faults.shrink import shrink
 from coheft.errors import ScenarioError
@@ -27,7 +27,8 @@ def test_all_scenarios_are_scenarios_and_long_enough_to_see_everybody_recover():
     for schedule in DRAWN:
         check_scenario(schedule.scenario, f"seed {schedule.seed}")
         for fault in schedule.faults:
-            assert 0.0 <= fault.start <= LATEST_START
+            delay = DELAY * (schedule.seed % 2)
+            assert delay <= fault.start <= LATEST_START + delay
             assert fault.start < fault.end <= schedule.scenario.duration
             lasts_for_ever = fault.end == schedule.scenario.duration
             assert fault.end <= schedule.scenario.duration - 4.5 or (lasts_for_ever and isinstance(fault, Crash))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import msgspec
 import numpy as np
 
 from coheft.app.faults.schedule import (
@@ -37,6 +38,8 @@ from consensus.graph import build_graph
 MOST_FAULTS = 4
 LATEST_START = 5.0
 """Until then faults begin [s]; a team without faults is valid after 3 to 7 s."""
+DELAY = 4.0
+"""In every other schedule everything happens so much later: then most teams have long known what they hold [s]."""
 RECOVERY = 5.5
 """A run goes on for so long after its last fault [s],"""
 RECOVERY_OF_HOLD = 6.5
@@ -53,9 +56,29 @@ _Fields = dict[str, Any]
 
 T = TypeVar("T")
 
+_replace = msgspec.structs.replace
 
-def draw_schedule(seed: int) -> FaultSchedule:
-    """The schedule of a seed."""
+
+def draw_schedule(seed: int, delayed: bool | None = None) -> FaultSchedule:
+    """The schedule of a seed.
+
+    Args:
+        seed: Any number of at least 0.
+        delayed: Whether everything happens ``DELAY`` later. None: every other seed.
+    """
+    schedule = _draw_early(seed)
+    if not (seed % 2 if delayed is None else delayed):
+        return schedule
+    scenario = schedule.scenario
+    changes = tuple(_replace(change, at=_round(change.at + DELAY)) for change in scenario.load_changes)
+    scenario = _replace(scenario, duration=_round(scenario.duration + DELAY), load_changes=changes)
+    faults = tuple(
+        _replace(fault, start=_round(fault.start + DELAY), end=_round(fault.end + DELAY)) for fault in schedule.faults
+    )
+    return _replace(schedule, scenario=scenario, faults=faults)
+
+
+def _draw_early(seed: int) -> FaultSchedule:
     rng = np.random.default_rng(seed)
     count = int(rng.choice([3, 4, 5, 6], p=_COUNTS))
     team = _Team(rng, count)
