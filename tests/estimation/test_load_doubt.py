@@ -1,0 +1,120 @@
+"""What is not claimed while samples of a load disagree, or a sensor may be off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from coheft.estimation.load_change import LoadWindow
+from coheft.estimation.spatial import Array
+from tests.estimation.load_run import BLOCK, Run
+
+
+def test_a_young_load_is_in_doubt_as_soon_as_its_samples_disagree() -> None:
+    run = Run(seed=2, duration=4.0)
+    grams = np.concatenate([run.grams(run.theta)[:6], run.grams(run.theta + run.dropped(0.3))[6:7]])
+    for turn in range(2):
+        window = LoadWindow(every=2, turn=turn)
+        assert run.feed(window, grams) == []
+        assert 2.0 < window.doubt < 40.0
+
+
+def test_less_is_claimed_while_samples_disagree_though_no_change_is_certain() -> None:
+    run = Run(seed=2, duration=12.0)
+    old, new = run.grams(run.theta), run.grams(run.theta + run.dropped(0.3))
+    window, doubts, found = LoadWindow(), [], []
+    for block, gram in enumerate(np.concatenate([old[:100], new[100:]])):
+        found += run.feed(window, gram[None], block)
+        doubts.append(window.doubt)
+    assert set(doubts[:100]) == {1.0}
+    (change,) = found
+    assert max(doubts[100 : change.last_block]) > 3.0
+    assert doubts[change.last_block] == 1.0
+
+
+def test_doubt_outlasts_samples_that_are_forgotten_without_a_change() -> None:
+    run = Run(seed=2, duration=12.0)
+    window = LoadWindow()
+    run.feed(window, np.concatenate([run.grams(run.theta)[:60], run.grams(run.theta + run.dropped(0.03))[60:]]))
+    doubt = window.doubt
+    assert window.first_block == 0
+    assert doubt > 2.0
+    window.forget_before(20)
+    assert window.doubt == doubt
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_covariances_cover_the_smaller_part_of_samples_that_disagree(seed: int) -> None:
+    """As when a sensor is off, too little to be noticed, soon after the load was taken up."""
+    run = Run(seed, duration=12.0)
+    window, worst = LoadWindow(), 0.0
+    for block, gram in enumerate(
+        np.concatenate([run.grams(run.theta)[:60], run.grams(run.theta + run.dropped(0.03))[60:]])
+    ):
+        assert run.feed(window, gram[None], block) == []
+        if window.doubt > 1.0:
+            variances = window.doubt * np.linalg.inv(window.information(run.model).uncompensated).diagonal()
+            worst = max(worst, float(np.max(np.abs(run.estimate(window) - run.theta) / np.sqrt(variances))))
+    assert 0.0 < worst < 3.0
+
+
+def after_a_while_of_another_load(run: Run, mass: float) -> Array:
+    """Blocks of a load that was another one for 0.3 s, and 2 s since."""
+    grams = run.grams(run.theta)[:146]
+    grams[100:106] = run.grams(run.theta + run.dropped(mass))[100:106]
+    return grams
+
+
+@pytest.mark.parametrize("seed", [4, 5, 6])
+def test_a_while_of_another_load_makes_it_doubtful_when_no_border_shows_it_any_more(seed: int) -> None:
+    """As when a sensor was off while too little was known to notice."""
+    run = Run(seed, duration=10.0)
+    window = LoadWindow()
+    assert run.feed(window, after_a_while_of_another_load(run, mass=0.09)) == []
+    assert window.statistics(run.model).max() < chi2.isf(1e-4, 10)
+    assert window.doubt > 3.0
+
+
+@pytest.mark.parametrize("seed", [4, 5, 6])
+def test_what_was_before_a_while_of_another_load_is_forgotten_if_that_is_certain(seed: int) -> None:
+    run = Run(seed, duration=10.0)
+    window = LoadWindow()
+    for block, gram in enumerate(after_a_while_of_another_load(run, mass=0.2)):
+        window.push(block, gram)
+    changes = [change for change in (window.review(run.model) for _ in range(8)) if change is not None]
+    assert [change.first_block for change in changes] == [pytest.approx(106, abs=6)]
+    assert window.first_block == changes[0].first_block
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_torque_sensor_that_is_off_is_not_taken_for_another_load(seed: int) -> None:
+    """Neither while nobody can know, nor when it is right again."""
+    run = Run(seed, duration=24.0)
+    off = np.zeros((len(run.motion), 6))
+    off[200 * BLOCK : 320 * BLOCK, 3:] = [1.5, -1.0, 0.5]
+    window = LoadWindow()
+    told = []
+    for block, gram in enumerate(run.grams(run.theta, off)):
+        run.feed(window, gram[None], block)
+        told.append(window.may_be_offset)
+    assert not any(told[:200])
+    assert all(told[210:318])
+    assert not any(told[330:])
+    np.testing.assert_allclose(run.estimate(window)[0], run.theta[0], rtol=2e-2)
+
+
+@pytest.mark.parametrize("mass", [3.0, 0.3, -1.0])
+def test_another_load_is_never_taken_for_a_sensor_that_is_off_for_long(mass: float) -> None:
+    for seed in range(3):
+        run = Run(seed, duration=24.0)
+        before, after = run.theta, run.theta + run.dropped(abs(mass))
+        if mass < 0.0:
+            before, after = after, before
+        window, told = LoadWindow(), []
+        for block, gram in enumerate(np.concatenate([run.grams(before)[:200], run.grams(after)[200:]])):
+            run.feed(window, gram[None], block)
+            told.append(window.may_be_offset)
+        assert window.first_block >= 195
+        assert sum(told) <= 10
+        assert not told[-1]
