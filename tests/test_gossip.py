@@ -35,6 +35,12 @@ class Team:
         """Go on until everybody knows the graph."""
         self.blocks(diameter(self.graph))
 
+    def start(self, block: int) -> None:
+        """Everybody meets, and agrees upon a start at a block."""
+        self.meet()
+        self.everybody_ready(block)
+        self.meet()
+
     def restart(self, name: str) -> None:
         """Its agent dies, and another one with an empty memory takes its place."""
         self.robots[name] = Gossip(name, self.graph[name], self.robots[name].own.incarnation + 1)
@@ -173,9 +179,7 @@ def test_with_a_robot_that_starts_again_it_is_another_team_that_nobody_is_ready_
     graph: Neighbours, data: st.DataObject
 ) -> None:
     team = Team(graph)
-    team.meet()
-    team.everybody_ready(50)
-    team.meet()
+    team.start(50)
     (old,) = {robot.team for robot in team.robots.values()}
     restarted = data.draw(st.sampled_from(sorted(graph)))
     former = team.robots[restarted].own
@@ -197,9 +201,7 @@ def test_with_a_robot_that_starts_again_it_is_another_team_that_nobody_is_ready_
 @given(graphs, st.data())
 def test_a_robot_that_lets_go_is_no_member_until_it_takes_hold_again(graph: Neighbours, data: st.DataObject) -> None:
     team = Team(graph)
-    team.meet()
-    team.everybody_ready(10)
-    team.meet()
+    team.start(10)
     (first,) = {robot.team for robot in team.robots.values()}
     loose = data.draw(st.sampled_from(sorted(graph)))
     team.robots[loose].announce_holding(False, 30)
@@ -261,9 +263,7 @@ def test_whatever_happened_everybody_comes_to_know_the_same(
 def test_a_record_that_somebody_has_wrong_is_put_right(graph: Neighbours, data: st.DataObject) -> None:
     """As when a bit flips in somebody's memory: newer by mistake, as new as the right one, or older."""
     team = Team(graph)
-    team.meet()
-    team.everybody_ready(7)
-    team.meet()
+    team.start(7)
     holder, about = (data.draw(st.sampled_from(sorted(graph))) for _ in range(2))
     record = team.robots[about].own
     wrong = replace(

@@ -10,17 +10,7 @@ from coheft.estimation.spatial import Array
 from coheft.wire.config import AgentConfig
 from coheft.wire.estimator_settings import EfficientSettings
 from tests.estimation.team import Team, make_team
-from tests.load_memories import BLOCK, COUNT, DURATION, OWN, Memories, distance, held_team, moved, own_config
-
-
-@pytest.fixture(scope="module")
-def team() -> Team:
-    return held_team()
-
-
-@pytest.fixture(scope="module")
-def config() -> AgentConfig:
-    return own_config()
+from tests.memory.memories import BLOCK, COUNT, DURATION, OWN, Memories, distance, moved
 
 
 def errors_after_a_fit(config: AgentConfig, team: Team, size: float) -> tuple[float, float, float]:

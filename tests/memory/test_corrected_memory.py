@@ -3,23 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from coheft.estimation.observability import Visibility
 from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.config import AgentConfig
 from tests.estimation.team import Team
-from tests.load_memories import BLOCK, COUNT, OWN, Memories, distance, held_team, moved, own_config
-
-
-@pytest.fixture(scope="module")
-def team() -> Team:
-    return held_team()
-
-
-@pytest.fixture(scope="module")
-def config() -> AgentConfig:
-    return own_config()
+from tests.memory.memories import BLOCK, COUNT, OWN, Memories, distance, moved
 
 
 def test_not_everybody_need_have_the_same_samples(config: AgentConfig, team: Team) -> None:
