@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from coheft.estimation.observability import Visibility
 from coheft.estimation.team_registration import TeamPoses
@@ -110,3 +111,19 @@ def test_what_comes_early_while_a_correction_is_under_way_needs_none(config: Age
     fresh.push(0, 50)
     assert [memory.count for memory in memories.each] == COUNT * [50 * BLOCK]
     np.testing.assert_allclose(memories.estimate(), fresh.estimate(), rtol=3e-4, atol=3e-4)
+
+
+def test_a_change_that_poses_hid_is_seen_when_they_are_known_well(config: AgentConfig, team: Team) -> None:
+    """What disturbs corrected samples is what the new poses do, not what those did that they were summed with."""
+    memories = Memories(config, team, moved(team, 4e-3))
+    memories.push(0, 5)
+    memories.map_to(moved(team, 2e-3))
+    rough = TeamPoses(tuple(memories.poses), 4e-6 * np.eye(6 * COUNT), Visibility())
+    rows = memories.told()
+    for memory in memories.each:
+        memory.correct(rows, rough)
+    assert memories.push(5, 25) == 20 * [None]
+    assert memories.push(25, 40, load=1.006) == 15 * [None]
+    memories.fit(team.poses)
+    found = [changed_at for changed_at in memories.push(40, 46, load=1.006) if changed_at is not None]
+    assert found == [pytest.approx(25, abs=2)]
