@@ -25,8 +25,14 @@ from consensus.graph import distances
 
 _KEPT_SIZE = 1 + 12
 """Since which block a robot has held the load there, and its pose."""
+_SAME = 30.0
+"""Chi-square, six degrees of freedom, up to which a pose fits what a pair has measured as well as the best one does."""
 _MISFIT = 5.0
 """Mean square of a pair's residuals, in units of the noise, from which on they do not fit together."""
+_MISFIT_SOON = 1.5
+"""The same soon after this robot has started over: what it started over for may still be among its samples."""
+_SOON = 1.0
+"""How soon that is [s]."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,9 @@ class BodyFrame:
         self._kept: KeptPoses | None = None
         # The own pose as neighbours know it: number of the frame, since when the load has been held there, and pose.
         self._told: tuple[int, int, Pose] | None = None
+        # The block at which this robot started over, and its pose before, with the number of the frame.
+        self._started_over = -1
+        self._former: tuple[Pose, int] | None = None
         self.misfits: tuple[str, ...] = ()
 
     def keep(self, frame: int, poses: Mapping[str, Pose], holds: Mapping[str, int]) -> None:
@@ -71,15 +80,31 @@ class BodyFrame:
         Whoever has taken hold since then is elsewhere now. An agent that started again says that it has always held it.
         """
         self.misfits = ()
+        if self._is_starting_over:
+            self._former = poses[self._config.name], frame
         since = {name: self._gossip.records[name].since for name in poses}
         self._kept = KeptPoses(
             frame, {(name, since[name]): pose for name, pose in poses.items() if since[name] in (holds[name], 0)}
         )
 
+    def start_over(self, block: int) -> None:
+        """This robot begins as if it had taken hold at a block, but may still be where it was: samples will tell.
+
+        It has told everybody already.
+        """
+        if self._kept is not None:
+            former = [pose for (name, _), pose in self._kept.poses.items() if name == self._config.name]
+            self._former = (former[0], self._kept.frame) if former else self._former
+        self._started_over = block
+
+    @property
+    def _is_starting_over(self) -> bool:
+        return self._gossip.own.since == self._started_over
+
     def forget(self) -> None:
         """Nothing that is known of poses can be relied upon."""
         self._pairs, self._holds, self.misfits = {}, {}, ()
-        self._kept = self._told = None
+        self._kept = self._told = self._former = None
         self._gossip.forget_pose()
 
     def update_pairs(self, block: int, previous: Array | None, inbox: Mapping[str, Channels]) -> None:
@@ -98,13 +123,15 @@ class BodyFrame:
             if previous is not None and kinematics is not None and kinematics.shape == previous[:, KINEMATICS].shape:
                 self._pairs[name] += TwistMoments.of(previous[:, :6], kinematics[:, :6])
 
-    def forget_misfits(self) -> None:
+    def forget_misfits(self, block: int) -> None:
         """What does not fit together was not measured at the same time, or by sensors that work: begin anew."""
         noise = self._config.noise
+        is_soon = self._is_starting_over and block < self._started_over + self._config.blocks(_SOON)
+        limit = _MISFIT_SOON if is_soon else _MISFIT
         self.misfits = tuple(
             name
             for name, moments in sorted(self._pairs.items())
-            if moments.count > 1.0 and mean_square(moments, self._pair(name).pose, noise, noise) > _MISFIT
+            if moments.count > 1.0 and mean_square(moments, self._pair(name).pose, noise, noise) > limit
         )
         for name in self.misfits:
             self._pairs[name] = TwistMoments.none()
@@ -157,20 +184,25 @@ class BodyFrame:
             return self._told[2], frame
         return None
 
-    def found_pose(self) -> tuple[Pose, int] | None:
-        """The same from what neighbours have measured; None while it is not known well enough."""
+    def found_pose(self) -> tuple[Pose, int, bool] | None:
+        """The same from what neighbours have measured, and whether it is known well; None while not even roughly."""
         graph, frame = self._gossip.graph, self._gossip.frame()
         if graph is None or self._config.name not in graph:
             return None
         if frame == 0 and self._config.name == min(graph):
-            return Pose.identity(), self._gossip.membership
-        pose = self._through_neighbour(graph)
+            if self._former is not None and self._is_starting_over:  # wherever it is now, all others begin anew, too
+                return *self._former, True
+            return Pose.identity(), self._gossip.membership, False
+        found = self._through_neighbour(graph)
         own = self._gossip.own
-        if pose is None and own.pose and own.frame == frame:
-            pose = Pose.of_numbers(own.pose)  # a team that dissolved before its sums began: nobody has kept any
-        return None if pose is None else (pose, frame)
+        if found is not None:
+            pose, is_former = found
+            return pose, frame, is_former
+        if own.pose and own.frame == frame:
+            return Pose.of_numbers(own.pose), frame, False  # of a team whose sums never began: nobody has kept any
+        return None
 
-    def _through_neighbour(self, graph: Mapping[str, tuple[str, ...]]) -> Pose | None:
+    def _through_neighbour(self, graph: Mapping[str, tuple[str, ...]]) -> tuple[Pose, bool] | None:
         """Through the neighbour that is next on the way to the reference robot, among those that know theirs."""
         hops = distances(graph, min(graph))
         known = {other: self._gossip.pose(other) for other in graph[self._config.name] if other in self._pairs}
@@ -185,8 +217,24 @@ class BodyFrame:
                 and np.degrees(pair.rotation_std) <= limits.start_rotation_deg
                 and 1e3 * pair.translation_std <= limits.start_translation_mm
             ):
-                return parents_pose @ pair.pose.inverse()
+                former = self._former_pose(parent, parents_pose)
+                return (parents_pose @ pair.pose.inverse(), False) if former is None else (former, True)
         return None
+
+    def _former_pose(self, parent: str, parents_pose: Pose) -> Pose | None:
+        """The own pose from before this robot started over, if what it and a neighbour have measured since fits it."""
+        parents = self._gossip.records[parent]
+        if self._former is None or not self._is_starting_over or not parents.refined:
+            return None
+        pose, frame = self._former
+        if frame != self._gossip.frame():
+            return None
+        moments, noise = self._pairs[parent], self._config.noise
+        squares = [
+            mean_square(moments, each, noise, noise)
+            for each in (pose.inverse() @ parents_pose, self._pair(parent).pose)
+        ]
+        return pose if 6.0 * moments.count * (squares[0] - squares[1]) < _SAME else None
 
     def _pair(self, name: str) -> PoseEstimate:
         """From all samples that were exchanged with a neighbour; found anew only after new ones."""

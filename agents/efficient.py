@@ -62,6 +62,7 @@ class EfficientEstimator:
         at_work = self._team or self._search
         if at_work is not None and at_work.must_start_over:
             self._gossip.announce_holding(True, index)  # as if it had just taken hold: with its pose unknown
+            self._body_frame.start_over(index)
         if self._gossip.team != self._team_number:
             self._dissolve()
         start = self._gossip.start_block
@@ -110,10 +111,10 @@ class EfficientEstimator:
         if kept is not None:
             self._announce_pose(index, *kept, refined=True)
         elif index % self._look_every == 0:
-            self._body_frame.forget_misfits()
+            self._body_frame.forget_misfits(index)
             found = self._body_frame.found_pose()
             if found is not None:
-                self._announce_pose(index, *found, refined=False)
+                self._announce_pose(index, *found)
 
     def _announce_pose(self, index: int, pose: Pose, frame: int, refined: bool) -> None:
         """Tell it, and a start of the sums that is far enough ahead for everybody to hear of it in time."""

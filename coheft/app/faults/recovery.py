@@ -14,7 +14,8 @@ BACK_FROM_SILENCE = 3.0
 BACK = 5.0
 """after other faults and changes of the load: what was spoilt is forgotten first;"""
 START_UP = 4.0
-"""and where they had not all been valid before, or a robot takes hold again and has to find out where;"""
+"""and where they had not all been valid before, or a robot has to find out where it holds the load: because it takes
+hold again, or has crashed like all its neighbours, so that nobody can tell it;"""
 _TELLINGS = 15
 """then it takes so many times, too, as long as what one robot tells needs to reach all others."""
 _ROUNDING = 1e-9
@@ -32,7 +33,10 @@ class Recovery:
         scenario = schedule.scenario
         self._schedule = schedule
         liars = {fault.robot for fault in schedule.faults if isinstance(fault, Lie)}
-        reach = (diameter(build_graph(scenario.graph, scenario.robot_names)) + 1) * scenario.block_duration
+        graph = build_graph(scenario.graph, scenario.robot_names)
+        reach = (diameter(graph) + 1) * scenario.block_duration
+        crashed = {fault.robot for fault in schedule.faults if isinstance(fault, Crash)}
+        self._nobody_knows = any(crashed >= {name, *neighbours} for name, neighbours in graph.items())
         self._start_up = START_UP + _TELLINGS * reach
         last = scenario.blocks - 1
         self._asked = [n for n in scenario.robot_names if n not in liars and Hands(schedule, n).holds(last)]
@@ -90,7 +94,8 @@ class Recovery:
         first_fault = min((fault.start for fault in faults), default=0.0)
         calm = self._calm_from
         last = [fault for fault in faults if fault.end > calm - self._start_up]
-        if self.first_valid is None or self.first_valid > first_fault or any(isinstance(f, Release) for f in last):
+        must_find_out = self._nobody_knows or any(isinstance(fault, Release) for fault in last)
+        if must_find_out or self.first_valid is None or self.first_valid > first_fault:
             return self._start_up
         return BACK_FROM_SILENCE if last and all(isinstance(f, Crash | Partition) for f in last) else BACK
 
