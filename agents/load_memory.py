@@ -113,7 +113,8 @@ class LoadMemory:
             own_wrench: This robot's share.
 
         Returns:
-            The first block of a new load, if a change was found.
+            The first block of a new load, if a change was found that is news: not while it is not clear whether the
+            one before was of the load.
         """
         moments = load_moments(motion, wrench, own_wrench, self._disturbance.per_sample)
         self._window.push(block, moments)
@@ -132,12 +133,13 @@ class LoadMemory:
         is_coherent = self._correction is not None
         if not self._weights.know_load and self._is_enough():
             self._weights.learn(self._window)
+        is_in_doubt = self._window.may_be_offset
         change = self._window.review(self._weights.model, is_coherent) if self._weights.know_load else None
         if change is None:
             self._look_back(block, moments)
             return None
         self._begin(change.first_block)
-        return change.first_block
+        return None if is_in_doubt else change.first_block
 
     def surprise(self, motion: Array, wrench: Array) -> float:
         """Mean square of a block's residuals over what it should be, by what is known of the load; 0 if nothing is."""
@@ -186,12 +188,13 @@ class LoadMemory:
         self._early.add(block, load_moments(motion, wrench, own_wrench, self._disturbance.per_sample))
 
     def adopt(self, changed_at: int) -> bool:
-        """A neighbour says that the load changed at this block. Returns whether that is news."""
+        """A neighbour says that the load changed at this block. Returns whether that is news, as ``push``."""
         if changed_at <= self._changed_at:
             return False
+        is_in_doubt = self._window.may_be_offset
         self._begin(changed_at)
         self._window.accept(changed_at, self._weights.model)
-        return True
+        return not is_in_doubt
 
     def forget_late(self, duration: float) -> None:
         """What came in the last so many seconds does not count, nor what has come early since then."""
@@ -232,7 +235,7 @@ class LoadMemory:
         """Let the total wrenches be as the newest poses would have carried them.
 
         Args:
-            rows: Everybody's ``told``, shape (N, 82); None if not everybody's has been heard.
+            rows: Everybody's ``told``, shape (N, 83); None if not everybody's has been heard.
             team: The newest poses.
         """
         correction, self._correction = self._correction, None
@@ -243,12 +246,12 @@ class LoadMemory:
             self._wrenches_by_motion = told_wrenches_by_motion(told)
         if not self._comes_again:
             self._apply(correction, told)
+        before = self._disturbance.per_sample
         if rows is not None:
             self._expect_disturbance(told_forces(rows), team)
         if told is not None and not self._comes_again:
-            # They are carried with these poses now, so that is what disturbs them.
-            lacked = correction.mean_lack(told)
-            self._window.revise(lambda sums: disturbed(sums, self._disturbance.per_sample, lacked))
+            now, left = self._disturbance.per_sample, correction.left(told)
+            self._window.revise(lambda sums: disturbed(sums, before, now, left))
         self._compare(is_new=True)  # what was told may have been nonsense
 
     def _apply(self, correction: WrenchCorrection, rows: Array | None) -> None:

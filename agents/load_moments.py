@@ -1,7 +1,8 @@
 """What is summed of a block of samples for the load: one vector, as ``Memory`` takes it.
 
-The packed Gram matrix of motion and total wrench, how much poses disturb the wrenches, and the own robot's share of the
-cross moments, ``C_i = sum x u_i^T`` of motion features ``x`` with own wrenches ``u_i`` in ``F_i``.
+The packed Gram matrix of motion and total wrench, how much poses disturb the wrenches, the square of the own robot's
+forces, and its share of the cross moments, ``C_i = sum x u_i^T`` of motion features ``x`` with own wrenches ``u_i`` in
+``F_i``.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ from coheft.estimation.spatial import Array
 
 CROSS_SHAPE = (MOTION_FEATURES.stop, 6)
 CROSS_SIZE = CROSS_SHAPE[0] * CROSS_SHAPE[1]
-RIDERS = 1 + CROSS_SIZE
+RIDERS = 2 + CROSS_SIZE
 """Numbers beside the Gram matrix."""
 _DISTURBANCE = GRAM_SIZE
-_CROSS = slice(_DISTURBANCE + 1, _DISTURBANCE + 1 + CROSS_SIZE)
+_SQUARE = _DISTURBANCE + 1
+_CROSS = slice(_SQUARE + 1, _SQUARE + 1 + CROSS_SIZE)
 
 
 def load_moments(motion: Array, wrench: Array, own_wrench: Array, disturbance: float) -> Array:
@@ -31,7 +33,8 @@ def load_moments(motion: Array, wrench: Array, own_wrench: Array, disturbance: f
     """
     rows = features(motion, wrench)
     cross = rows[:, MOTION_FEATURES].T @ own_wrench
-    return np.concatenate([packed_gram(rows), [len(rows) * disturbance], cross.ravel()])
+    square = np.vdot(own_wrench[:, :3], own_wrench[:, :3])
+    return np.concatenate([packed_gram(rows), [len(rows) * disturbance, square], cross.ravel()])
 
 
 def number_of_samples(sums: Array) -> float:
@@ -39,22 +42,23 @@ def number_of_samples(sums: Array) -> float:
     return float(sums[0])
 
 
+def sum_of_squares(sums: Array) -> float:
+    """Of the norms of the own forces [N²]."""
+    return float(sums[_SQUARE])
+
+
 def cross_moments(sums: Array) -> Array:
     """``C_i``, shape (13, 6)."""
     return sums[_CROSS].reshape(CROSS_SHAPE)
 
 
-def disturbed(sums: Array, disturbance: float, lacked: float) -> Array:
-    """What sums (k, 190 + riders) become when poses disturb samples as said, and some as before, too.
+def disturbed(sums: Array, before: float, now: float, left: float) -> Array:
+    """Sums (k, 190 + riders) of samples that poses disturb by ``now``, and no longer by ``before``.
 
-    Args:
-        sums: Of stretches of samples.
-        disturbance: As in ``load_moments``.
-        lacked: How many samples of a stretch may still be disturbed as before.
+    Of what that is less, the share ``left`` is in the wrenches for good.
     """
     result = sums.copy()
-    still = np.minimum(1.0, lacked / np.maximum(sums[:, 0], 1.0))
-    result[:, _DISTURBANCE] = sums[:, 0] * disturbance + still * sums[:, _DISTURBANCE]
+    result[:, _DISTURBANCE] += sums[:, 0] * (now - before + left * max(0.0, before - now))
     return result
 
 
@@ -69,4 +73,4 @@ def mapped(sums: Array, to_new: Array) -> Array:
     """Sums (k, 190 + riders) as if all features had been ``to_new`` (19, 19) times what they were."""
     gram = to_new @ unpacked_gram(sums[:, :GRAM_SIZE]) @ to_new.T
     cross = to_new[MOTION_FEATURES, MOTION_FEATURES] @ sums[:, _CROSS].reshape(-1, *CROSS_SHAPE)
-    return np.hstack([repacked_gram(gram), sums[:, _DISTURBANCE, None], cross.reshape(len(sums), -1)])
+    return np.hstack([repacked_gram(gram), sums[:, [_DISTURBANCE, _SQUARE]], cross.reshape(len(sums), -1)])

@@ -92,8 +92,8 @@ class PoseSearch:
     def _moments(self, entered: Entered, sums: Array) -> RegistrationMoments | None:
         """What a block says of the own pose; None if it is not complete, or unlike those of late."""
         block = self._motion.add(entered, sums)
-        seen = self._motion.look_at(block, self._last_block, self._use_poses)
-        if seen is None:
+        seen = None if block is None else self._motion.look_at(block, self._last_block, self._use_poses)
+        if block is None or seen is None:
             return None
         entered, _, motion = seen
         self._last_block = block

@@ -273,9 +273,12 @@ class Team:
 
     def _take_in(self, entered: Entered, sums: Array, index: int) -> RegistrationMoments | None:
         """The team's sums of a block, in the body frame; returns what they say of the own pose."""
+        newest = self._motion.add(entered, sums)
+        if newest is None:
+            return None
         self.total_block = entered.block
         self.total_wrench = entered.pose.inverse().adjoint() @ sums[-1, 0]
-        return self._look_at(self._motion.add(entered, sums), index)
+        return self._look_at(newest, index)
 
     def _look_at(self, block: int, index: int) -> RegistrationMoments | None:
         """Learn from the sums of a block, if they can be true; returns what they say of the own pose."""

@@ -14,6 +14,8 @@ from coheft.wire.config import AgentConfig
 
 _NOISELESS = 1e-100
 """Standard deviation of sums to which no robot adds anything."""
+_LARGEST = 1e100
+"""Products of larger steps would be no numbers."""
 
 
 class TotalMotion:
@@ -40,7 +42,8 @@ class TotalMotion:
     def set_poses(self, poses: Sequence[Pose]) -> None:
         """From now on sums are seen with these poses."""
         self.fusion: MotionFusion = MotionFusion.of_robots(self._config.noise, poses, self._kernel)
-        self._deviations = np.maximum(self.fusion.deviations.ravel(), _NOISELESS)
+        # What all robots feel together adds up, noise does not.
+        self._deviations = np.sqrt(len(poses)) * np.maximum(self.fusion.deviations.ravel(), _NOISELESS)
 
     @property
     def slope(self) -> Array:
@@ -52,22 +55,29 @@ class TotalMotion:
         """Whether a block's motion takes the blocks beside it as well."""
         return self.fusion.derivative_gain is not None
 
-    def add(self, entered: Entered, sums: Array) -> int:
-        """Take in the sums (B, 3, 6) of a block; returns the newest block that may be ready to be looked at."""
+    def add(self, entered: Entered, sums: Array) -> int | None:
+        """Take in the sums (B, 3, 6) of a block, unless they are not plausible.
+
+        Returns:
+            The newest block that may be ready to be looked at now; None if these cannot be true.
+        """
         block = entered.block
         before = self._totals.get(block - 1)
-        if self.are_plausible(sums, None if before is None else before[1]):
-            self._totals[block] = entered, sums
+        if not self.are_plausible(sums, None if before is None else before[1]):
+            return None
+        self._totals[block] = entered, sums
         self._totals = {number: total for number, total in self._totals.items() if number > block - 3}
         return block - 1 if self.needs_slope else block
 
     def are_plausible(self, sums: Array, before: Array | None = None) -> bool:
         """Whether the sums (B, 3, 6) of a block, and of the one ``before`` it, are without outliers.
 
-        Every robot has looked at its own samples: then these are none of a sensor, but of somebody's memory.
+        Every robot has looked at its own samples: then these are hardly of a sensor, but of somebody's memory.
         """
         rows = sums if before is None else np.concatenate([before[-1:], sums])
-        return not outliers(np.diff(rows.reshape(len(rows), -1), axis=0) / self._deviations).any()
+        with np.errstate(over="ignore"):  # a flipped bit can make any number of any other
+            steps = np.diff(rows.reshape(len(rows), -1), axis=0) / self._deviations
+        return not outliers(np.clip(steps, -_LARGEST, _LARGEST)).any()
 
     def look_at(self, block: int, after: int, use_poses: Callable[[int], None]) -> tuple[Entered, Array, Array] | None:
         """What a block shows.

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.load_moments import CROSS_SHAPE, CROSS_SIZE, cross_moments, number_of_samples
+from agents.load_moments import CROSS_SHAPE, CROSS_SIZE, cross_moments, number_of_samples, sum_of_squares
 from coheft.estimation.inertia import FEATURES, GRAM_SIZE, repacked_gram, unpacked_gram
 from coheft.estimation.pose_sensitivity import MOTION_FEATURES
 from coheft.estimation.spatial import Array, Pose
@@ -21,7 +21,7 @@ from coheft.estimation.spatial import Array, Pose
 _WRENCH_FEATURES = slice(MOTION_FEATURES.stop, FEATURES)
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
-_LOAD, _FIRST, _COUNT, _FORCE, _BY_MOTION = range(5)
+_LOAD, _FIRST, _COUNT, _FORCE, _UNEXPLAINED, _BY_MOTION = range(6)
 TOLD_SIZE = _BY_MOTION + CROSS_SIZE
 """Numbers that robots tell each other for it."""
 
@@ -55,16 +55,20 @@ class WrenchCorrection:
         gram = motion_grams(total)
         self._by_motion = np.linalg.lstsq(gram, cross_moments(total), rcond=_SINGULAR)[0]
         self.count = number_of_samples(total)
+        explained = self._by_motion[:, :3].T @ gram @ self._by_motion[:, :3]
+        square = sum_of_squares(total)
+        self._unexplained = max(0.0, 1.0 - float(np.trace(explained)) / square) if square > 0.0 else 1.0
         self._changed_at = changed_at
         self._steps = [new.adjoint() - old.adjoint() for old, new in zip(old_poses, new_poses, strict=True)]
         self._since = np.zeros(GRAM_SIZE)
 
     def told(self, mean_square_force: float) -> Array:
-        """What everybody has to know for it, shape (82,).
+        """What everybody has to know for it, shape (83,).
 
-        Of which load, from which block on, how many samples, mean square of the own force [N²], and own ``B_i``.
+        Of which load, from which block on, how many samples, mean square of the own force [N²], the share of it that
+        does not follow from the motion, and own ``B_i``.
         """
-        told = [self._changed_at, self._first_block, self.count, mean_square_force]
+        told = [self._changed_at, self._first_block, self.count, mean_square_force, self._unexplained]
         return np.concatenate([told, self._by_motion.ravel()])
 
     def age(self, kept: float, moments: Array) -> None:
@@ -72,7 +76,7 @@ class WrenchCorrection:
         self._since = kept * self._since + moments[:GRAM_SIZE]
 
     def is_possible(self, rows: Array, changed_at: int) -> bool:
-        """Whether everybody's ``told``, shape (N, 82), is of the load that is remembered now."""
+        """Whether everybody's ``told``, shape (N, 83), is of the load that is remembered now."""
         loads = np.append(rows[:, _LOAD], changed_at)
         overlap = np.all(rows[:, _COUNT] > 0.0) and np.all(rows[:, _FIRST] <= self.last_block)
         return bool(np.all(loads == self._changed_at) and overlap)
@@ -84,6 +88,15 @@ class WrenchCorrection:
     def mean_lack(self, rows: Array) -> float:
         """How many of these samples a robot lacks, the mean over everybody's ``told``; at least, as it lacks others."""
         return float(np.maximum(0.0, self.count - rows[:, _COUNT]).mean())
+
+    def left(self, rows: Array) -> float:
+        """Share of what old poses did to the wrenches of these samples that the correction does not take back.
+
+        That of samples that somebody lacked, and what robots push against each other otherwise than it follows from the
+        motion.
+        """
+        lacked = self.mean_lack(rows) / max(self.count, 1.0)
+        return min(1.0, lacked + max(0.0, float(rows[:, _UNEXPLAINED].max())))
 
     @property
     def count_since(self) -> float:

@@ -171,6 +171,7 @@ class InertiaModel:
     ) -> None:
         self._wrench_covariance, self._acceleration_covariance = wrench_covariance, acceleration_covariance
         self._parameters, self._disturbance = parameters, np.zeros((6, 6))
+        self._sibling: InertiaModel | None = None
         self.unknowns = INERTIA_SIZE + (OFFSET_SIZE if with_offset else 0)
         covariance = wrench_covariance
         if parameters is not None:
@@ -191,9 +192,12 @@ class InertiaModel:
 
     def with_offset(self) -> InertiaModel:
         """The same weights, with the constant offset among the unknowns."""
-        model = InertiaModel(self._wrench_covariance, self._acceleration_covariance, self._parameters, with_offset=True)
-        model.expect_disturbance(self._disturbance)
-        return model
+        if self._sibling is None:
+            self._sibling = InertiaModel(
+                self._wrench_covariance, self._acceleration_covariance, self._parameters, with_offset=True
+            )
+            self._sibling.expect_disturbance(self._disturbance)
+        return self._sibling
 
     def information(self, grams: Array) -> InertiaInformation:
         """Information of packed Gram matrices, shape (..., 190)."""
@@ -211,7 +215,7 @@ class InertiaModel:
 
     def expect_disturbance(self, covariance: Array) -> None:
         """Beside noise, something with this covariance (6, 6) spoils the total wrench: its size is told elsewhere."""
-        self._disturbance = covariance
+        self._disturbance, self._sibling = covariance, None
         self._disturbance_table = _packed_table(_products(self._coefficients, self.weight @ covariance @ self.weight))
 
     def disturbance(self, grams: Array) -> Array:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.inertia import GRAM_SIZE, INERTIA_SIZE, InertiaInformation, InertiaModel
-from coheft.estimation.load_comparison import compare_despite_offset, compare_loads
+from coheft.estimation.load_comparison import KnownLoad, compare_despite_offset, compare_loads, compare_with_load
 from coheft.estimation.load_samples import LoadChange
 from coheft.estimation.spatial import Array
 from coheft.estimation.stretches import Stretches
@@ -33,10 +33,12 @@ _CHANCE = 1e-4
 _UNEVEN = 4.0
 """Where samples disagree, covariances count with their being divided as unevenly as this, and no more: the smaller a
 part is, the less it says about how far the other is off."""
-_CHANCE_BETWEEN = 1e-6
-"""The same for a while between two borders: of these many are tested, and all the time the same ones."""
 _CHANCE_OFFSET = 1e-6
 """Probability at a single test that an offset is ruled out though there is one."""
+_FEW = 50
+"""Fewer samples do not show that the load is the same as before,"""
+_SETTLED = 0.5
+"""nor do fewer than so many times those for which a disturbance keeps its direction."""
 _LENGTHS = (1, 2, 4)
 """A while is so many stretches long,"""
 _BETWEEN_EVERY = 8
@@ -90,10 +92,13 @@ class LoadWindow:
         self._last: Array | None = None
         self._moved: Array = np.zeros(0)
         self._last_block = -1
-        self._has_early = False
+        # Everything has to be tested: samples have come early, or are seen otherwise than before.
+        self._is_due = False
         self._doubts: deque[float] = deque(maxlen=stride)  # of the last tests, which all borders had a part in
         self._doubt_between = 1.0
         self._may_be_offset = False
+        # What the load was before it changed, until it is clear that it has.
+        self._former: KnownLoad | None = None
         self._stretches = Stretches(GRAM_SIZE + riders, resolution)
 
     @property
@@ -124,6 +129,7 @@ class LoadWindow:
     def revise(self, update: Callable[[Array], Array]) -> None:
         """See ``Memory``."""
         self._stretches.revise(update)
+        self._is_due = True
 
     def push(self, block: int, gram: Array) -> None:
         """See ``Memory``."""
@@ -132,14 +138,14 @@ class LoadWindow:
 
     def push_early(self, block: int, gram: Array) -> None:
         """See ``Memory``."""
-        self._has_early |= self._stretches.push_early(block, gram)
+        self._is_due |= self._stretches.push_early(block, gram)
 
     def review(self, model: InertiaModel, is_coherent: bool = False) -> LoadChange | None:
         """Test whether the load changed at one of the borders; if so, forget all that is older than the likeliest one,
         until what is left is of one load.
 
-        What has come early is tested at once, and not in turns: nothing was known of its load when it came; and so are
-        all samples of a load while there are but few.
+        All samples are tested at once, and not in turns, while there are but few, or when more have come from before
+        them, or they are seen otherwise. What it finds goes into ``doubt`` and ``may_be_offset``, too.
 
         Args:
             model: The weights.
@@ -147,21 +153,25 @@ class LoadWindow:
         """
         self._reviews += 1
         turn, rest = divmod(self._reviews, self._every)
-        is_unknown = self._has_early or len(self._stretches) <= _YOUNG
+        is_unknown = self._is_due or len(self._stretches) <= _YOUNG
         if rest and not is_unknown:
             return None
-        self._has_early = False
+        test_between = self._is_due or turn % _BETWEEN_EVERY == 0
+        self._is_due &= is_coherent
         everything = slice(1, None)
         found, size = self._test_since(
             model, is_coherent, everything if is_unknown else slice(1 + turn % self._stride, None, self._stride)
         )
         if size > 1.0 and not is_unknown:
             found, size = self._test_since(model, is_coherent, everything)
-        if size <= 1.0 and turn % _BETWEEN_EVERY == 0 and not is_coherent:
+        is_clean = size > 1.0
+        if not is_clean and test_between and not is_coherent:
             found, size = self._test_between(model)
         change: LoadChange | None = None
         while size > 1.0:
             change = LoadChange(int(self._stretches.firsts[found]), self._last_block, size)
+            if is_clean:
+                self._remember(self._stretches.total - self._stretches.sums[found], model)
             self._begin(found, size, model)
             found, size = self._test_since(model, is_coherent, everything)
         if not is_coherent:
@@ -176,7 +186,7 @@ class LoadWindow:
         """
         newer = self._stretches.sums[borders]
         statistics, seen = self._compare(model, newer, is_coherent)
-        self._doubts.append(self._doubt_by(statistics, seen, newer, _CHANCE))
+        self._doubts.append(self._doubt_by(statistics, seen, newer))
         if len(newer) == 0:
             return 0, 0.0
         found = int(np.argmax(statistics))
@@ -195,24 +205,26 @@ class LoadWindow:
         parts = np.concatenate([self._stretches.joined(length)[1:] for length in lengths])
         ends = np.concatenate([np.arange(length + 1, len(self._stretches)) for length in lengths])
         statistics, seen = self._compare(model, parts)
-        self._doubt_between = self._doubt_by(statistics, seen, parts, _CHANCE_BETWEEN)
+        self._doubt_between = self._doubt_by(statistics, seen, parts)
         found = int(np.argmax(statistics))
         return int(ends[found]), float(statistics[found]) / _threshold(seen, self._false_alarm)
 
     def _find_offset(self, model: InertiaModel) -> bool:
         """Whether nobody can tell if the load has changed: it is not what it was, unless a torque sensor is off."""
-        before, now = self._stretches.aside, self._stretches.total
-        if before is None:
-            return False
-        statistic, seen = compare_loads(model, before + now, now[None], self._coherence)
-        if statistic[0] < _threshold(seen, _CHANCE if self._may_be_offset else self._false_alarm):
-            if now[0] > before[0]:
-                self._stretches.drop_aside()
-            return False
-        despite, seen = compare_despite_offset(model, before, now, self._coherence)
-        if despite < _threshold(seen, _CHANCE_OFFSET):
+        if self._former is None or len(self._stretches) == 0:
+            return self._may_be_offset
+        # The sensor may have gone off a little later than it seemed.
+        since = self._stretches.sums[:_YOUNG]
+        same = compare_with_load(model, self._former, since[:1], self._coherence)
+        if same[0] < chi_square_threshold(INERTIA_SIZE, _CHANCE):
+            if since[0, 0] < max(_FEW, _SETTLED * self._coherence):
+                return self._may_be_offset
+        elif np.any(
+            compare_despite_offset(model, self._former, since, self._coherence)
+            < chi_square_threshold(INERTIA_SIZE, _CHANCE_OFFSET)
+        ):
             return True
-        self._stretches.drop_aside()
+        self._former = None
         return False
 
     def _compare(self, model: InertiaModel, parts: Array, is_coherent: bool = False) -> tuple[Array, int]:
@@ -220,9 +232,9 @@ class LoadWindow:
         coherence = np.inf if is_coherent and self._coherence else self._coherence
         return compare_loads(model, self._stretches.total, parts, coherence)
 
-    def _doubt_by(self, statistics: Array, seen: int, parts: Array, chance: float) -> float:
+    def _doubt_by(self, statistics: Array, seen: int, parts: Array) -> float:
         """How doubtful statistics (k,) of parts make the load that exceed what they hardly do by chance."""
-        is_doubtful = statistics > _threshold(seen, chance)
+        is_doubtful = statistics > _threshold(seen, _CHANCE)
         counts = parts[is_doubtful, 0]
         rest = self._stretches.total[0] - counts
         # The smaller part may be the right one, from which the estimate is farther away.
@@ -238,8 +250,11 @@ class LoadWindow:
         border = self._stretches.border(block)
         if 0 < border < len(self._stretches):
             statistics, seen = self._compare(model, self._stretches.sums[border : border + 1])
+            self._remember(self._stretches.total - self._stretches.sums[border], model)
             self._begin(border, float(statistics[0]) / _threshold(seen, self._false_alarm), model)
         else:
+            if border and border == len(self._stretches):
+                self._remember(self._stretches.total, model)
             self.forget_before(block)
 
     def _begin(self, border: int, size: float, model: InertiaModel) -> None:
@@ -253,10 +268,13 @@ class LoadWindow:
         ridge = _HARDLY * np.diag(older.uncompensated.diagonal())
         self._moved = np.asarray(np.linalg.solve(older.matrix + ridge, older.vector - older.matrix @ last))
         self._last = np.asarray(last + self._moved)
-        if not self._may_be_offset and model.unknowns == INERTIA_SIZE:  # else offsets are known
-            self._stretches.set_aside(border)
         self._trust()
         self.forget_before(int(self._stretches.firsts[border]))
+
+    def _remember(self, sums: Array, model: InertiaModel) -> None:
+        """What the load was, by samples before it changed; unless it is not clear yet whether it had before."""
+        if self._former is None and model.unknowns == INERTIA_SIZE:  # else offsets are known
+            self._former = KnownLoad.of(model, sums, self._coherence)
 
     def _trust(self) -> None:
         """What made the load doubtful is forgotten."""

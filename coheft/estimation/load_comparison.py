@@ -15,6 +15,8 @@ from coheft.estimation.spatial import Array
 
 _TESTED = 0.2
 """Directions are tested in which at least this share of the information is motion, and not noise of motion."""
+_HARDLY = 1e-6
+"""Information, relative to the rest, that a direction is taken to have that was not seen."""
 
 
 def compare_loads(model: InertiaModel, total: Array, parts: Array, coherence: float) -> tuple[Array, int]:
@@ -41,39 +43,79 @@ def compare_loads(model: InertiaModel, total: Array, parts: Array, coherence: fl
     if len(parts) == 0:
         return np.empty(0), 0
     everything, part = _Evidence.of(model, total), _Evidence.of(model, parts)
-    if coherence == 0.0:
-        return _compare(everything, part)
-    disturbances = [_disturbance(model, sums, coherence) for sums in (parts, total - parts)]
-    return _compare(everything, part, *disturbances)
+    # In these coordinates the score covariance of everything is the identity, and its matrix diagonal.
+    basis, _, shares = signal_directions(everything.matrix, everything.by_noise, _TESTED)
+    if len(basis) == 0:
+        return np.zeros(len(parts)), 0
+    part = part.seen_by(basis)
+    gain = part.matrix / shares
+    score = part.vector - gain @ (basis @ everything.vector)
+    cross = gain @ part.by_noise
+    spread = part.by_noise - cross - cross.swapaxes(-1, -2) + gain @ gain.swapaxes(-1, -2)
+    one = np.eye(len(basis))
+    if coherence > 0.0:
+        for share, sums in ((one - gain, parts), (gain, total - parts)):
+            disturbance = basis @ _disturbance(model, sums, coherence) @ basis.T
+            spread += share @ disturbance @ share.swapaxes(-1, -2)
+    whitened = np.linalg.solve(spread + 1e-9 * one, score[..., None])[..., 0]
+    return (score * whitened).sum(axis=1), len(basis)
 
 
-def compare_despite_offset(model: InertiaModel, before: Array, since: Array, coherence: float) -> tuple[float, int]:
-    """As ``compare_loads``, where a constant torque may have come with a part: of a sensor that is off since.
+class KnownLoad(NamedTuple):
+    """What a load is known to be.
+
+    Attributes:
+        parameters: ``theta``, shape (10,).
+        covariance: Of its error, shape (10, 10); large in directions that the motion has not shown.
+    """
+
+    parameters: Array
+    covariance: Array
+
+    @staticmethod
+    def of(model: InertiaModel, sums: Array, coherence: float) -> KnownLoad:
+        """By samples (190 + riders,); arguments as of ``compare_loads``."""
+        seen = _Evidence.of(model, sums)
+        ridge = _HARDLY * np.diag(seen.by_noise.diagonal())
+        inverse = np.linalg.inv(seen.matrix + ridge)
+        scatter = seen.by_noise + _disturbance(model, sums, coherence)
+        return KnownLoad(inverse @ seen.vector, inverse @ scatter @ inverse.T)
+
+
+def compare_with_load(model: InertiaModel, load: KnownLoad, parts: Array, coherence: float) -> Array:
+    """Statistic of each part against a load that is known, chi-square with 10 degrees of freedom if it is theirs.
 
     Args:
-        model: The weights, of a load without offset.
-        before: Sums of the rest, without the torque, shape (190 + riders,).
-        since: Of the part.
+        model: The weights.
+        load: It.
+        parts: Sums of samples, shape (k, 190 + riders).
         coherence: As for ``compare_loads``.
 
     Returns:
-        The statistic, chi-square if the load is the same, and the number of directions that were compared.
+        Shape (k,).
     """
+    return _off(load, _Evidence.of(model, parts), _disturbance(model, parts, coherence))
+
+
+def compare_despite_offset(model: InertiaModel, load: KnownLoad, parts: Array, coherence: float) -> Array:
+    """As ``compare_with_load``, where a constant torque may have come with each part: of a sensor that is off."""
     with_offset = model.with_offset()
-    rest, part = _Evidence.of(model, before), _Evidence.of(with_offset, since)
-    torque = part.matrix[TORQUE_OFFSET, TORQUE_OFFSET]
-    # What the part says of theta, whatever the torque is.
-    despite = np.eye(INERTIA_SIZE, with_offset.unknowns)
-    despite[:, TORQUE_OFFSET] = -np.linalg.solve(torque, part.matrix[TORQUE_OFFSET, :INERTIA_SIZE]).T
-    part = part.seen_by(despite)
-    everything = _Evidence(*(one + other for one, other in zip(rest, part, strict=True)))
-    part = _Evidence(*(array[None] for array in part))
-    if coherence == 0.0:
-        statistics, seen = _compare(everything, part)
-    else:
-        by_part = despite @ _disturbance(with_offset, since, coherence) @ despite.T
-        statistics, seen = _compare(everything, part, by_part[None], _disturbance(model, before[None], coherence))
-    return float(statistics[0]), seen
+    seen, disturbance = _Evidence.of(with_offset, parts), _disturbance(with_offset, parts, coherence)
+    torque = seen.matrix[:, TORQUE_OFFSET, TORQUE_OFFSET]
+    # What a part says of theta, whatever the torque is.
+    despite = np.zeros((len(parts), INERTIA_SIZE, with_offset.unknowns))
+    despite[:, :, :INERTIA_SIZE] = np.eye(INERTIA_SIZE)
+    gain = np.linalg.solve(torque, seen.matrix[:, TORQUE_OFFSET, :INERTIA_SIZE])
+    despite[:, :, TORQUE_OFFSET] = -gain.swapaxes(-1, -2)
+    return _off(load, seen.seen_by(despite), despite @ disturbance @ despite.swapaxes(-1, -2))
+
+
+def _off(load: KnownLoad, parts: _Evidence, disturbance: Array) -> Array:
+    score = parts.vector - parts.matrix @ load.parameters
+    spread = parts.by_noise + disturbance + parts.matrix @ load.covariance @ parts.matrix.swapaxes(-1, -2)
+    whitened = np.linalg.solve(spread, score[..., None])[..., 0]
+    result: Array = (score * whitened).sum(axis=-1)
+    return result
 
 
 class _Evidence(NamedTuple):
@@ -92,32 +134,17 @@ class _Evidence(NamedTuple):
         return _Evidence(information.matrix, information.vector, by_noise)
 
     def seen_by(self, combination: Array) -> _Evidence:
-        """Of combinations (k, u) of the equations, whose unknowns they are as well."""
-        matrix, by_noise = (combination @ each @ combination.T for each in (self.matrix, self.by_noise))
-        return _Evidence(matrix, self.vector @ combination.T, by_noise)
-
-
-def _compare(everything: _Evidence, part: _Evidence, *disturbances: Array) -> tuple[Array, int]:
-    """Of ``compare_loads``; disturbances (k, u, u) are what they add to the scores of parts, and of their rests."""
-    # In these coordinates the score covariance of everything is the identity, and its matrix diagonal.
-    basis, _, shares = signal_directions(everything.matrix, everything.by_noise, _TESTED)
-    if len(basis) == 0:
-        return np.zeros(len(part.matrix)), 0
-    part = part.seen_by(basis)
-    gain = part.matrix / shares
-    score = part.vector - gain @ (basis @ everything.vector)
-    cross = gain @ part.by_noise
-    spread = part.by_noise - cross - cross.swapaxes(-1, -2) + gain @ gain.swapaxes(-1, -2)
-    one = np.eye(len(basis))
-    for share, disturbance in zip((one - gain, gain), disturbances, strict=False):
-        spread += share @ (basis @ disturbance @ basis.T) @ share.swapaxes(-1, -2)
-    whitened = np.linalg.solve(spread + 1e-9 * one, score[..., None])[..., 0]
-    return (score * whitened).sum(axis=1), len(basis)
+        """Of combinations (..., r, u) of the equations, whose unknowns they are as well."""
+        back = combination.swapaxes(-1, -2)
+        matrix, by_noise = (combination @ each @ back for each in (self.matrix, self.by_noise))
+        return _Evidence(matrix, (combination @ self.vector[..., None])[..., 0], by_noise)
 
 
 def _disturbance(model: InertiaModel, sums: Array, coherence: float) -> Array:
     """Covariance of what a disturbance adds to the scores of samples (..., 190 + riders), shape (..., u, u)."""
     grams = sums[..., :GRAM_SIZE]
+    if coherence == 0.0:
+        return np.zeros((*grams.shape[:-1], model.unknowns, model.unknowns))
     share = np.minimum(1.0, coherence / np.maximum(grams[..., 0], 1.0))
     result: Array = (share * sums[..., GRAM_SIZE])[..., None, None] * model.disturbance(grams)
     return result

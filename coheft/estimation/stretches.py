@@ -33,8 +33,6 @@ class Stretches:
         self._orders = np.zeros(64, dtype=np.int64)
         self._sums = np.zeros((64, size))
         self._borders = 0
-        # Like _sums, since the beginning and since the end of what was set aside.
-        self._aside = self._sums[:0]
 
     def __len__(self) -> int:
         """Number of stretches, and of borders."""
@@ -66,8 +64,7 @@ class Stretches:
             update: From the sums of all stretches that end now, shape (k, size), to their new values.
         """
         if self._borders:
-            revised = update(np.concatenate([self._aside, self.sums]))
-            self._aside, self._sums[: self._borders] = np.split(revised, [len(self._aside)])
+            self._sums[: self._borders] = update(self.sums)
 
     def push(self, block: int, sums: Array) -> None:
         """Take in a block: its number, larger than all before, and what is summed of it."""
@@ -77,7 +74,6 @@ class Stretches:
         self._sums[end] = 0.0
         self._borders += 1
         self._sums[: self._borders] += sums
-        self._aside += sums
         self.count += 1
 
     def push_early(self, block: int, sums: Array) -> bool:
@@ -96,33 +92,16 @@ class Stretches:
         """The oldest border that does not lie before a block, as an index of ``firsts``; one past the end if none."""
         return int(np.searchsorted(self.firsts, block))
 
-    def set_aside(self, border: int) -> None:
-        """Remember what came before a border, ``aside``, however long ago that will be."""
-        self._aside = self._sums[[0, border]]
-
-    def drop_aside(self) -> None:
-        """Nothing is set aside any more."""
-        self._aside = self._aside[:0]
-
-    @property
-    def aside(self) -> Array | None:
-        """Sums of what was set aside, shape (size,), None if nothing is."""
-        return self._aside[0] - self._aside[1] if len(self._aside) else None
-
     def forget_before(self, block: int) -> None:
         """Forget all blocks with smaller numbers, and those that cannot be told apart from them any more."""
         self._drop(0, self.border(block))
-        if not self._borders:
-            self.drop_aside()
 
     def forget_since(self, block: int) -> None:
         """Forget all blocks from this one on, and those that cannot be told apart from them any more."""
         kept = int(np.searchsorted(self.firsts, block, side="right")) - 1
         if kept <= 0:
             self._borders = 0
-            self.drop_aside()
         else:
-            self._aside -= self._sums[kept]
             self._sums[:kept] -= self._sums[kept]
             self._borders = kept
 

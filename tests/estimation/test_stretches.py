@@ -39,19 +39,14 @@ def test_borders_grow_with_the_logarithm_and_are_dense_among_the_newest() -> Non
     assert np.all(ages[:-1] - ages[1:] <= 1 + ages[:-1] / 8)
 
 
-def test_all_borders_hold_the_sums_of_what_came_after_them_whatever_happened() -> None:
+def test_all_borders_hold_the_sums_of_what_came_after_them() -> None:
     stretches, brute = Stretches(SIZE, resolution=8), {}
-    aside_from, aside_to = 0, 0
     for block, value in enumerate(blocks(300)):
         stretches.push(block, value)
         brute[block] = value.copy()
         if block % 70 == 35:
             stretches.revise(doubled)
             brute = {k: doubled(each) for k, each in brute.items()}
-        if block == 60:
-            border = len(stretches) // 2
-            aside_from, aside_to = 0, int(stretches.firsts[border])
-            stretches.set_aside(border)
         if block == 150:
             stretches.forget_before(80)
         if block == 220:
@@ -63,9 +58,6 @@ def test_all_borders_hold_the_sums_of_what_came_after_them_whatever_happened() -
             expected = [sum(brute[k] for k in range(first, block + 1)) for first in stretches.firsts]
             np.testing.assert_allclose(stretches.sums, expected, rtol=1e-9, atol=1e-9)
             np.testing.assert_array_equal(stretches.total, stretches.sums[0])
-        if block >= 60:
-            kept = sum(brute[k] for k in range(aside_from, aside_to))
-            np.testing.assert_allclose(stretches.aside, kept, rtol=1e-9, atol=1e-9)
     assert stretches.firsts[0] == 80
 
 
@@ -97,14 +89,3 @@ def test_joined_stretches_are_what_lies_between_borders(neighbours: int) -> None
     firsts = stretches.firsts
     expected = [values[a:b].sum(axis=0) for a, b in zip(firsts, firsts[neighbours:], strict=False)]
     np.testing.assert_allclose(stretches.joined(neighbours), expected, atol=1e-9)
-
-
-def test_nothing_is_set_aside_when_nothing_is_left() -> None:
-    for forget in (Stretches.forget_since, Stretches.forget_before):
-        stretches = fed(blocks(40))
-        assert stretches.aside is None
-        stretches.set_aside(3)
-        assert stretches.aside is not None
-        forget(stretches, 0 if forget is Stretches.forget_since else 1000)
-        assert stretches.aside is None
-        assert not stretches.total.any()
