@@ -41,11 +41,18 @@ class Readings:
         if self._skews:
             samples = self._late(samples, sum(skew.samples for skew in self._skews if skew.is_active(time)))
         for (fault, rng), signs in zip(self._faults, self._signs, strict=True):
-            if fault.is_active(time):
+            hit = self._hit(fault, time, len(samples))
+            if hit.start < hit.stop:
                 samples = samples.copy()
-                self._spoil(samples, fault, rng, signs)
+                last = samples[hit.start - 1].copy() if hit.start else self._last
+                self._spoil(samples[hit], fault, rng, signs, last)
         self._last = samples[-1]
         return samples
+
+    def _hit(self, fault: SensorFault, time: float, count: int) -> slice:
+        """Which samples of a block: sensors fail, and work again, in the middle of it."""
+        first, end = (np.ceil((each - time) / self._block_duration * count - 1e-6) for each in (fault.start, fault.end))
+        return slice(int(max(0, first)), int(min(count, end)))
 
     def _late(self, samples: Array, late: int) -> Array:
         """What was measured so many samples before; of the time before the run, its first sample."""
@@ -57,15 +64,17 @@ class Readings:
         self._past = self._past[len(samples) :]
         return taken
 
-    def _spoil(self, samples: Array, fault: SensorFault, rng: np.random.Generator, signs: Array) -> None:
-        """Do to samples, in place, what the fault does."""
+    def _spoil(
+        self, samples: Array, fault: SensorFault, rng: np.random.Generator, signs: Array, last: Array | None
+    ) -> None:
+        """Do to samples, in place, what the fault does; ``last`` is the one before, if there is one."""
         columns, usual = _COLUMNS[fault.sensor], _USUAL[fault.sensor]
         values = samples[:, columns]
         match fault.how:
             case "nan":
                 values[rng.random(len(values)) < fault.size] = np.nan
             case "frozen":
-                values[:] = samples[0, columns] if self._last is None else self._last[columns]
+                values[:] = samples[0, columns] if last is None else last[columns]
             case "outliers":
                 hit = rng.random(len(values)) < fault.size
                 values[hit] += rng.uniform(-_OUTLIER * usual, _OUTLIER * usual, size=(int(hit.sum()), 3))
