@@ -317,7 +317,7 @@ class LoadMemory:
         if self._late.contradict:
             return None, ("load: the forces of late do not fit what is remembered of it",)
         if self._window.may_be_offset:
-            return None, ("load: it seems to have changed, or a torque sensor is off; no motion has told yet",)
+            return None, ("load: it seems to have changed, or a torque sensor is off; nothing has shown which",)
         information, sums = self._window.information(self._weights.model), self._window.total
         solution = self._weights.solution(information)
         solution = replace(solution, covariance=solution.covariance + self._by_uncorrected(information))

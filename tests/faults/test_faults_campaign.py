@@ -37,6 +37,9 @@ ONCE_BROKEN = (
     *(307, 503, 555, 1141, 1294, 1635, 2045, 2254, 2532, 2650, 2871),
     *(2924, 3154, 3690, 4220, 4520, 4571, 5519, 6075, 6236, 6877, 7069, 7870, 10387),
 )
+"""As they are drawn, without ``DELAY``."""
+ONCE_BROKEN_LATE = (51, 93, 315, 515, 559, 583, 997, 1243)
+"""With it."""
 
 
 def short(seed: int) -> Outcome:
@@ -130,3 +133,8 @@ def test_a_sensor_that_was_off_while_poses_were_rough_spoils_no_estimate(team: i
 @pytest.mark.parametrize("seed", ONCE_BROKEN)
 def test_schedules_that_once_broke_a_promise_keep_them_all(seed: int):
     assert try_schedule(draw_schedule(seed, delayed=False)).violations == []
+
+
+@pytest.mark.parametrize("seed", ONCE_BROKEN_LATE)
+def test_late_schedules_that_once_broke_a_promise_keep_them_all(seed: int):
+    assert try_schedule(draw_schedule(seed, delayed=True)).violations == []

@@ -37,7 +37,7 @@ from consensus.graph import build_graph
 
 MOST_FAULTS = 4
 LATEST_START = 5.0
-"""Until then faults begin [s]; a team without faults is valid after 3 to 7 s."""
+"""Until then faults begin, but for ``DELAY`` [s]; a team without faults is valid after 3 to 7 s."""
 DELAY = 4.0
 """In every other schedule everything happens so much later: then most teams have long known what they hold [s]."""
 RECOVERY = 5.5
