@@ -38,7 +38,7 @@ class Disturbance:
     def tell(self, model: InertiaModel) -> None:
         """Let a model count with its shape."""
         if self._shape is not None:
-            model.expect_disturbance(self._shape)
+            model.expect_disturbance(self._shape, self.per_sample)
 
     @property
     def is_spoiling(self) -> bool:

@@ -116,7 +116,7 @@ class LoadMemory:
             The first block of a new load, if a change was found that is news: not while it is not clear whether the
             one before was of the load.
         """
-        moments = load_moments(motion, wrench, own_wrench, self._disturbance.per_sample)
+        moments = load_moments(motion, wrench, own_wrench)
         self._window.push(block, moments)
         if self._correction is None:  # else they wait for its end: they were carried with the new poses already
             self._early.move_to(self._window)
@@ -185,7 +185,7 @@ class LoadMemory:
         is_surprise = is_known and self._surprise(motion, wrench) > expected
         if block < self._changed_at or is_surprise:
             self._early.close()
-        self._early.add(block, load_moments(motion, wrench, own_wrench, self._disturbance.per_sample))
+        self._early.add(block, load_moments(motion, wrench, own_wrench))
 
     def adopt(self, changed_at: int) -> bool:
         """A neighbour says that the load changed at this block. Returns whether that is news, as ``push``."""
@@ -249,9 +249,10 @@ class LoadMemory:
         before = self._disturbance.per_sample
         if rows is not None:
             self._expect_disturbance(told_forces(rows), team)
-        if told is not None and not self._comes_again:
-            now, left = self._disturbance.per_sample, correction.left(told)
-            self._window.revise(lambda sums: disturbed(sums, before, now, left))
+        less = before - self._disturbance.per_sample
+        if less > 0.0 and not self._comes_again:
+            left = less * (1.0 if told is None else correction.left(told))
+            self._window.revise(lambda sums: disturbed(sums, left))
         self._compare(is_new=True)  # what was told may have been nonsense
 
     def _apply(self, correction: WrenchCorrection, rows: Array | None) -> None:

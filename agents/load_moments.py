@@ -1,8 +1,8 @@
 """What is summed of a block of samples for the load: one vector, as ``Memory`` takes it.
 
-The packed Gram matrix of motion and total wrench, how much poses disturb the wrenches, the square of the own robot's
-forces, and its share of the cross moments, ``C_i = sum x u_i^T`` of motion features ``x`` with own wrenches ``u_i`` in
-``F_i``.
+The packed Gram matrix of motion and total wrench, what former poses have left in the wrenches, the square of the own
+robot's forces, and its share of the cross moments, ``C_i = sum x u_i^T`` of motion features ``x`` with own wrenches
+``u_i`` in ``F_i``.
 """
 
 from __future__ import annotations
@@ -17,24 +17,23 @@ CROSS_SHAPE = (MOTION_FEATURES.stop, 6)
 CROSS_SIZE = CROSS_SHAPE[0] * CROSS_SHAPE[1]
 RIDERS = 2 + CROSS_SIZE
 """Numbers beside the Gram matrix."""
-_DISTURBANCE = GRAM_SIZE
-_SQUARE = _DISTURBANCE + 1
+_LEFT = GRAM_SIZE
+_SQUARE = _LEFT + 1
 _CROSS = slice(_SQUARE + 1, _SQUARE + 1 + CROSS_SIZE)
 
 
-def load_moments(motion: Array, wrench: Array, own_wrench: Array, disturbance: float) -> Array:
+def load_moments(motion: Array, wrench: Array, own_wrench: Array) -> Array:
     """Of a block.
 
     Args:
         motion: Of the body frame, shape (B, 12).
         wrench: Total, in the body frame, shape (B, 6).
         own_wrench: This robot's in ``F_i``, shape (B, 6).
-        disturbance: Variance that poses add to wrenches, in units of the noise.
     """
     rows = features(motion, wrench)
     cross = rows[:, MOTION_FEATURES].T @ own_wrench
     square = np.vdot(own_wrench[:, :3], own_wrench[:, :3])
-    return np.concatenate([packed_gram(rows), [len(rows) * disturbance, square], cross.ravel()])
+    return np.concatenate([packed_gram(rows), [0.0, square], cross.ravel()])
 
 
 def number_of_samples(sums: Array) -> float:
@@ -52,13 +51,15 @@ def cross_moments(sums: Array) -> Array:
     return sums[_CROSS].reshape(CROSS_SHAPE)
 
 
-def disturbed(sums: Array, before: float, now: float, left: float) -> Array:
-    """Sums (k, 190 + riders) of samples that poses disturb by ``now``, and no longer by ``before``.
+def disturbed(sums: Array, left: float) -> Array:
+    """Sums (k, 190 + riders) of samples in whose wrenches poses that are no longer in use have left something.
 
-    Of what that is less, the share ``left`` is in the wrenches for good.
+    Args:
+        sums: Of stretches of samples.
+        left: Its variance, in units of the noise.
     """
     result = sums.copy()
-    result[:, _DISTURBANCE] += sums[:, 0] * (now - before + left * max(0.0, before - now))
+    result[:, _LEFT] += sums[:, 0] * left
     return result
 
 
@@ -73,4 +74,4 @@ def mapped(sums: Array, to_new: Array) -> Array:
     """Sums (k, 190 + riders) as if all features had been ``to_new`` (19, 19) times what they were."""
     gram = to_new @ unpacked_gram(sums[:, :GRAM_SIZE]) @ to_new.T
     cross = to_new[MOTION_FEATURES, MOTION_FEATURES] @ sums[:, _CROSS].reshape(-1, *CROSS_SHAPE)
-    return np.hstack([repacked_gram(gram), sums[:, [_DISTURBANCE, _SQUARE]], cross.reshape(len(sums), -1)])
+    return np.hstack([repacked_gram(gram), sums[:, [_LEFT, _SQUARE]], cross.reshape(len(sums), -1)])

@@ -160,6 +160,7 @@ class InertiaModel:
         residual_covariance: ``Sigma_r``, shape (6, 6).
         weight: Its inverse.
         regressor_coefficients: Shape (19, 6, u): features times these add up to the regressor.
+        disturbance_size: As of ``expect_disturbance``.
     """
 
     def __init__(
@@ -170,7 +171,8 @@ class InertiaModel:
         with_offset: bool = False,
     ) -> None:
         self._wrench_covariance, self._acceleration_covariance = wrench_covariance, acceleration_covariance
-        self._parameters, self._disturbance = parameters, np.zeros((6, 6))
+        self._parameters, self._shape = parameters, np.zeros((6, 6))
+        self.disturbance_size = 0.0
         self._sibling: InertiaModel | None = None
         self.unknowns = INERTIA_SIZE + (OFFSET_SIZE if with_offset else 0)
         covariance = wrench_covariance
@@ -196,7 +198,7 @@ class InertiaModel:
             self._sibling = InertiaModel(
                 self._wrench_covariance, self._acceleration_covariance, self._parameters, with_offset=True
             )
-            self._sibling.expect_disturbance(self._disturbance)
+            self._sibling.expect_disturbance(self._shape, self.disturbance_size)
         return self._sibling
 
     def information(self, grams: Array) -> InertiaInformation:
@@ -213,10 +215,15 @@ class InertiaModel:
             score_covariance=uncompensated,
         )
 
-    def expect_disturbance(self, covariance: Array) -> None:
-        """Beside noise, something with this covariance (6, 6) spoils the total wrench: its size is told elsewhere."""
-        self._disturbance, self._sibling = covariance, None
-        self._disturbance_table = _packed_table(_products(self._coefficients, self.weight @ covariance @ self.weight))
+    def expect_disturbance(self, shape: Array, size: float = 0.0) -> None:
+        """Beside noise, something spoils the total wrench.
+
+        Args:
+            shape: Its covariance (6, 6), up to its size.
+            size: Of what spoils all samples; what spoils some of them besides is told with them.
+        """
+        self._shape, self.disturbance_size, self._sibling = shape, size, None
+        self._disturbance_table = _packed_table(_products(self._coefficients, self.weight @ shape @ self.weight))
 
     def disturbance(self, grams: Array) -> Array:
         """What the disturbance adds to the score's covariance, if it is new with every sample, shape (..., u, u)."""

@@ -68,8 +68,8 @@ class LoadWindow:
         turn: Which one, and which borders first: robots that remember the same load and hear of each other's changes
             share the work by different turns.
         coherence: Number of samples for which a disturbance keeps its direction, or 0 if there is none. A disturbance
-            spoils the wrenches beside noise, like poses that are off. The model has its covariance up to its size, and
-            the first rider has to be the sum of its sizes.
+            spoils the wrenches beside noise, like poses that are off. The model knows that of all samples, and the
+            first rider has to be the size of what else disturbs some of them.
     """
 
     def __init__(

@@ -32,8 +32,8 @@ def compare_loads(model: InertiaModel, total: Array, parts: Array, coherence: fl
     direction for no longer than that.
 
     Args:
-        model: The weights, and the covariance of the disturbance up to its size.
-        total: Sums of all samples, shape (190 + riders,): packed Gram matrix, then the size of the disturbance.
+        model: The weights, and the disturbance of all samples.
+        total: Sums of all samples, shape (190 + riders,): packed Gram matrix, then the size of what else disturbs them.
         parts: Sums of some of them, shape (k, 190 + riders).
         coherence: Number of samples, or 0 if there is no disturbance; infinite if it keeps its direction all along.
 
@@ -146,7 +146,8 @@ def _disturbance(model: InertiaModel, sums: Array, coherence: float) -> Array:
     if coherence == 0.0:
         return np.zeros((*grams.shape[:-1], model.unknowns, model.unknowns))
     share = np.minimum(1.0, coherence / np.maximum(grams[..., 0], 1.0))
-    result: Array = (share * sums[..., GRAM_SIZE])[..., None, None] * model.disturbance(grams)
+    size = model.disturbance_size * grams[..., 0] + sums[..., GRAM_SIZE]
+    result: Array = (share * size)[..., None, None] * model.disturbance(grams)
     return result
 
 
