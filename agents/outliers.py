@@ -15,6 +15,8 @@ _UNUSUAL = 3.0
 _BACK = 0.3
 """After an outlier at least so much of the step is taken back: what really changes suddenly may overshoot, but
 stays."""
+_LARGEST = 1e100
+"""Products of larger steps are no numbers."""
 
 
 def outliers(steps: Array) -> npt.NDArray[np.bool_]:
@@ -30,6 +32,8 @@ def outliers(steps: Array) -> npt.NDArray[np.bool_]:
     sizes = np.abs(steps)
     if 2.0 * sizes.max(initial=0.0) <= _OUTLIER:
         return np.zeros(steps.shape[1], dtype=np.bool_)
+    steps = np.clip(steps, -_LARGEST, _LARGEST)
+    sizes = np.abs(steps)
     least, most = np.minimum(sizes[:-1], sizes[1:]), np.maximum(sizes[:-1], sizes[1:])
     peaks = least * ((steps[:-1] * steps[1:] < 0.0) & (least > _BACK * most))
     far: npt.NDArray[np.bool_] = np.any(peaks > _OUTLIER, axis=0)

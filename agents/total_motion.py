@@ -14,8 +14,6 @@ from coheft.wire.config import AgentConfig
 
 _NOISELESS = 1e-100
 """Standard deviation of sums to which no robot adds anything."""
-_LARGEST = 1e100
-"""Products of larger steps would be no numbers."""
 
 
 class TotalMotion:
@@ -77,7 +75,7 @@ class TotalMotion:
         rows = sums if before is None else np.concatenate([before[-1:], sums])
         with np.errstate(over="ignore"):  # a flipped bit can make any number of any other
             steps = np.diff(rows.reshape(len(rows), -1), axis=0) / self._deviations
-        return not outliers(np.clip(steps, -_LARGEST, _LARGEST)).any()
+        return not outliers(steps).any()
 
     def look_at(self, block: int, after: int, use_poses: Callable[[int], None]) -> tuple[Entered, Array, Array] | None:
         """What a block shows.

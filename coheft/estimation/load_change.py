@@ -39,9 +39,9 @@ _FEW = 50
 """Fewer samples do not show that the load is the same as before,"""
 _SETTLED = 0.5
 """nor do fewer than so many times those for which a disturbance keeps its direction."""
-_LENGTHS = (1, 2, 4)
+_LENGTHS = (1, 3)
 """A while is so many stretches long,"""
-_BETWEEN_EVERY = 8
+_BETWEEN_EVERY = 16
 """and they are tested with every so many tests of borders, in case the load was another one for a while."""
 _YOUNG = 12
 """Up to so many borders, all are tested every time."""
@@ -153,10 +153,11 @@ class LoadWindow:
         """
         self._reviews += 1
         turn, rest = divmod(self._reviews, self._every)
-        is_unknown = self._is_due or len(self._stretches) <= _YOUNG
+        is_due = self._is_due and not is_coherent  # else soon
+        is_unknown = is_due or len(self._stretches) <= _YOUNG
         if rest and not is_unknown:
             return None
-        test_between = self._is_due or turn % _BETWEEN_EVERY == 0
+        test_between = is_due or turn % _BETWEEN_EVERY == 0
         self._is_due &= is_coherent
         everything = slice(1, None)
         found, size = self._test_since(
