@@ -69,9 +69,9 @@ class BodyFrame:
         self._kept: KeptPoses | None = None
         # The own pose as neighbours know it: number of the frame, since when the load has been held there, and pose.
         self._told: tuple[int, int, Pose] | None = None
-        # The block at which this robot started over, and its pose before, with the number of the frame.
+        # The block at which this robot started over, and its pose before.
         self._started_over = -1
-        self._former: tuple[Pose, int] | None = None
+        self._former: Pose | None = None
         self.misfits: tuple[str, ...] = ()
 
     def keep(self, frame: int, poses: Mapping[str, Pose], holds: Mapping[str, int]) -> None:
@@ -81,20 +81,17 @@ class BodyFrame:
         """
         self.misfits = ()
         if self._is_starting_over:
-            self._former = poses[self._config.name], frame
+            self._former = poses[self._config.name]
         since = {name: self._gossip.records[name].since for name in poses}
         self._kept = KeptPoses(
             frame, {(name, since[name]): pose for name, pose in poses.items() if since[name] in (holds[name], 0)}
         )
 
     def start_over(self, block: int) -> None:
-        """This robot begins as if it had taken hold at a block, but may still be where it was: samples will tell.
-
-        It has told everybody already.
-        """
-        if self._kept is not None:
-            former = [pose for (name, _), pose in self._kept.poses.items() if name == self._config.name]
-            self._former = (former[0], self._kept.frame) if former else self._former
+        """This robot is to begin as if it took hold at a block, but may still be where it was: samples will tell."""
+        kept = self._kept_pose(self._config.name)
+        if kept is not None or not self._is_starting_over:  # else it does so once more
+            self._former = kept
         self._started_over = block
 
     @property
@@ -190,8 +187,8 @@ class BodyFrame:
         if graph is None or self._config.name not in graph:
             return None
         if frame == 0 and self._config.name == min(graph):
-            if self._former is not None and self._is_starting_over:  # wherever it is now, all others begin anew, too
-                return *self._former, True
+            if self._former is not None and self._is_starting_over:  # where it is says where the frame is
+                return self._former, self._gossip.membership, True
             return Pose.identity(), self._gossip.membership, False
         found = self._through_neighbour(graph)
         own = self._gossip.own
@@ -226,15 +223,12 @@ class BodyFrame:
         parents = self._gossip.records[parent]
         if self._former is None or not self._is_starting_over or not parents.refined:
             return None
-        pose, frame = self._former
-        if frame != self._gossip.frame():
-            return None
         moments, noise = self._pairs[parent], self._config.noise
         squares = [
             mean_square(moments, each, noise, noise)
-            for each in (pose.inverse() @ parents_pose, self._pair(parent).pose)
+            for each in (self._former.inverse() @ parents_pose, self._pair(parent).pose)
         ]
-        return pose if 6.0 * moments.count * (squares[0] - squares[1]) < _SAME else None
+        return self._former if 6.0 * moments.count * (squares[0] - squares[1]) < _SAME else None
 
     def _pair(self, name: str) -> PoseEstimate:
         """From all samples that were exchanged with a neighbour; found anew only after new ones."""

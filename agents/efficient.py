@@ -61,8 +61,8 @@ class EfficientEstimator:
         samples = None if own is None else own.samples
         at_work = self._team or self._search
         if at_work is not None and at_work.must_start_over:
-            self._gossip.announce_holding(True, index)  # as if it had just taken hold: with its pose unknown
             self._body_frame.start_over(index)
+            self._gossip.announce_holding(True, index)  # as if it had just taken hold: with its pose unknown
         if self._gossip.team != self._team_number:
             self._dissolve()
         start = self._gossip.start_block

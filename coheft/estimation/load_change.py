@@ -39,6 +39,10 @@ _FEW = 50
 """Fewer samples do not show that the load is the same as before,"""
 _SETTLED = 0.5
 """nor do fewer than so many times those for which a disturbance keeps its direction."""
+_HALF = 0.5
+"""The sensor may have gone off, at the latest, so much of the samples later than the load seems to have changed;"""
+_LEAST = 0.2
+"""of such samples there have to be so many times those for which a disturbance keeps its direction."""
 _LENGTHS = (1, 3)
 """A while is so many stretches long,"""
 _BETWEEN_EVERY = 16
@@ -214,17 +218,17 @@ class LoadWindow:
         """Whether nobody can tell if the load has changed: it is not what it was, unless a torque sensor is off."""
         if self._former is None or len(self._stretches) == 0:
             return self._may_be_offset
-        # The sensor may have gone off a little later than it seemed.
-        since = self._stretches.sums[:_YOUNG]
+        since = self._stretches.sums
         same = compare_with_load(model, self._former, since[:1], self._coherence)
         if same[0] < chi_square_threshold(INERTIA_SIZE, _CHANCE):
             if since[0, 0] < max(_FEW, _SETTLED * self._coherence):
                 return self._may_be_offset
-        elif np.any(
-            compare_despite_offset(model, self._former, since, self._coherence)
-            < chi_square_threshold(INERTIA_SIZE, _CHANCE_OFFSET)
-        ):
-            return True
+        else:
+            # The sensor may have gone off a little later than it seemed, and in the middle of a block.
+            later = since[since[:, 0] >= max(_HALF * since[0, 0], _LEAST * self._coherence, 1.0)][:_YOUNG]
+            despite = compare_despite_offset(model, self._former, later, self._coherence)
+            if len(later) < 2 or np.any(despite < chi_square_threshold(INERTIA_SIZE, _CHANCE_OFFSET)):
+                return True
         self._former = None
         return False
 
@@ -276,6 +280,7 @@ class LoadWindow:
         """What the load was, by samples before it changed; unless it is not clear yet whether it had before."""
         if self._former is None and model.unknowns == INERTIA_SIZE:  # else offsets are known
             self._former = KnownLoad.of(model, sums, self._coherence)
+            self._may_be_offset = True
 
     def _trust(self) -> None:
         """What made the load doubtful is forgotten."""

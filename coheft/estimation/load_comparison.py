@@ -78,7 +78,7 @@ class KnownLoad(NamedTuple):
         seen = _Evidence.of(model, sums)
         ridge = _HARDLY * np.diag(seen.by_noise.diagonal())
         inverse = np.linalg.inv(seen.matrix + ridge)
-        scatter = seen.by_noise + _disturbance(model, sums, coherence)
+        scatter = seen.by_noise + ridge + _disturbance(model, sums, coherence)
         return KnownLoad(inverse @ seen.vector, inverse @ scatter @ inverse.T)
 
 

@@ -15,7 +15,7 @@ BACK = 5.0
 """after other faults and changes of the load: what was spoilt is forgotten first;"""
 START_UP = 4.0
 """and where they had not all been valid before, or a robot has to find out where it holds the load: because it takes
-hold again, or has crashed like all its neighbours, so that nobody can tell it;"""
+hold again, or was dead at the same time as all its neighbours, so that nobody can tell it;"""
 _TELLINGS = 15
 """then it takes so many times, too, as long as what one robot tells needs to reach all others."""
 _ROUNDING = 1e-9
@@ -33,10 +33,8 @@ class Recovery:
         scenario = schedule.scenario
         self._schedule = schedule
         liars = {fault.robot for fault in schedule.faults if isinstance(fault, Lie)}
-        graph = build_graph(scenario.graph, scenario.robot_names)
-        reach = (diameter(graph) + 1) * scenario.block_duration
-        crashed = {fault.robot for fault in schedule.faults if isinstance(fault, Crash)}
-        self._nobody_knows = any(crashed >= {name, *neighbours} for name, neighbours in graph.items())
+        self._graph = build_graph(scenario.graph, scenario.robot_names)
+        reach = (diameter(self._graph) + 1) * scenario.block_duration
         self._start_up = START_UP + _TELLINGS * reach
         last = scenario.blocks - 1
         self._asked = [n for n in scenario.robot_names if n not in liars and Hands(schedule, n).holds(last)]
@@ -94,10 +92,21 @@ class Recovery:
         first_fault = min((fault.start for fault in faults), default=0.0)
         calm = self._calm_from
         last = [fault for fault in faults if fault.end > calm - self._start_up]
-        must_find_out = self._nobody_knows or any(isinstance(fault, Release) for fault in last)
+        crashes = [fault for fault in last if isinstance(fault, Crash)]
+        must_find_out = self._nobody_knows(crashes) or any(isinstance(fault, Release) for fault in last)
         if must_find_out or self.first_valid is None or self.first_valid > first_fault:
             return self._start_up
         return BACK_FROM_SILENCE if last and all(isinstance(f, Crash | Partition) for f in last) else BACK
+
+    def _nobody_knows(self, crashes: list[Crash]) -> bool:
+        """Whether a robot and all its neighbours have been dead at the same time."""
+        return any(
+            all(
+                any(c.robot == other and c.start <= own.end and own.start <= c.end for c in crashes) for other in others
+            )
+            for own in crashes
+            for others in (self._graph[own.robot],)
+        )
 
     def _is_valid(self, robot: str) -> bool:
         return robot in self._latest and self._latest[robot].status == "valid"
