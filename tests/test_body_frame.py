@@ -80,9 +80,12 @@ class Team:
             robot.frame.update_pairs(self.block - 1, robot.samples, inbox)
             robot.frame.hear_kept_poses(inbox)
             if robot.gossip.graph is not None and not robot.gossip.is_ready:
-                known = robot.frame.kept_pose() or (robot.frame.found_pose() if self.block % 10 == 0 else None)
-                if known is not None:
-                    robot.gossip.announce_ready(self.block, *known)
+                kept = robot.frame.kept_pose()
+                found = robot.frame.found_pose() if kept is None and self.block % 10 == 0 else None
+                if kept is not None:
+                    robot.gossip.announce_ready(self.block, *kept, refined=True)
+                elif found is not None:
+                    robot.gossip.announce_ready(self.block, *found)
         for name, robot in self.robots.items():
             robot.samples = self._measured(name)
             robot.said = robot.frame.channels() | {"kinematics": robot.samples[:, KINEMATICS]}
@@ -126,6 +129,15 @@ class Team:
 
     def restart(self, name: str) -> None:
         self.robots[name] = Robot(name, self.robots[name].gossip.own.incarnation + 1)
+
+    def start_over(self, *names: str) -> None:
+        """As if these robots had taken hold again, though they have not."""
+        for name in names:
+            self.robots[name].frame.start_over(self.block)
+            self.robots[name].gossip.announce_holding(True, self.block)
+            self.dissolve([name])
+        self.run(3)
+        self.dissolve(others_than(*names))
 
     def take_hold(self, name: str) -> None:
         """Elsewhere than ever before."""
@@ -294,11 +306,11 @@ def test_what_was_measured_at_other_times_is_forgotten() -> None:
     robot, samples = team.robots["r1"], team.robots["r2"].samples
     assert samples is not None
     robot.frame.update_pairs(team.block, robot.samples, {"r2": {"kinematics": samples[::-1, KINEMATICS] + 1.0}})
-    robot.frame.forget_misfits()
+    robot.frame.forget_misfits(team.block)
     assert robot.frame.misfits == ("r2",)
     assert robot.frame.neighbours_poses() == {}
     team.run(ENOUGH)
-    robot.frame.forget_misfits()
+    robot.frame.forget_misfits(team.block)
     assert robot.frame.misfits == ()
     assert team.distance(robot.frame.neighbours_poses()["r2"].pose, team.true_pose("r1", "r2")) < CLOSE
 
@@ -328,3 +340,33 @@ def test_poses_that_cannot_be_relied_upon_are_found_again(team: Team) -> None:
     assert team.robots["r1"].gossip.frame() > 0
     for name in NAMES:
         assert team.distance(poses[name], poses["r1"] @ team.true_pose("r1", name)) < CLOSE
+
+
+@pytest.mark.parametrize("names", [("r1",), ("r2",), ("r3", "r4"), NAMES])
+def test_who_starts_over_takes_its_former_pose_if_it_is_still_there(team: Team, names: tuple[str, ...]) -> None:
+    team.start_over(*names)
+    assert all(team.robots[name].frame.kept_pose() is None for name in names)
+    poses = team.assemble()
+    for name in NAMES:
+        assert team.distance(poses[name], team.exact[name]) < ROUNDING
+        assert team.robots[name].gossip.own.refined
+
+
+def test_who_starts_over_elsewhere_finds_its_new_pose(team: Team) -> None:
+    team.take_hold("r4")  # and nobody was told
+    team.start_over("r4")
+    poses = team.assemble()
+    assert ROUNDING < team.distance(poses["r4"], poses["r3"] @ team.true_pose("r3", "r4")) < CLOSE
+    assert not team.robots["r4"].gossip.own.refined
+
+
+def test_who_has_taken_hold_since_does_not_take_the_pose_from_before(team: Team) -> None:
+    team.start_over("r4")
+    team.robots["r4"].gossip.announce_holding(True, team.block)
+    team.take_hold("r4")
+    team.run(1)
+    team.robots["r4"].frame.start_over(team.block)
+    team.robots["r4"].gossip.announce_holding(True, team.block)
+    poses = team.assemble()
+    assert not team.robots["r4"].gossip.own.refined
+    assert team.distance(poses["r4"], poses["r3"] @ team.true_pose("r3", "r4")) < CLOSE
