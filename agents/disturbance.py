@@ -36,7 +36,7 @@ class Disturbance:
         self._shape = covariance / self.size if self.size > 0.0 else np.zeros((6, 6))
 
     def tell(self, model: InertiaModel) -> None:
-        """Let a model count with its shape."""
+        """Let a model count with it."""
         if self._shape is not None:
             model.expect_disturbance(self._shape, self.per_sample)
 

@@ -48,7 +48,7 @@ _LENGTHS = (1, 3)
 _BETWEEN_EVERY = 16
 """and they are tested with every so many tests of borders, in case the load was another one for a while."""
 _YOUNG = 12
-"""Up to so many borders, all are tested every time."""
+"""Up to so many borders, all are tested every time; of a load that may have changed, so many as the beginning of it."""
 _DRIFT = 2
 """So many small changes in a row are a drift,"""
 _SMALL = 4.0
@@ -226,8 +226,10 @@ class LoadWindow:
         else:
             # The sensor may have gone off a little later than it seemed, and in the middle of a block.
             later = since[since[:, 0] >= max(_HALF * since[0, 0], _LEAST * self._coherence, 1.0)][:_YOUNG]
+            if len(later) < 2:
+                return True
             despite = compare_despite_offset(model, self._former, later, self._coherence)
-            if len(later) < 2 or np.any(despite < chi_square_threshold(INERTIA_SIZE, _CHANCE_OFFSET)):
+            if np.any(despite < chi_square_threshold(INERTIA_SIZE, _CHANCE_OFFSET)):
                 return True
         self._former = None
         return False

@@ -65,18 +65,18 @@ def after_a_while_of_another_load(run: Run, mass: float) -> Array:
     return grams
 
 
-@pytest.mark.parametrize("seed", [5, 6, 7])
+@pytest.mark.parametrize("seed", range(10))
 def test_a_while_of_another_load_makes_it_doubtful_when_no_border_shows_it_any_more(seed: int) -> None:
     """As when a sensor was off while too little was known to notice."""
     run = Run(seed, duration=10.0)
-    window = LoadWindow(false_alarm=1e-40)
+    window = LoadWindow(false_alarm=1e-200)  # nothing is forgotten
     assert run.feed(window, after_a_while_of_another_load(run, mass=0.15)) == []
     at_borders = window.statistics(run.model).max() / run.model.unknowns
     uneven = 4.0
     assert window.doubt > 2.0 * uneven * at_borders
 
 
-@pytest.mark.parametrize("seed", [4, 5, 6])
+@pytest.mark.parametrize("seed", range(10))
 def test_what_was_before_a_while_of_another_load_is_forgotten_if_that_is_certain(seed: int) -> None:
     run = Run(seed, duration=10.0)
     window = LoadWindow()

@@ -10,6 +10,7 @@ import numpy as np
 from agents.load_memory import LoadMemory
 from coheft.estimation.acceleration import MotionFusion, derivative_kernel
 from coheft.estimation.body_motion import perturbed
+from coheft.estimation.inertia import GRAM_SIZE
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.observability import Visibility
 from coheft.estimation.rigid_body import Inertia
@@ -98,18 +99,30 @@ class Memories:
     def told(self) -> Array:
         return np.array([memory.told() for memory in self.each])
 
-    def correct(self, rows: Array | None) -> None:
+    def correct(self, rows: Array | None, variance: float = 1e-12) -> None:
+        """With poses that are as uncertain as said."""
         for memory in self.each:
-            memory.correct(rows, self.team_poses())
+            memory.correct(rows, self.team_poses(variance))
 
     def fit(self, poses: Sequence[Pose]) -> None:
         """All of a fit at once."""
         self.map_to(poses)
         self.correct(self.told())
 
-    def team_poses(self) -> TeamPoses:
-        """Known well."""
-        return TeamPoses(tuple(self.poses), 1e-12 * np.eye(6 * COUNT), Visibility())
+    def team_poses(self, variance: float = 1e-12) -> TeamPoses:
+        """Known well, if nothing else is said."""
+        return TeamPoses(tuple(self.poses), variance * np.eye(6 * COUNT), Visibility())
+
+    def grams(self) -> Array:
+        """Packed Gram matrices (N, 190) of all samples that count, of every robot."""
+        return np.array([memory._window.total[:GRAM_SIZE] for memory in self.each])
+
+    def deviations(self) -> Array:
+        """Standard deviations of what one robot believes."""
+        payload, _ = self.each[OWN].payload(OWN, self.team_poses())
+        assert payload is not None
+        result: Array = np.sqrt(np.diag(payload.covariance))
+        return result
 
     def estimate(self) -> Array:
         """``(m, m h, I_o)`` as one robot believes it."""
@@ -119,6 +132,16 @@ class Memories:
         assert payload.tensor is not None
         assert unseen == ()
         return Inertia(payload.mass, payload.com, payload.tensor).barycentric()
+
+
+def with_a_fit_under_way(config: AgentConfig, team: Team) -> Memories:
+    """40 blocks and a fit after 10 of them; now all samples are seen with the true poses, but not corrected yet."""
+    memories = Memories(config, team, moved(team, 4e-3))
+    memories.push(0, 10)
+    memories.fit(moved(team, 2e-3))
+    memories.push(10, 40)
+    memories.map_to(team.poses)
+    return memories
 
 
 def moved(team: Team, size: float) -> list[Pose]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coheft.estimation.observability import Visibility
-from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.config import AgentConfig
 from tests.estimation.team import Team
-from tests.memory.memories import BLOCK, COUNT, OWN, Memories, distance, moved
+from tests.memory.memories import BLOCK, COUNT, OWN, Memories, distance, moved, with_a_fit_under_way
+
+AS_THEY_ARE_OFF = 4e-6
+"""Variance of poses that are off by 2 mrad and 2 mm."""
 
 
 def test_not_everybody_need_have_the_same_samples(config: AgentConfig, team: Team) -> None:
@@ -33,16 +34,11 @@ def test_what_is_lacked_makes_the_load_less_certain(config: AgentConfig, team: T
         memories = Memories(config, team, moved(team, 4e-3))
         memories.push(0, 5)
         memories.map_to(moved(team, 2e-3))
-        poses = TeamPoses(tuple(memories.poses), 4e-6 * np.eye(6 * COUNT), Visibility())  # as uncertain as they are off
-        rows = memories.told()
-        for memory in memories.each:
-            memory.correct(rows, poses)
+        memories.correct(memories.told(), AS_THEY_ARE_OFF)
         memories.push(5, 30, robots=robots)
         memories.push(30, 55)
         memories.fit(team.poses)
-        payload, _ = memories.each[OWN].payload(OWN, memories.team_poses())
-        assert payload is not None
-        deviations.append(np.sqrt(np.diag(payload.covariance)))
+        deviations.append(memories.deviations())
     assert np.all(deviations[1] > 1.1 * deviations[0])
 
 
@@ -71,23 +67,15 @@ def test_forces_that_nobody_has_felt_yet_are_no_small_forces(config: AgentConfig
         memories.map_to(moved(team, 2e-3))
         rows = memories.told()
         memories.push(first, 3)
-        poses = TeamPoses(tuple(memories.poses), 4e-6 * np.eye(6 * COUNT), Visibility())
-        for memory in memories.each:
-            memory.correct(rows, poses)
-            assert not memory.is_spoilt
+        memories.correct(rows, AS_THEY_ARE_OFF)
+        assert not any(memory.is_spoilt for memory in memories.each)
         memories.push(3, 20)
-        payload, _ = memories.each[OWN].payload(OWN, memories.team_poses())
-        assert payload is not None
-        deviations.append(np.sqrt(np.diag(payload.covariance)))
+        deviations.append(memories.deviations())
     np.testing.assert_allclose(*deviations, rtol=0.5)
 
 
 def test_that_somebody_has_just_begun_is_no_reason_to_forget_most(config: AgentConfig, team: Team) -> None:
-    memories = Memories(config, team, moved(team, 4e-3))
-    memories.push(0, 10)
-    memories.fit(moved(team, 2e-3))
-    memories.push(10, 40)
-    memories.map_to(team.poses)
+    memories = with_a_fit_under_way(config, team)
     rows = memories.told()
     rows[1, 1] = 38.0
     memories.correct(rows)
@@ -118,10 +106,7 @@ def test_a_change_that_poses_hid_is_seen_when_they_are_known_well(config: AgentC
     memories = Memories(config, team, moved(team, 4e-3))
     memories.push(0, 5)
     memories.map_to(moved(team, 2e-3))
-    rough = TeamPoses(tuple(memories.poses), 4e-6 * np.eye(6 * COUNT), Visibility())
-    rows = memories.told()
-    for memory in memories.each:
-        memory.correct(rows, rough)
+    memories.correct(memories.told(), AS_THEY_ARE_OFF)
     assert memories.push(5, 25) == 20 * [None]
     assert memories.push(25, 40, load=1.006) == 15 * [None]
     memories.fit(team.poses)

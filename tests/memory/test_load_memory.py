@@ -10,7 +10,7 @@ from coheft.estimation.spatial import Array
 from coheft.wire.config import AgentConfig
 from coheft.wire.estimator_settings import EfficientSettings
 from tests.estimation.team import Team, make_team
-from tests.memory.memories import BLOCK, COUNT, DURATION, OWN, Memories, distance, moved
+from tests.memory.memories import BLOCK, COUNT, DURATION, OWN, Memories, distance, moved, with_a_fit_under_way
 
 
 def errors_after_a_fit(config: AgentConfig, team: Team, size: float) -> tuple[float, float, float]:
@@ -43,11 +43,7 @@ def test_a_fit_is_as_good_as_summing_anew_to_first_order(config: AgentConfig, te
 def test_rows_of_another_load_are_not_used(config: AgentConfig, team: Team) -> None:
     """One robot has not heard of the last change yet: its moments are those of other samples."""
     for spoil in ("changed at", "count", "missing"):
-        memories = Memories(config, team, moved(team, 4e-3))
-        memories.push(0, 10)
-        memories.fit(moved(team, 2e-3))
-        memories.push(10, 40)
-        memories.map_to(team.poses)
+        memories = with_a_fit_under_way(config, team)
         before = memories.estimate()
         rows: Array | None = memories.told()
         assert rows is not None
@@ -71,15 +67,13 @@ def test_samples_with_rough_poses_are_forgotten_if_they_cannot_be_corrected(conf
 
 
 def test_a_change_between_telling_and_correcting_leaves_the_new_load_alone(config: AgentConfig, team: Team) -> None:
-    memories = Memories(config, team, moved(team, 4e-3))
-    memories.push(0, 10)
-    memories.fit(moved(team, 2e-3))
-    memories.push(10, 40)
-    memories.map_to(team.poses)
+    memories = with_a_fit_under_way(config, team)
     rows = memories.told()
     memories.push(40, 60, load=1.3)
     assert all(memory.changed_at == 40 for memory in memories.each)
+    before = memories.grams()
     memories.correct(rows)
+    np.testing.assert_array_equal(memories.grams(), before)
     memories.push(60, 61, load=1.3)
     fresh = Memories(config, team, team.poses)
     fresh.push(40, 61, load=1.3)

@@ -100,13 +100,11 @@ class Recovery:
 
     def _nobody_knows(self, crashes: list[Crash]) -> bool:
         """Whether a robot and all its neighbours have been dead at the same time."""
-        return any(
-            all(
-                any(c.robot == other and c.start <= own.end and own.start <= c.end for c in crashes) for other in others
-            )
-            for own in crashes
-            for others in (self._graph[own.robot],)
-        )
+        for own in crashes:
+            meanwhile = {other.robot for other in crashes if other.start <= own.end and own.start <= other.end}
+            if meanwhile.issuperset(self._graph[own.robot]):
+                return True
+        return False
 
     def _is_valid(self, robot: str) -> bool:
         return robot in self._latest and self._latest[robot].status == "valid"
