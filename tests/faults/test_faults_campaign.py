@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import msgspec
@@ -17,6 +18,7 @@ from coheft.app.faults.schedule import SensorFault
 from coheft.app.faults.summary import summarise
 from coheft.app.faults.trial import Outcome, try_schedule
 from coheft.wire.codec import encode
+from coheft.wire.scenario import LoadChange
 
 OUTCOME = Outcome(
     seed=3,
@@ -56,6 +58,19 @@ def test_equal_schedules_give_equal_runs_bit_for_bit():
         said = [next(run).outboxes for run in runs]
         first, second = ([encode(box.message, "") for box in boxes.values()] for boxes in said)
         assert first == second
+
+
+def test_a_run_that_parts_from_another_goes_on_as_that_one_does():
+    schedule = draw_schedule(10)
+    change = LoadChange(at=1.5, mass=1.0)
+    run = FaultyRun(_replace(schedule, scenario=_replace(schedule.scenario, load_changes=(change,)), faults=()))
+    for _ in range(20):
+        next(iter(run))
+    parted = run.without_harmless()
+    for here, there in itertools.islice(zip(run, parted, strict=True), 60):
+        assert encode(there.truth, "") == encode(here.truth, "")
+        for name, box in here.outboxes.items():
+            assert encode(there.outboxes[name].message, "") == encode(box.message, "")
 
 
 def test_a_campaign_goes_on_where_it_was_cut_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -191,3 +191,14 @@ def test_all_must_be_valid_again_in_time(fault: AnyFault, limit: float):
     taken, found = recovered(schedule(fault), 1.0, 99.0)
     assert taken is None
     assert [violation.promise for violation in found] == ["P3"]
+
+
+def test_a_run_is_over_when_all_have_long_been_valid_and_nothing_is_to_come():
+    run = schedule(Loss(start=2.0, end=3.0, probability=0.5), changes=(LoadChange(at=4.0, mass=1.0),))
+    team, recovery = Team(run), Recovery(run)
+    steady = []
+    for block in range(run.scenario.blocks):
+        status = "stale" if block == 50 else "valid"  # 5.1 s
+        recovery.look(team.block(block, *(team.estimate(block, name, status=status) for name in team.scene.robots)))
+        steady.append(recovery.is_steady)
+    assert steady.index(True) == 75  # 2.5 s later

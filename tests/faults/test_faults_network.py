@@ -41,7 +41,8 @@ def said(block: int, sender: str = "r1", incarnation: int = 0) -> NeighbourMessa
 
 def arrivals(*faults: AnyFault, blocks: int = 200, harmless: bool = True) -> list[list[NeighbourMessage]]:
     """What r2 gets from r1, block by block, when r1 says something after every block."""
-    network = Network(schedule(*faults), GRAPH, harmless)
+    network = Network(schedule(*faults), GRAPH)
+    network.harmless = harmless
     came = []
     for block in range(blocks):
         came.append(network.collect(block, "r2"))

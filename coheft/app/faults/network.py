@@ -54,15 +54,15 @@ class Network:
     Args:
         schedule: What happens to messages.
         graph: Neighbours of every agent.
-        harmless: Whether messages come that must not make any difference, see ``schedule.is_harmless``.
 
     Attributes:
+        harmless: Whether messages come that must not make any difference, see ``schedule.is_harmless``.
         refused: Number of messages that reached no agent because the codec refused them.
     """
 
-    def __init__(self, schedule: FaultSchedule, graph: Mapping[str, Sequence[str]], harmless: bool = True) -> None:
+    def __init__(self, schedule: FaultSchedule, graph: Mapping[str, Sequence[str]]) -> None:
+        self.harmless = True
         self._graph = graph
-        self._harmless = harmless
         self._block_duration = schedule.scenario.block_duration
         self._faults = [(fault, np.random.default_rng(fault.seed)) for fault in schedule.faults]
         self._order = np.random.default_rng([schedule.seed, _ORDER_STREAM])
@@ -87,7 +87,7 @@ class Network:
             came = _take(link.under_way, block)
             link.had += came
             inbox += came
-            if self._harmless:
+            if self.harmless:
                 inbox += replayed + _take(link.extra, block)
         return [inbox[k] for k in self._order.permutation(len(inbox))]
 

@@ -18,6 +18,8 @@ START_UP = 4.0
 hold again, or was dead at the same time as all its neighbours, so that nobody can tell it;"""
 _TELLINGS = 15
 """then it takes so many times, too, as long as what one robot tells needs to reach all others."""
+_STEADY = 2.5
+"""Once nothing happens any more, and all have been valid for so long, nothing new is to be seen [s]."""
 _ROUNDING = 1e-9
 
 
@@ -40,6 +42,8 @@ class Recovery:
         self._asked = [n for n in scenario.robot_names if n not in liars and Hands(schedule, n).holds(last)]
         self._latest: dict[str, Estimate] = {}
         self._valid_times: list[float] = []
+        self._steady_from = self._calm_from
+        self._now = 0.0
         self.stale = self.published = 0
 
     def look(self, block: FaultyBlock) -> None:
@@ -51,8 +55,16 @@ class Recovery:
                 self.stale += outbox.estimate.status == "stale"
         for robot in [name for name in self._latest if name not in block.outboxes]:
             del self._latest[robot]
+        self._now = block.truth.time
         if all(self._is_valid(name) for name in self._asked):
-            self._valid_times.append(block.truth.time)
+            self._valid_times.append(self._now)
+        else:
+            self._steady_from = max(self._steady_from, self._now)
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether nothing has happened for long, and all have been valid."""
+        return self._now >= self._steady_from + _STEADY
 
     @property
     def first_valid(self) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -41,18 +42,19 @@ class FaultyRun:
 
     Args:
         schedule: What to run.
-        harmless: Whether messages come that must not make any difference, see ``schedule.is_harmless``.
 
     Attributes:
         graph: Neighbours of every robot.
         scene: Where they hold the load.
         network: Between the agents.
+        next_block: Number of the next block.
     """
 
-    def __init__(self, schedule: FaultSchedule, harmless: bool = True) -> None:
+    def __init__(self, schedule: FaultSchedule) -> None:
         scenario = schedule.scenario
         self.graph = build_graph(scenario.graph, scenario.robot_names)
-        self.network = Network(schedule, self.graph, harmless)
+        self.network = Network(schedule, self.graph)
+        self.next_block = 0
         self._schedule = schedule
         self._simulation = Simulation(scenario, self.graph)
         self.scene = self._simulation.scene
@@ -64,15 +66,26 @@ class FaultyRun:
         self._references: dict[int, dict[str, Reference]] = {}
 
     def __iter__(self) -> Iterator[FaultyBlock]:
-        """All blocks of the run.
+        """All blocks of the run that are still to come.
 
         Raises:
             SimulationError: The robots have lost the payload.
         """
-        for block in range(self._schedule.scenario.blocks):
-            yield self._advance(block)
+        while self.next_block < self._schedule.scenario.blocks:
+            yield self._advance()
 
-    def _advance(self, block: int) -> FaultyBlock:
+    def without_harmless(self) -> FaultyRun:
+        """The same run from here on, without the messages that must not make any difference.
+
+        See ``schedule.is_harmless``.
+        """
+        quiet = copy.deepcopy(self)
+        quiet.network.harmless = False
+        return quiet
+
+    def _advance(self) -> FaultyBlock:
+        block = self.next_block
+        self.next_block += 1
         time = block * self._schedule.scenario.block_duration
         self._crash_and_restart(block, time)
         self._move_hands(block)

@@ -245,11 +245,6 @@ class FaultSchedule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         """When the last fault is over [s]; 0 if there is none."""
         return max((fault.end for fault in self.faults), default=0.0)
 
-    @property
-    def has_harmless_messages(self) -> bool:
-        """Whether messages come that must not make any difference."""
-        return any(is_harmless(fault) for fault in self.faults)
-
 
 def is_harmless(fault: AnyFault) -> bool:
     """Whether a run with it must be the same, bit for bit, as one in which its messages never came."""

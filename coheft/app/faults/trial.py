@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 
 import msgspec
 
@@ -53,11 +54,11 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def try_schedule(schedule: FaultSchedule) -> Outcome:
-    """Run a schedule and check every promise; a second time without harmless messages, if there are any."""
+    """Run a schedule, until its end or until all is well for good, and check every promise."""
     began = time.perf_counter()
     run = FaultyRun(schedule)
     watch, recovery, names = Watch(schedule, run.scene), Recovery(schedule), _Named(schedule)
-    published: list[bytes] = []
+    quiet = _Quiet(schedule, run)
     simulated, lost = 0.0, ""
     try:
         for block in run:
@@ -65,15 +66,15 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
             watch.look(block)
             recovery.look(block)
             names.look(block)
-            if schedule.has_harmless_messages:
-                published.append(_published(block))
+            quiet.look(block)
+            if recovery.is_steady:
+                break
     except SimulationError as error:
         lost = str(error)
     violations = watch.violations
     if not lost:
         violations += filter(None, [recovery.violation()])
-    if schedule.has_harmless_messages:
-        violations += filter(None, [_difference(schedule, published)])
+    violations += filter(None, [quiet.violation])
     last = max(schedule.faults, key=lambda fault: fault.end, default=None)
     return Outcome(
         seed=schedule.seed,
@@ -92,21 +93,40 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
     )
 
 
+class _Quiet:
+    """Whether a run is the same as one without harmless messages, which goes beside it from where they begin.
+
+    Attributes:
+        violation: The first difference.
+    """
+
+    def __init__(self, schedule: FaultSchedule, run: FaultyRun) -> None:
+        harmless = [fault for fault in schedule.faults if is_harmless(fault)]
+        block_duration = schedule.scenario.block_duration
+        self._first = min((int(fault.start / block_duration) for fault in harmless), default=-1)
+        self._end = max((fault.end for fault in harmless), default=0.0) + _EFFECT
+        self._run = run
+        self._quiet: Iterator[FaultyBlock] | None = None
+        self.violation: Violation | None = None
+        self._begin()
+
+    def look(self, block: FaultyBlock) -> None:
+        """Compare what was published after a block."""
+        time = block.truth.time
+        if self._quiet is not None and time < self._end and _published(next(self._quiet)) != _published(block):
+            said = "estimates differ from those without the harmless messages"
+            self.violation = self.violation or Violation("P2", time, "", said)
+        self._begin()
+
+    def _begin(self) -> None:
+        if self._run.next_block == self._first:
+            self._quiet = iter(self._run.without_harmless())
+
+
 def _published(block: FaultyBlock) -> bytes:
     """All estimates after a block, but for how many messages were refused."""
     estimates = [outbox.estimate for _, outbox in sorted(block.outboxes.items()) if outbox.estimate is not None]
     return b"".join(encode(msgspec.structs.replace(estimate, problems=0), "") for estimate in estimates)
-
-
-def _difference(schedule: FaultSchedule, published: list[bytes]) -> Violation | None:
-    """The first block at which harmless messages have made a difference."""
-    quiet = iter(FaultyRun(schedule, harmless=False))
-    last = max(fault.end for fault in schedule.faults if is_harmless(fault)) + _EFFECT
-    for had in published[: round(last / schedule.scenario.block_duration)]:
-        block = next(quiet)
-        if _published(block) != had:
-            return Violation("P2", block.truth.time, "", "estimates differ from those without the harmless messages")
-    return None
 
 
 class _Named:
