@@ -72,6 +72,8 @@ class BodyFrame:
         # The block at which this robot started over, and its pose before.
         self._started_over = -1
         self._former: Pose | None = None
+        # Whether the last team has given up its poses, which were as the team before had left them.
+        self._has_fallen_back = False
         self.misfits: tuple[str, ...] = ()
 
     def keep(self, frame: int, poses: Mapping[str, Pose], holds: Mapping[str, int]) -> None:
@@ -79,7 +81,7 @@ class BodyFrame:
 
         Whoever has taken hold since then is elsewhere now. An agent that started again says that it has always held it.
         """
-        self.misfits = ()
+        self.misfits, self._has_fallen_back = (), False
         if self._is_starting_over:
             self._former = poses[self._config.name]
         since = {name: self._gossip.records[name].since for name in poses}
@@ -98,11 +100,16 @@ class BodyFrame:
     def _is_starting_over(self) -> bool:
         return self._gossip.own.since == self._started_over
 
-    def forget(self) -> None:
-        """Nothing that is known of poses can be relied upon."""
+    def fall_back(self) -> None:
+        """The team is dissolved, and its poses cannot be relied upon: back to those of the one before.
+
+        If that has been in vain already, nothing is known.
+        """
         self._pairs, self._holds, self.misfits = {}, {}, ()
-        self._kept = self._told = self._former = None
         self._gossip.forget_pose()
+        if self._kept is None or self._has_fallen_back:
+            self._kept = self._told = self._former = None
+        self._has_fallen_back = self._kept is not None
 
     def update_pairs(self, block: int, previous: Array | None, inbox: Mapping[str, Channels]) -> None:
         """Take in neighbours' samples of a block, and the own ones, shape (B, 15)."""

@@ -153,7 +153,7 @@ class EfficientEstimator:
         if self._team is not None:
             poses = self._team.poses_to_keep()
             if poses is None:
-                self._body_frame.forget()
+                self._body_frame.fall_back()
             else:
                 self._body_frame.keep(self._frame, poses, self._holds)
         if self._team_number:

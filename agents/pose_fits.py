@@ -37,6 +37,8 @@ _CHUNK = 0.1
 _WORST = 25.0
 """Mean square of the residuals, in units of the noise, beyond which poses are not called more uncertain: then sensors
 contradict the team's motion."""
+_SOON = 1.0
+"""After poses that may be spoilt, samples over so long are enough, however many were left out [s]."""
 _STUCK = 1.0
 """When all poses have been told for so long and are not in use, they never will be [s]."""
 _FAR = np.radians(2.0)
@@ -182,7 +184,10 @@ class PoseFits:
 
         When it is time depends on the agreed steps only: everybody tells of the same samples.
         """
-        steps, least = self.common.steps, max(_FIRST * self._config.rate, self._regrowth * self.common.forgotten)
+        steps, least = self.common.steps, self._regrowth * self.common.forgotten
+        if self.spoilt == self._tells:
+            least = min(least, _SOON * self._config.rate)
+        least = max(least, _FIRST * self._config.rate)
         if steps < self._tell_step or self.common.total.count < least:
             return
         self._tells, self._told_chunk = self._tells + 1, self.common.chunks

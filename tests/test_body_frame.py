@@ -331,9 +331,25 @@ def test_what_neighbours_knew_of_a_former_hold_does_not_count(team: Team) -> Non
     assert team.distance(poses["r4"], expected) < CLOSE
 
 
-def test_poses_that_cannot_be_relied_upon_are_found_again(team: Team) -> None:
+def test_a_team_whose_poses_cannot_be_relied_upon_falls_back_to_those_of_the_one_before(team: Team) -> None:
+    team.dissolve()
+    exact = team.exact
     for robot in team.robots.values():
-        robot.frame.forget()
+        robot.frame.fall_back()
+    poses = team.assemble(10)
+    assert team.robots["r1"].gossip.frame() == team.number
+    for name in NAMES:
+        assert team.distance(poses[name], exact[name]) == 0.0
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_poses_that_cannot_be_relied_upon_are_found_again(team: Team, times: int) -> None:
+    """Those of the first team; or if falling back was in vain."""
+    if times == 2:
+        team.dissolve()
+    for robot in team.robots.values():
+        for _ in range(times):
+            robot.frame.fall_back()
     team.run(3)
     assert all(robot.frame.kept_pose() is None for robot in team.robots.values())
     poses = team.assemble()

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
+from coheft.app.faults.recovery import latest_recovery
 from coheft.app.faults.schedule import (
     EVERYBODY,
     AnyFault,
@@ -40,11 +41,11 @@ LATEST_START = 5.0
 """Until then faults begin, but for ``DELAY`` [s]; a team without faults is valid after 3 to 7 s."""
 DELAY = 4.0
 """In every other schedule everything happens so much later: then most teams have long known what they hold [s]."""
-RECOVERY = 5.5
-"""A run goes on for so long after its last fault [s],"""
-RECOVERY_OF_HOLD = 6.5
-"""and so long if a robot has let go: when it takes hold again, it has to find out anew where."""
-SHORTEST = 7.0
+_AFTERWARDS = 5.5
+"""Nothing happens in so much of the end of a run [s],"""
+_AFTERWARDS_OF_HOLD = 6.5
+"""and in so much if a robot has let go; it goes on until all have to be valid again, if that is later."""
+_SHORTEST = 7.0
 """Run [s]."""
 _COUNTS = (0.4, 0.3, 0.2, 0.1)
 """Shares of teams of 3, 4, 5 and 6 robots: small ones are quick to simulate."""
@@ -67,8 +68,13 @@ def draw_schedule(seed: int, delayed: bool | None = None) -> FaultSchedule:
         delayed: Whether everything happens ``DELAY`` later. None: every other seed.
     """
     schedule = _draw_early(seed)
-    if not (seed % 2 if delayed is None else delayed):
-        return schedule
+    if seed % 2 if delayed is None else delayed:
+        schedule = _later(schedule)
+    return _long_enough(schedule)
+
+
+def _later(schedule: FaultSchedule) -> FaultSchedule:
+    """Everything happens ``DELAY`` later."""
     scenario = schedule.scenario
     changes = tuple(_replace(change, at=_round(change.at + DELAY)) for change in scenario.load_changes)
     scenario = _replace(scenario, duration=_round(scenario.duration + DELAY), load_changes=changes)
@@ -78,13 +84,22 @@ def draw_schedule(seed: int, delayed: bool | None = None) -> FaultSchedule:
     return _replace(schedule, scenario=scenario, faults=faults)
 
 
+def _long_enough(schedule: FaultSchedule) -> FaultSchedule:
+    """It goes on until all have to be valid again; unless an agent never comes back: then nobody will be."""
+    scenario = schedule.scenario
+    if schedule.last_fault_end >= scenario.duration:
+        return schedule
+    duration = max(scenario.duration, _round(latest_recovery(schedule)) + scenario.block_duration)
+    return _replace(schedule, scenario=_replace(scenario, duration=duration))
+
+
 def _draw_early(seed: int) -> FaultSchedule:
     rng = np.random.default_rng(seed)
     count = int(rng.choice([3, 4, 5, 6], p=_COUNTS))
     team = _Team(rng, count)
     faults = tuple(team.fault() for _ in range(rng.integers(0, MOST_FAULTS + 1)))
-    recovery = RECOVERY_OF_HOLD if any(isinstance(fault, Release) for fault in faults) else RECOVERY
-    duration = _round(max([SHORTEST, *(fault.end + recovery for fault in faults)]))
+    afterwards = _AFTERWARDS_OF_HOLD if any(isinstance(fault, Release) for fault in faults) else _AFTERWARDS
+    duration = _round(max([_SHORTEST, *(fault.end + afterwards for fault in faults)]))
     faults = tuple(_for_ever(fault, duration) if rng.random() < _FOR_EVER else fault for fault in faults)
     return FaultSchedule(seed=seed, scenario=team.scenario(seed, duration), faults=faults)
 
@@ -115,7 +130,7 @@ class _Team:
         width, depth = self._extent
         plate = Box(mass=_round(rng.uniform(2.0, 8.0)), size=(width, depth, 0.05))
         lump = Box(mass=_round(rng.uniform(0.5, 4.0)), size=(0.2, 0.15, 0.15), position=self._place())
-        changes = sorted(_round(rng.uniform(1.0, duration - RECOVERY)) for _ in range(rng.integers(0, 3)))
+        changes = sorted(_round(rng.uniform(1.0, duration - _AFTERWARDS)) for _ in range(rng.integers(0, 3)))
         return Scenario(
             name=f"faults-{seed}",
             payload=Payload(boxes=(plate, lump)),

@@ -23,6 +23,23 @@ _STEADY = 2.5
 _ROUNDING = 1e-9
 
 
+def latest_recovery(schedule: FaultSchedule) -> float:
+    """When everybody has to be valid again at the latest [s], whatever has been at work."""
+    return _calm_from(schedule) + _start_up(schedule)
+
+
+def _calm_from(schedule: FaultSchedule) -> float:
+    """From when on nothing happens any more [s]."""
+    return max([schedule.last_fault_end, *(change.at for change in schedule.scenario.load_changes)])
+
+
+def _start_up(schedule: FaultSchedule) -> float:
+    """Time until everybody is valid where nothing was known before [s]."""
+    scenario = schedule.scenario
+    graph = build_graph(scenario.graph, scenario.robot_names)
+    return START_UP + _TELLINGS * (diameter(graph) + 1) * scenario.block_duration
+
+
 class Recovery:
     """Follows who is valid. Only those are asked who hold the load at the end, and never lie.
 
@@ -36,8 +53,7 @@ class Recovery:
         self._schedule = schedule
         liars = {fault.robot for fault in schedule.faults if isinstance(fault, Lie)}
         self._graph = build_graph(scenario.graph, scenario.robot_names)
-        reach = (diameter(self._graph) + 1) * scenario.block_duration
-        self._start_up = START_UP + _TELLINGS * reach
+        self._start_up, self._calm_from = _start_up(schedule), _calm_from(schedule)
         last = scenario.blocks - 1
         self._asked = [n for n in scenario.robot_names if n not in liars and Hands(schedule, n).holds(last)]
         self._latest: dict[str, Estimate] = {}
@@ -90,12 +106,6 @@ class Recovery:
         reasons = "; ".join(self._latest[robot].reasons) if robot in self._latest else "silent"
         found = f"took {taken:.2f} s" if taken is not None else f"not at the end: {reasons}"
         return Violation("P3", calm + limit, robot, f"all valid within {limit:g} s: {found}", taken or 0.0)
-
-    @property
-    def _calm_from(self) -> float:
-        """From when on nothing happens any more [s]."""
-        changes = [change.at for change in self._schedule.scenario.load_changes]
-        return max([self._schedule.last_fault_end, *changes])
 
     @property
     def _limit(self) -> float:
