@@ -43,6 +43,7 @@ class CommonMoments:
         chunks: Number of chunks that are agreed upon.
         steps: Step, counted from the first, at which the next one begins.
         forgotten: Samples that counted before all came again.
+        left_out: Blocks that came since the last agreement and could not be told of.
         is_spoilt: Whether somebody said with the last one that something is wrong.
         flood: Tells the others, and hears them: per robot what it says about the chunk before, and about the present.
     """
@@ -55,7 +56,7 @@ class CommonMoments:
         self.is_spoilt = False
         self._again, self._told_again = 0, 0
         self.forgotten = 0.0
-        self.chunks = self.steps = 0
+        self.chunks = self.steps = self.left_out = 0
         self.flood = Flood(robots, 2 * (_TOLD + self._words))
         self._own = own
         self._start = start
@@ -68,8 +69,12 @@ class CommonMoments:
         """Take in what a step has given: moments of ``parts`` blocks, None for each that is missing."""
         for part, moments in enumerate(blocks):
             # While nobody answers, not more than can be told of: what comes later is not counted.
-            if moments is not None and len(self._pending) < 2 * self._chunk * self._parts:
+            if moments is None:
+                continue
+            if len(self._pending) < 2 * self._chunk * self._parts:
                 self._pending[(step - self._start) * self._parts + part] = moments
+            else:
+                self.left_out += 1
 
     @property
     def total(self) -> RegistrationMoments:
@@ -120,7 +125,7 @@ class CommonMoments:
         else:
             self._sure += self._unsure[0]
             self._unsure.append(chunk)
-        self.chunks += 1
+        self.chunks, self.left_out = self.chunks + 1, 0
         return True
 
     def _forget(self, again: int) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from agents.early_sums import PACE
+from agents.inbox import AHEAD
 from agents.watch import MISFIT, Watch
 from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array, Pose
@@ -45,6 +46,7 @@ class Contradictions:
         self._patience = config.blocks(_BLAMED)
         self._blamed, self._anybody_blamed = 0, 0.0
         self._told = 0.0
+        self._is_wrong = False
         self.use_pose(pose, deviations)
 
     def use_pose(self, pose: Pose, deviations: Array) -> None:
@@ -81,6 +83,8 @@ class Contradictions:
         else:
             self._blamed += by == self._names[self._own]
             self._anybody_blamed += 1
+        # Nobody can have told that yet, and it would win over all that the robot tells until then.
+        self._is_wrong = bool(self.flood.table[:, 0].max() > index + AHEAD)
 
     @property
     def by(self) -> str | None:
@@ -93,11 +97,12 @@ class Contradictions:
     def have_lasted(self) -> bool:
         """Whether this robot's measurements have contradicted the team's motion for too long.
 
-        What was learned before it was noticed may be wrong, and then the contradiction would never end.
+        What was learned before it was noticed may be wrong, and then the contradiction would never end. So may be what
+        is known of others' misfits.
         """
-        return self._blamed > self._patience
+        return self._is_wrong or self._blamed > self._patience
 
     @property
     def anybodys_have_lasted(self) -> bool:
         """The same of all robots' measurements, whoever was blamed for it."""
-        return self._anybody_blamed > self._patience
+        return self._is_wrong or self._anybody_blamed > self._patience

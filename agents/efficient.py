@@ -60,7 +60,7 @@ class EfficientEstimator:
         """See ``Estimator.step``."""
         samples = None if own is None else own.samples
         at_work = self._team or self._search
-        if at_work is not None and at_work.must_start_over:
+        if at_work is not None and at_work.must_start_over and self._gossip.own.holding:
             self._body_frame.start_over(index)
             self._gossip.announce_holding(True, index)  # as if it had just taken hold: with its pose unknown
         if self._gossip.team != self._team_number:
@@ -105,7 +105,7 @@ class EfficientEstimator:
 
     def _announce(self, index: int) -> None:
         """Once the own pose in the body frame is known, tell it: one that is kept is known well, one found roughly."""
-        if self._gossip.graph is None or self._gossip.is_ready:
+        if self._gossip.graph is None or (self._gossip.is_ready and self._gossip.own.frame == self._gossip.frame()):
             return
         kept = self._body_frame.kept_pose()
         if kept is not None:
@@ -128,7 +128,8 @@ class EfficientEstimator:
         Whoever left this team, by mistake, cannot come back to others' sums: then it has to be another team.
         """
         if self._gossip.team in self._left:
-            self._gossip.announce_holding(True, index)
+            if self._gossip.own.holding:
+                self._gossip.announce_holding(True, index)
             return
         graph, frame = self._gossip.graph, self._gossip.frame()
         poses = {name: self._gossip.pose(name) for name in graph or ()}

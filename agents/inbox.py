@@ -17,6 +17,9 @@ from coheft.wire.scenario import MAX_ROBOTS
 
 AHEAD = 8
 """A neighbour may be ahead by so many blocks: it got its measurements earlier."""
+_SILENT = 8
+"""When nothing with the number of a sender's newest life has been used for so many blocks, and something with a smaller
+one is of the present block, that number was an error."""
 _ALIKE = 4
 """So many messages of the same sender and block are looked at."""
 _LARGEST = 1e12
@@ -35,7 +38,7 @@ class NeighbourInbox:
     """
 
     def __init__(self, neighbours: Iterable[str]) -> None:
-        self._incarnations = dict.fromkeys(sorted(neighbours), -1)
+        self._incarnations = dict.fromkeys(sorted(neighbours), 0)
         self._waiting: dict[tuple[str, int, int], list[NeighbourMessage]] = {}
         self._last: dict[str, int] = {}
         self._possible: dict[str, LinkState] = {}
@@ -88,7 +91,8 @@ class NeighbourInbox:
         known = self._incarnations.get(message.sender)
         if known is None:
             return f"no neighbour; neighbours are {', '.join(self._incarnations)}"
-        if message.incarnation < known:
+        is_error = index - self._last[message.sender] >= _SILENT and message.block >= index - 1
+        if message.incarnation < (0 if is_error else known):
             return "it is from before its sender started again"
         if message.block > index - 1 + AHEAD:
             return f"it is {message.block - index + 1} blocks ahead, of {AHEAD} that are allowed"

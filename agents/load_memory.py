@@ -157,8 +157,10 @@ class LoadMemory:
         self._late.count_block()
         self._compare(is_new=self._late.need_solution)
         if self._late.have_long_contradicted:
+            count = self.count
             self._forget_before(block)
-            self._begin(self._changed_at)
+            if self.count < count:  # else it fades, and the forces of late will do so for a while
+                self._begin(self._changed_at)
 
     def _compare(self, is_new: bool) -> None:
         if not self._is_enough():
@@ -306,9 +308,10 @@ class LoadMemory:
         """
         self._window.forget_before(self._last_block + 1)
         self._comes_again = self.count == 0.0
-        self._uncorrected.begin()
         self._early.begin()
-        self._late.begin()
+        if self._comes_again:
+            self._uncorrected.begin()
+            self._late.begin()
         self._expect_disturbance(np.zeros(len(team.poses)), team)
 
     def payload(self, own: int, team: TeamPoses) -> tuple[PayloadEstimate | None, tuple[str, ...]]:

@@ -89,7 +89,7 @@ class NeighbourLink:
 
     def take_hello(self, hello: Hello, own_name: str, now: float) -> None:
         """It is there, and may have started again; ``now`` in [s]."""
-        self._incarnation = max(self._incarnation, hello.incarnation)
+        self._incarnation = hello.incarnation  # a larger one that it has not was an error
         self.is_heard, self._heard_at = True, now
         self.hears_us = own_name in hello.heard
 

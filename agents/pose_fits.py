@@ -40,7 +40,10 @@ contradict the team's motion."""
 _SOON = 1.0
 """After poses that may be spoilt, samples over so long are enough, however many were left out [s]."""
 _STUCK = 1.0
-"""When all poses have been told for so long and are not in use, they never will be [s]."""
+"""When all poses have been told for so long and are not in use, they never will be [s]; nor will robots agree on which
+samples they have when they could not for so long, and sums were complete."""
+_IN_VAIN = 3
+"""Scores that were told so many times in a row without a fit never lead to one."""
 _FAR = np.radians(2.0)
 """When a fit turns a pose by more, how samples seen with the old poses would look with the new ones is not known well
 enough [rad]."""
@@ -133,7 +136,7 @@ class PoseFits:
         told_version, _ = self._fits.row(0)
         fitted = self._fits.rows(told_version) if told_version > self.carried else None
         self._uncarried = 0 if fitted is None else self._uncarried + 1
-        if fitted is not None and index >= fitted[0, 0] and all(pose.is_rigid() for pose in _poses(fitted)):
+        if fitted is not None and index >= fitted[0, 0] >= fitted[0, 1] and all(map(Pose.is_rigid, _poses(fitted))):
             self._told_poses[told_version] = _poses(fitted)
             self.carried = told_version
             if fitted[0, 1] > self.again_before:
@@ -142,8 +145,12 @@ class PoseFits:
 
     @property
     def are_stuck(self) -> bool:
-        """Whether poses have been told that cannot be used, or from a block on that does not come."""
-        return self._uncarried > self._patience
+        """Whether poses have been told that cannot be used, or from a block on that does not come; or none will be.
+
+        One number that somebody has got wrong in a table is enough for that.
+        """
+        is_vain = self._tells - self.carried > _IN_VAIN
+        return is_vain or max(self._uncarried, self.common.left_out) > self._patience
 
     def carrying_pose(self, poses: Sequence[Pose]) -> Pose:
         """Own pose to carry samples with; ``poses`` are those in use."""

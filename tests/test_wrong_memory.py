@@ -8,6 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from agents.agent import Agent
+from agents.team import Team
 from tests.in_process import changed, steps
 
 FROM = 4.0
@@ -16,7 +17,9 @@ SOON = 4.0
 """After that time all are valid again [s]."""
 
 
-def statuses(monkeypatch: pytest.MonkeyPatch, spoil: Callable[[dict[str, Agent]], bool]) -> list[set[str]]:
+def statuses(
+    monkeypatch: pytest.MonkeyPatch, spoil: Callable[[dict[str, Agent]], bool], soon: float = SOON
+) -> list[set[str]]:
     """What all say of themselves, block after block; ``spoil`` is called until it has done something to the agents."""
     agents: dict[str, Agent] = {}
     original = Agent.__init__
@@ -28,7 +31,7 @@ def statuses(monkeypatch: pytest.MonkeyPatch, spoil: Callable[[dict[str, Agent]]
     monkeypatch.setattr(Agent, "__init__", remembered)
     last: dict[str, str] = {}
     found, spoilt_at = [], None
-    for truth, outboxes in steps(changed("ring3", load_changes=(), duration=FROM + SOON + 1.0)):
+    for truth, outboxes in steps(changed("ring3", load_changes=(), duration=FROM + soon + 1.0)):
         last |= {name: each.estimate.status for name, each in outboxes.items() if each.estimate is not None}
         found.append(set(last.values()))
         if spoilt_at is None and truth.time > FROM and spoil(agents):
@@ -66,3 +69,39 @@ def test_poses_that_one_robot_cannot_use_are_not_waited_for(monkeypatch: pytest.
     found = statuses(monkeypatch, spoil)
     assert {"stale"} in found
     assert found[-1] == {"valid"}
+
+
+@pytest.mark.parametrize("table", ["common", "scores", "fits", "wrenches", "misfits"])
+def test_a_number_of_the_future_in_a_table_does_not_stop_fits_for_ever(
+    monkeypatch: pytest.MonkeyPatch, table: str
+) -> None:
+    """It wins over all that robots tell until then."""
+    teams: list[Team] = []
+
+    def team_of(agent: Agent) -> Team:
+        team: Team = agent._estimator._team  # type: ignore[attr-defined]
+        return team
+
+    def spoil(agents: dict[str, Agent]) -> bool:
+        teams.extend(map(team_of, agents.values()))
+        flood = team_of(agents["r2"])._floods._tables[table]
+        flood._table[1, 0] += 1000.0
+        flood._news[1], flood._digest = None, None
+        everybody.update(agents)
+        return True
+
+    everybody: dict[str, Agent] = {}
+    found = statuses(monkeypatch, spoil, soon=8.0)
+    assert found[-1] == {"valid"}
+    for agent, before in zip(everybody.values(), teams, strict=True):
+        team = team_of(agent)
+        assert team is not before
+        assert team._version > 0
+
+
+def test_a_neighbour_that_seems_to_have_started_again_is_soon_heard(monkeypatch: pytest.MonkeyPatch) -> None:
+    def spoil(agents: dict[str, Agent]) -> bool:
+        agents["r1"]._inbox._incarnations["r2"] += 64
+        return True
+
+    assert statuses(monkeypatch, spoil)[-1] == {"valid"}

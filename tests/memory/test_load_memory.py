@@ -203,6 +203,18 @@ def test_a_memory_that_fades_is_corrected_though_samples_come_again(config: Agen
     np.testing.assert_allclose(memories.estimate(), fresh.estimate(), rtol=1e-3, atol=1e-3)
 
 
+def test_a_memory_that_fades_tells_nothing_as_long_as_another_load_fills_it(config: AgentConfig, team: Team) -> None:
+    fading = msgspec.structs.replace(config, efficient=EfficientSettings(memory=2.0))
+    memories = Memories(fading, team, team.poses)
+    memories.push(0, 30)
+    assert memories.estimate()[0] == pytest.approx(20.0, rel=1e-3)
+    for block in range(30, 60):
+        memories.push(block, block + 1, 1.3)
+        payload, why = memories.each[OWN].payload(OWN, memories.team_poses())
+        assert payload is None
+        assert "do not fit" in why[0]
+
+
 def test_what_is_seen_is_told_though_the_rest_is_not(config: AgentConfig) -> None:
     """A load that is carried about and only turns about the vertical shows one axis of its inertia."""
     team = make_team(3, count=COUNT, duration=DURATION, single_axis=True)

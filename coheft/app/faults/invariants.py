@@ -63,7 +63,8 @@ class Watch:
         self._grace = math.ceil(GRACE / scenario.block_duration)
         self._changes = [math.ceil(change.at / scenario.block_duration - 1e-9) for change in scenario.load_changes]
         self._releases = [fault for fault in schedule.faults if isinstance(fault, Release)]
-        self._lies = {fault.robot: fault.start for fault in schedule.faults if isinstance(fault, Lie)}
+        lies = sorted((fault for fault in schedule.faults if isinstance(fault, Lie)), key=lambda lie: -lie.start)
+        self._lies = {lie.robot: lie.start for lie in lies}  # the first one of each
         self._found: dict[tuple[str, str, str], Violation] = {}
         self._payloads: dict[tuple[str, int], Inertia] = {}
 

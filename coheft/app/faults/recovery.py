@@ -44,6 +44,7 @@ class Recovery:
     """Follows who is valid. Only those are asked who hold the load at the end, and never lie.
 
     Attributes:
+        first_valid: When all were valid for the first time [s]; None if never.
         stale: Number of published estimates that were stale.
         published: Number of all published estimates.
     """
@@ -57,8 +58,8 @@ class Recovery:
         last = scenario.blocks - 1
         self._asked = [n for n in scenario.robot_names if n not in liars and Hands(schedule, n).holds(last)]
         self._latest: dict[str, Estimate] = {}
-        self._valid_times: list[float] = []
-        self._steady_from = self._calm_from
+        self.first_valid: float | None = None
+        self._valid_since: float | None = None
         self._now = 0.0
         self.stale = self.published = 0
 
@@ -72,26 +73,21 @@ class Recovery:
         for robot in [name for name in self._latest if name not in block.outboxes]:
             del self._latest[robot]
         self._now = block.truth.time
-        if all(self._is_valid(name) for name in self._asked):
-            self._valid_times.append(self._now)
-        else:
-            self._steady_from = max(self._steady_from, self._now)
+        if not all(self._is_valid(name) for name in self._asked):
+            self._valid_since = None
+        elif self._valid_since is None:
+            self._valid_since = self._now
+            self.first_valid = self._now if self.first_valid is None else self.first_valid
 
     @property
     def is_steady(self) -> bool:
         """Whether nothing has happened for long, and all have been valid."""
-        return self._now >= self._steady_from + _STEADY
-
-    @property
-    def first_valid(self) -> float | None:
-        """When all were valid for the first time [s]; None if never."""
-        return self._valid_times[0] if self._valid_times else None
+        return self._valid_since is not None and self._now >= max(self._valid_since, self._calm_from) + _STEADY
 
     @property
     def taken(self) -> float | None:
-        """Time from the last fault's end to all being valid [s]; None if they are not."""
-        calm = self._calm_from
-        return next((time - calm for time in self._valid_times if time > calm - _ROUNDING), None)
+        """Time from the last fault's end to all being valid for good [s]; None if they are not."""
+        return None if self._valid_since is None else max(0.0, self._valid_since - self._calm_from)
 
     def violation(self) -> Violation | None:
         """Whether it took too long, or went on for ever; None also if the run was too short to tell."""

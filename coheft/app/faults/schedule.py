@@ -248,7 +248,7 @@ class FaultSchedule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 def is_harmless(fault: AnyFault) -> bool:
     """Whether a run with it must be the same, bit for bit, as one in which its messages never came."""
-    return isinstance(fault, Duplication | Replay | Malformed) or (isinstance(fault, Corruption) and not fault.sealed)
+    return isinstance(fault, Duplication | Replay | Malformed)
 
 
 def write_schedule(schedule: FaultSchedule, path: Path) -> None:

@@ -14,9 +14,6 @@ from coheft.app.faults.schedule import FaultSchedule, Lie, is_harmless
 from coheft.errors import SimulationError
 from coheft.wire.codec import encode
 
-_EFFECT = 2.0
-"""So long after the last harmless message it is looked for differences that it made [s]."""
-
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     """What came out of one schedule.
@@ -104,7 +101,6 @@ class _Quiet:
         harmless = [fault for fault in schedule.faults if is_harmless(fault)]
         block_duration = schedule.scenario.block_duration
         self._first = min((int(fault.start / block_duration) for fault in harmless), default=-1)
-        self._end = max((fault.end for fault in harmless), default=0.0) + _EFFECT
         self._run = run
         self._quiet: Iterator[FaultyBlock] | None = None
         self.violation: Violation | None = None
@@ -112,10 +108,9 @@ class _Quiet:
 
     def look(self, block: FaultyBlock) -> None:
         """Compare what was published after a block."""
-        time = block.truth.time
-        if self._quiet is not None and time < self._end and _published(next(self._quiet)) != _published(block):
+        if self._quiet is not None and _published(next(self._quiet)) != _published(block):
             said = "estimates differ from those without the harmless messages"
-            self.violation = self.violation or Violation("P2", time, "", said)
+            self.violation = self.violation or Violation("P2", block.truth.time, "", said)
         self._begin()
 
     def _begin(self) -> None:
