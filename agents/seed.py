@@ -20,6 +20,7 @@ from coheft.estimation.spatial import Array
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
 from consensus.gossip import Gossip
+from consensus.graph import Neighbours
 
 _SOLVE_EVERY = 5
 """Blocks per solution of a pose filter: poses do not change, and solving costs more than taking in."""
@@ -40,9 +41,11 @@ class SeedEstimator:
         self._settings = config.seed_method
         self._gossip = gossip
         self._load_changes = LoadChanges(config)
-        # Both ends of an edge run the same filter on the same numbers and take each other's inverse, so the transports
-        # of an edge are exactly inverse to each other, as Proposition 3 demands.
-        self._filters = {name: PoseRls(config.noise, solve_every=_SOLVE_EVERY) for name in config.neighbours}
+        # Of neighbours while both hold the load. Both ends of an edge run the same filter on the same numbers, if none
+        # are lost, and take each other's inverse: so the transports of an edge are exactly inverse to each other, as
+        # Proposition 3 demands.
+        self._filters: dict[str, PoseRls] = {}
+        self._holds: dict[str, tuple[int, int]] = {}
         self._blocks: dict[int, Array] = {}
         self._inertial_phase: SeedSums | None = None
         self._started = -1
@@ -55,9 +58,11 @@ class SeedEstimator:
         previous = self._blocks.get(index - 1)
         heard = {name: channels["kinematics"] for name, channels in inbox.items() if "kinematics" in channels}
         heard = {name: rows for name, rows in heard.items() if rows.shape == (self._config.block, _KINEMATICS_SIZE)}
+        self._follow_holds()
         if previous is not None:
-            for name, kinematics in heard.items():
-                self._update_pose(name, previous[:, :6], kinematics[:, :6])
+            for name in heard.keys() & self._filters.keys():
+                if index - 1 >= max(self._holds[name]):  # else one of them was still elsewhere
+                    self._update_pose(name, previous[:, :6], heard[name][:, :6])
         if own is not None:
             self._blocks[index] = own.samples
         kept = index - self._settings.rounds - 3
@@ -67,20 +72,34 @@ class SeedEstimator:
         if self._gossip.team != self._team:  # one of its members started again, let go, or took hold
             self._team, self._inertial_phase = self._gossip.team, None
         self._index = index
-        start = self._gossip.start_block
+        graph, start = self._gossip.graph, self._gossip.start_block
+        if graph is None or self._config.name not in graph:
+            return sent
         if start is None or index <= start:
-            self._announce_poses(index)
+            self._announce_poses(index, graph)
             return sent
         if self._inertial_phase is None:
-            poses = {name: estimate.pose for name, estimate in self._poses().items()}
-            self._inertial_phase = SeedSums(self._config, self._gossip, poses, self._load_changes)
+            estimates = self._poses()
+            poses = {name: estimates[name].pose for name in graph[self._config.name]}
+            self._inertial_phase = SeedSums(self._config, graph, poses, self._load_changes)
         elif start != self._started:
             self._inertial_phase.start_sums()
         self._started = start
         self._inertial_phase.step(index, self._blocks, heard, inbox)
         if self._inertial_phase.is_broken:
-            self._announce_start(index)
+            self._announce_start(index, graph)
         return sent | self._inertial_phase.channels()
+
+    def _follow_holds(self) -> None:
+        """Whoever takes hold again may do so elsewhere: its pose is found anew."""
+        own = self._gossip.own
+        for name in self._config.neighbours:
+            record = self._gossip.records.get(name)
+            if record is None or not (record.holding and own.holding):
+                self._filters.pop(name, None)
+                self._holds.pop(name, None)
+            elif self._holds.get(name) != (hold := (record.since, own.since)):
+                self._holds[name], self._filters[name] = hold, PoseRls(self._config.noise, solve_every=_SOLVE_EVERY)
 
     def fits(self, channels: Channels) -> bool:
         """See ``Estimator.fits``."""
@@ -116,8 +135,10 @@ class SeedEstimator:
         phase = self._inertial_phase
         if phase is None:
             return ("the team's sums have not begun",)
+        if phase.total_block < 0:
+            return ("the team's sums have just begun",)
         if self._index - self._settings.rounds - phase.total_block > self._config.blocks(_LATE):
-            return (f"no complete sum of the team since block {phase.total_block}",)
+            return (f"no complete sum of the team since {self._config.start_of(phase.total_block + 1):.2f} s",)
         return ()
 
     def _update_pose(self, name: str, own: Array, other: Array) -> None:
@@ -139,16 +160,15 @@ class SeedEstimator:
             and 1e3 * pose.translation_std < self._settings.pose_translation_mm
         )
 
-    def _announce_poses(self, index: int) -> None:
+    def _announce_poses(self, index: int, graph: Neighbours) -> None:
         """Once all poses are known, offer a start."""
-        if not self._gossip.is_ready and all(self._is_known(pose) for pose in self._poses().values()):
-            self._announce_start(index)
+        poses = self._poses()
+        if not self._gossip.is_ready and all(self._is_known(poses[name]) for name in graph[self._config.name]):
+            self._announce_start(index, graph)
 
-    def _announce_start(self, index: int) -> None:
+    def _announce_start(self, index: int, graph: Neighbours) -> None:
         """Offer a start of the sums that lies far enough ahead for everybody to hear of it in time."""
-        graph = self._gossip.graph
-        if graph is not None:
-            self._gossip.announce_ready(index + 2 * len(graph))
+        self._gossip.announce_ready(index + 2 * len(graph))
 
 
 def _in_words(pose: UncertainPose) -> str:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from coheft.app.faults.run import FaultyRun
+from coheft.app.faults.schedule import FaultSchedule, Release
 from coheft.app.inprocess import run_in_process
 from coheft.wire.codec import encode
 from coheft.wire.scenario import Graph, LoadChange, Scenario
 from coheft.wire.scenario_file import load_scenario
-from tests.in_process import assert_good, changed, run_with_faults
+from tests.in_process import Recording, assert_good, changed, run_with_faults
 
 CHANGE = 15.0
 
@@ -58,6 +60,26 @@ def test_two_robots() -> None:
     recording = run_with_faults(seed_method("line4", robots=robots, duration=16.0, load_changes=()))
     assert_good(recording.judged(16.0))
     assert all(estimate.converged and estimate.members == 2 for estimate in recording.last().values())
+
+
+def test_a_robot_that_lets_go_leaves_the_team_and_comes_back_with_its_pose_unknown() -> None:
+    scenario = seed_method("ring3", duration=24.0, load_changes=())
+    release = Release(start=10.0, end=12.0, robot="r2", notice=2)
+    run = FaultyRun(FaultSchedule(seed=1, scenario=scenario, faults=(release,)))
+    recording = Recording(run.scene, [], {name: [] for name in run.graph})
+    for block in run:
+        assert block.crashes == {}
+        recording.truths.append(block.truth)
+        for name, outbox in block.outboxes.items():
+            if outbox.estimate is not None:
+                recording.estimates[name].append(outbox.estimate)
+    during = {name: [e for e in each if e.time < 11.9][-1] for name, each in recording.estimates.items()}
+    assert {name: estimate.status for name, estimate in during.items()} == {"r1": "valid", "r2": "stale", "r3": "valid"}
+    assert set(during["r1"].poses) == {"r3"}
+    after = next(estimate for estimate in recording.estimates["r1"] if estimate.time > 12.5)
+    assert after.status == "stale"
+    assert_good(recording.judged(24.0))
+    assert all(estimate.status == "valid" for estimate in recording.last().values())
 
 
 def test_total_wrench_is_everybodys_sum() -> None:
