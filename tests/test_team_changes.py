@@ -9,6 +9,7 @@ import pytest
 
 from agents.early_sums import PACE
 from agents.load_memory import LoadMemory
+from agents.team import Team
 from coheft.app.faults.invariants import Watch
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, Loss, Partition, Release
@@ -171,3 +172,15 @@ def test_each_block_counts_once_though_messages_get_lost_when_sums_begin_again(
         Story(6.0, [Loss(start=2.0, end=5.0, probability=0.1, seed=seed)], seed=seed + 1)
         assert sum(began) > 0
         assert all(len(blocks) > 20 for blocks in counted.values())
+
+
+def test_who_lets_go_does_not_take_hold_by_starting_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = changed("line4", duration=FROM + 0.5, load_changes=())
+    run = FaultyRun(FaultSchedule(seed=1, scenario=scenario, faults=(Release(robot="r2", start=FROM, end=FROM + 1.0),)))
+    told_at = round(FROM / scenario.block_duration)
+    for block in run:
+        if block.truth.block == told_at - 1:
+            monkeypatch.setattr(Team, "must_start_over", property(lambda team: team._config.name == "r2"))
+    for agent in run._agents.values():
+        assert agent is not None
+        assert not agent._gossip.records["r2"].holding
