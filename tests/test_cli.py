@@ -199,7 +199,7 @@ def test_version(capfd: pytest.CaptureFixture[str]) -> None:
 def test_help_tells_the_exit_status(capfd: pytest.CaptureFixture[str]) -> None:
     assert run_command_line(["--help"]) == EXIT_CONVERGED
     text = " ".join(capfd.readouterr().out.split())
-    assert "3 the run ended but not every robot had converged" in text
+    assert "3 not every robot had converged at the end (or: not all was reached)" in text
 
 
 def test_help_offers_no_empty_vectors(capfd: pytest.CaptureFixture[str]) -> None:

@@ -74,7 +74,7 @@ def run(
     seed:
         Of the sensors' noise and the robots' motions.
     estimator:
-        The robots' method: efficient or seed.
+        The robots' method: efficient, seed, or one of your own, see docs/own.md.
     sensor_rate:
         Samples per second: 100, 125, 200, 250, 500 or 1000.
     realtime:
