@@ -147,8 +147,8 @@ class Agent:
         if self._sensors.fault is not None:
             yield f"own sensors: {self._sensors.fault}"
         for name in self._silent(index):
-            since = self._inbox.last_heard(name) + 1
-            yield f"{name} is silent since {since * self.config.block / self.config.rate:.2f} s"
+            since = self.config.start_of(self._inbox.last_heard(name) + 1)
+            yield f"{name} is silent since {since:.2f} s"
         yield from self._estimator.doubts()
         if not self._gossip.own.holding:
             yield "the robot does not hold the load"

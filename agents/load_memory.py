@@ -233,24 +233,23 @@ class LoadMemory:
         assert self._correction is not None
         return self._correction.told(self._forces.mean)
 
-    def correct(self, rows: Array | None, team: TeamPoses) -> None:
-        """Let the total wrenches be as the newest poses would have carried them.
+    def correct(self, rows: Array, team: TeamPoses) -> None:
+        """Let the total wrenches be as the newest poses would have carried them, if everybody tells of the same load.
 
         Args:
-            rows: Everybody's ``told``, shape (N, 83); None if not everybody's has been heard.
+            rows: Everybody's ``told``, shape (N, 83).
             team: The newest poses.
         """
         correction, self._correction = self._correction, None
         if correction is None:
             return
-        told = rows if rows is not None and correction.is_possible(rows, self._changed_at) else None
+        told = rows if correction.is_possible(rows, self._changed_at) else None
         if told is not None:
             self._wrenches_by_motion = told_wrenches_by_motion(told)
         if not self._comes_again:
             self._apply(correction, told)
         before = self._disturbance.per_sample
-        if rows is not None:
-            self._expect_disturbance(told_forces(rows), team)
+        self._expect_disturbance(told_forces(rows), team)
         less = before - self._disturbance.per_sample
         if less > 0.0 and not self._comes_again:
             left = less * (1.0 if told is None else correction.left(told))

@@ -31,13 +31,6 @@ class ReferenceMotion(Protocol):
         ...
 
 
-class MotionFactory(Protocol):
-    """Makes a motion from the agent's settings."""
-
-    def __call__(self, config: AgentConfig) -> ReferenceMotion:  # noqa: D102
-        ...
-
-
 def make_motion(config: AgentConfig) -> ReferenceMotion:
     """The reference motion that an agent is told to carry out.
 

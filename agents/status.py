@@ -10,7 +10,7 @@ from coheft.wire.config import AgentConfig
 from coheft.wire.messages import Estimate, PoseEstimate
 
 _REPORT_INTERVAL = 0.1
-"""Time between reports to observers [s]; a change of status is told at once."""
+"""Time between reports to observers [s]; that doubts have come or gone is told at once."""
 
 
 class StatusKeeper:
@@ -57,7 +57,7 @@ class StatusKeeper:
         return Estimate(
             robot=self._config.name,
             block=index,
-            time=(index + 1) * self._config.block / self._config.rate,
+            time=self._config.start_of(index + 1),
             phase=told.phase,
             converged=told.converged,
             members=members,

@@ -34,7 +34,7 @@ class Flood:
         self._digest: float | None = None
 
     def tell(self, robot: int, stamp: int, row: Array) -> None:
-        """Put in the own row."""
+        """Put in a row: the own one, or one that this robot has worked out for another."""
         self._table[robot, 0], self._table[robot, 1:] = stamp, row
         self._news[robot] = None
         self._digest = None

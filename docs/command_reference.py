@@ -41,9 +41,9 @@ The same for all commands:
 ## Runs and their folders
 
 Every run has a folder with the logs of its processes, and with the file by which other commands find it. It is below
-`~/.local/state/coheft/runs` on Linux (`$XDG_STATE_HOME`, if that is set), `~/Library/Application Support/coheft/runs` on
-macOS; the newest 20 are kept. `--logs DIR` puts it elsewhere. Commands on a run that goes on take your newest one; `--run`
-says which instead.
+`~/.local/state/coheft/runs` on Linux (or `$XDG_STATE_HOME`), `~/Library/Application Support/coheft/runs` on macOS; the
+newest 20 are kept. `--logs DIR` puts it elsewhere. Commands on a run that goes on take your newest one; `--run` says
+which instead.
 
 Robots are called `r1`, `r2`, … in the order of the scenario; in teams of ten or more `r01`, `r02`, ….
 

@@ -12,6 +12,9 @@ for their bound with ``poses_from_wrenches=False``. The body motion is eliminate
 
 Not used, so the bound is that of estimators that do not use it either: that consecutive samples belong to one smooth
 motion (the gyro's change tells about alpha, the velocity's about a).
+
+All derivatives are worked out here sample by sample, not from the features of the estimators: each is a check on the
+other.
 """
 
 from __future__ import annotations
@@ -30,12 +33,12 @@ from coheft.estimation.body_motion import (
     grasp_derivatives,
     relative_pose_derivative,
 )
+from coheft.estimation.inertia import INERTIA_SIZE
 from coheft.estimation.inertia_derivatives import barycentric_derivative, seen_inertia_derivative
 from coheft.estimation.measurement import KINEMATICS, WRENCH, SensorNoise
 from coheft.estimation.rigid_body import Inertia, inertia_operator, unpack_symmetric
 from coheft.estimation.spatial import Array, Pose, skew
 
-INERTIA_SIZE = 10
 _CHUNK = 256
 _NO_PRIOR = 1e-6
 """Added to the information on each body motion, whose unit is SI: nothing, but two robots alone do not see all of

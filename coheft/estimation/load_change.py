@@ -169,13 +169,13 @@ class LoadWindow:
         )
         if size > 1.0 and not is_unknown:
             found, size = self._test_since(model, is_coherent, everything)
-        is_clean = size > 1.0
-        if not is_clean and test_between and not is_coherent:
+        at_border = size > 1.0
+        if not at_border and test_between and not is_coherent:
             found, size = self._test_between(model)
         change: LoadChange | None = None
         while size > 1.0:
             change = LoadChange(int(self._stretches.firsts[found]), self._last_block, size)
-            if is_clean:
+            if at_border:
                 self._remember(self._stretches.total - self._stretches.sums[found], model)
             self._begin(found, size, model)
             found, size = self._test_since(model, is_coherent, everything)

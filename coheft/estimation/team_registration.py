@@ -162,20 +162,17 @@ def team_information(
     size = 6 * len(poses)
     information, from_noise = np.zeros((size, size)), np.zeros((size, size))
     priors = (NO_SLOPE, slope)
-    for (rows, columns), gram, prior in zip(_CHANNELS, (moments.centred(), moments.gram), priors, strict=True):
+    for channel, gram, prior in zip(_CHANNELS, (moments.centred(), moments.gram), priors, strict=True):
+        rows, columns = channel
+        seen, covariance, coupling = _fusion(poses, noise, channel, prior)
         weight = weights[rows, None]
-        by_motion = [_predicted(pose)[rows, columns] for pose in poses]
-        by_pose = [-residual_derivative(pose)[:, rows] for pose in poses]
-        seen = np.sum([b.T @ (weight * b) for b in by_motion], axis=0) + prior
-        covariance = np.linalg.inv(seen + _NO_PRIOR * np.eye(6))
         noise_gram = np.zeros((FEATURES, FEATURES))
         noise_gram[columns, columns] = moments.count * covariance @ seen @ covariance
-        coupling = np.concatenate([np.swapaxes(weight * b, 0, 1) @ d for b, d in zip(by_motion, by_pose, strict=True)])
         for total, features in ((information, gram), (from_noise, noise_gram)):
             explained = (covariance @ coupling @ features).reshape(size, -1)
             total -= explained @ coupling.reshape(size, -1).T
-            for k, derivative in enumerate(by_pose):
-                own = slice(6 * k, 6 * k + 6)
+            for k, pose in enumerate(poses):
+                own, derivative = slice(6 * k, 6 * k + 6), residual_derivative(pose)[:, rows]
                 total[own, own] += np.einsum("kab,lab->kl", weight * derivative @ features, derivative)
     return information, from_noise
 
@@ -189,15 +186,27 @@ def motion_by_poses(poses: Sequence[Pose], noise: SensorNoise, slope: Array = NO
     Returns:
         Shape (6 N, 6, 28), the perturbations of all poses first.
     """
-    rows, columns = ACCELERATION_ROWS, ACCELERATION
-    weight = noise.per_column()[KINEMATICS][rows, None] ** -2
-    by_motion = [_predicted(pose)[rows, columns] for pose in poses]
-    by_pose = [-residual_derivative(pose)[:, rows] for pose in poses]
-    seen = np.sum([b.T @ (weight * b) for b in by_motion], axis=0) + slope
-    covariance = np.linalg.inv(seen + _NO_PRIOR * np.eye(6))
-    coupling = np.concatenate([(weight * b).T @ d for b, d in zip(by_motion, by_pose, strict=True)])
+    _, covariance, coupling = _fusion(poses, noise, _CHANNELS[1], slope)
     result: Array = -covariance @ coupling
     return result
+
+
+def _fusion(
+    poses: Sequence[Pose], noise: SensorNoise, channel: tuple[slice, slice], prior: Array
+) -> tuple[Array, Array, Array]:
+    """What some of the sensors, one of ``_CHANNELS``, and a prior (6, 6) say of the body's motion in a sample.
+
+    Returns:
+        The information ``sum_i B_i^T W B_i + prior`` (6, 6), its inverse ``P``, and all ``B_i^T W D_i``, the
+        perturbations of all poses first, shape (6 N, 6, 28).
+    """
+    rows, columns = channel
+    weight = noise.per_column()[KINEMATICS][rows, None] ** -2
+    by_motion = [_predicted(pose)[rows, columns] for pose in poses]
+    information = np.sum([b.T @ (weight * b) for b in by_motion], axis=0) + prior
+    covariance = np.linalg.inv(information + _NO_PRIOR * np.eye(6))
+    coupling = [(weight * b).T @ -residual_derivative(p)[:, rows] for b, p in zip(by_motion, poses, strict=True)]
+    return information, covariance, np.concatenate(coupling)
 
 
 def refit_map(old: Sequence[Pose], new: Sequence[Pose], noise: SensorNoise, slope: Array = NO_SLOPE) -> Array:

@@ -159,7 +159,7 @@ class Release(RobotFault, frozen=True, kw_only=True, tag="release"):
     """The robot lets go of the load, and takes hold again at the end.
 
     Attributes:
-        notice: How many blocks ahead its agent is told.
+        notice: How many blocks ahead its agent is told, of both; if it lets go several times, the largest counts.
     """
 
     notice: Annotated[int, Meta(ge=0)] = 0

@@ -97,7 +97,7 @@ def _shorter_runs(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
 
 
 def _narrower_faults(schedule: FaultSchedule) -> Iterator[FaultSchedule]:
-    """One fault lasts half as long, or hits one link instead of many."""
+    """One fault lasts half as long."""
     for k, fault in enumerate(schedule.faults):
         for narrower in _narrower(fault):
             yield _replace(schedule, faults=(*schedule.faults[:k], narrower, *schedule.faults[k + 1 :]))
