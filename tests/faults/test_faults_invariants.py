@@ -204,4 +204,13 @@ def test_a_run_is_over_when_all_have_long_been_valid_and_nothing_is_to_come():
         recovery.look(team.block(block, *(team.estimate(block, name, status=status) for name in team.scene.robots)))
         steady.append(recovery.is_steady)
     assert steady.index(True) == 76  # 2.5 s later
-    assert recovery.taken == pytest.approx(1.2)
+    assert recovery.taken == pytest.approx(0.0)  # stale for a moment only, 1.1 s after
+
+
+def test_who_has_not_noticed_yet_what_is_wrong_is_not_valid_again():
+    run = schedule(Loss(start=2.0, end=3.0, probability=0.5))
+    team, recovery = Team(run), Recovery(run)
+    for block in range(run.scenario.blocks):
+        status = "stale" if 38 <= block < 60 else "valid"  # 3.9 s to 6.1 s
+        recovery.look(team.block(block, *(team.estimate(block, name, status=status) for name in team.scene.robots)))
+    assert recovery.taken == pytest.approx(3.1)

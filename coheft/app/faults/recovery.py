@@ -18,6 +18,8 @@ START_UP = 4.0
 hold again, or was dead at the same time as all its neighbours, so that nobody can tell it;"""
 _TELLINGS = 15
 """then it takes so many times, too, as long as what one robot tells needs to reach all others."""
+_LASTING = 1.0
+"""Who is valid for a shorter time may not have noticed yet what is wrong [s]."""
 _STEADY = 2.5
 """Once nothing happens any more, and all have been valid for so long, nothing new is to be seen [s]."""
 _ROUNDING = 1e-9
@@ -60,6 +62,7 @@ class Recovery:
         self._latest: dict[str, Estimate] = {}
         self.first_valid: float | None = None
         self._valid_since: float | None = None
+        self._recovered_at: float | None = None
         self._now = 0.0
         self.stale = self.published = 0
 
@@ -78,15 +81,24 @@ class Recovery:
         elif self._valid_since is None:
             self._valid_since = self._now
             self.first_valid = self._now if self.first_valid is None else self.first_valid
+        if self._recovered_at is None and self._valid_for >= _LASTING - _ROUNDING:
+            self._recovered_at = self._now - self._valid_for
+
+    @property
+    def _valid_for(self) -> float:
+        """For how long all have been valid, and nothing has happened [s]."""
+        return 0.0 if self._valid_since is None else self._now - max(self._valid_since, self._calm_from)
 
     @property
     def is_steady(self) -> bool:
         """Whether nothing has happened for long, and all have been valid."""
-        return self._valid_since is not None and self._now >= max(self._valid_since, self._calm_from) + _STEADY
+        return self._valid_for >= _STEADY - _ROUNDING
 
     @property
     def taken(self) -> float | None:
-        """Time from the last fault's end to all being valid for good [s]; None if they are not."""
+        """Time from the last fault's end to all being valid, and not for a moment only [s]; None if they are not."""
+        if self._recovered_at is not None:
+            return self._recovered_at - self._calm_from
         return None if self._valid_since is None else max(0.0, self._valid_since - self._calm_from)
 
     def violation(self) -> Violation | None:
