@@ -112,6 +112,8 @@ class EfficientEstimator:
             self._announce_pose(index, *kept, refined=True)
         elif index % self._look_every == 0:
             self._body_frame.forget_misfits(index)
+            if self._body_frame.misfits:  # sums with these samples would contradict themselves
+                self._history = {block: rows for block, rows in self._history.items() if block >= index}
             found = self._body_frame.found_pose()
             if found is not None:
                 self._announce_pose(index, *found)

@@ -176,9 +176,11 @@ class PoseFits:
         left = _LEFT * np.concatenate(steps)
         fitted = fitted_poses(poses, self.told_moments, self._config.noise, slope=slope)
         inflation = 1.0 + (untried * self._config.rate / max(self.told_moments.count, 1.0)) ** 2
+        told = self._scores.table[self._scores.table[:, 0] == self._used, 2:4]
+        if len(np.unique(told[:, 1])) > 1:  # not everybody had the same samples: nothing was fitted
+            self.spoilt = self._used
         # Birge (1932): as residuals are larger than noise explains, so may be errors.
-        told = self._scores.table
-        inflation *= min(told[told[:, 0] == self._used, 2].max(initial=1.0), _WORST)
+        inflation *= min(told[:, 0].max(initial=1.0), _WORST)
         return replace(fitted, covariance=inflation * fitted.covariance + np.outer(left, left))
 
     def map(self, feature_map: Array) -> None:

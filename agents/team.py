@@ -300,7 +300,8 @@ class Team:
         if held is None:
             self._held = found
             return None
-        return self._learn(held, index) + self._learn(found, index)
+        self._learn(held, index)  # its moments count for nobody: others may not have waited
+        return self._learn(found, index)
 
     def _learn(self, found: _Block, index: int) -> RegistrationMoments:
         if found.number > self.learned_block + self._patience and self.learned_block >= 0:

@@ -17,7 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded:
 
 import zenoh
 
-from coheft.errors import CoheftError
+from coheft.errors import CoheftError, one_line
 from coheft.wire.config import ServerConfig
 from coheft.wire.data_file import write_recording
 from coheft.wire.inbox import Event, Inbox, LinkChange, Question, Received, Refused
@@ -75,6 +75,7 @@ class Server:
         self._estimators = EstimatorChoice(scenario)
         self._state: Literal["waiting", "running", "paused", "finished"] = "waiting"
         self._save_data = config.save_data
+        self._unsaved = ""
         self._recorder = DataRecorder(scenario, self._simulation.scene) if config.save_data is not None else None
         self._stop_asked = False
         self._inbox = Inbox()
@@ -124,10 +125,18 @@ class Server:
             self._state = "finished"
             self._robots.send_stop(reason)
             try:
-                if self._recorder is not None and self._save_data is not None and self._simulation.block > 0:
-                    write_recording(self._recorder.recording(), Path(self._save_data))
+                self._write_data()
             finally:
                 self._end.send(self._status())  # whoever hears it may end this process
+
+    def _write_data(self) -> None:
+        if self._recorder is None or self._save_data is None or self._simulation.block == 0:
+            return
+        try:
+            write_recording(self._recorder.recording(), Path(self._save_data))
+        except CoheftError as error:  # all else that the run has found is not to be lost with it
+            self._unsaved = str(error)
+            self._problems.tell(self._unsaved)
 
     def linger(self, seconds: float) -> None:
         """Go on answering requests."""
@@ -152,7 +161,7 @@ class Server:
             elif is_due:
                 self._advance()
                 read = 0
-            if self._state == "running" and not is_due:
+            if self._state == "running" and (not is_due or event is None):  # at least once a block
                 self._robots.check()
 
     def _delay(self) -> float:
@@ -209,9 +218,8 @@ class Server:
             if not isinstance(request, StatusRequest):
                 self._check_role(role)
                 self._carry_out(request)
-                print(
-                    f"done for the {role} before block {self._simulation.block}: {in_words(request)}", file=sys.stderr
-                )
+                done = f"done for the {role} before block {self._simulation.block}: {in_words(request)}"
+                print(one_line(done), file=sys.stderr)
         except CoheftError as error:
             self._problems.tell(f"refused to the {role}: {in_words(request)}: {error}")
             return Refusal(reason=str(error))
@@ -239,6 +247,8 @@ class Server:
             case HoldRequest(robot=robot, holding=True):
                 self._simulation.grasp(robot)
             case HoldRequest(robot=robot):
+                if self._recorder is not None:
+                    raise CoheftError("this run writes a data file, in which all robots hold the payload all the time")
                 if self._simulation.holders == [robot]:
                     raise CoheftError(f"{robot} is the only one that holds the payload, which would fall")
                 self._simulation.release(robot)
@@ -272,6 +282,7 @@ class Server:
             estimator=self._estimators.chosen,
             estimators=self._estimators.available,
             scene=self._simulation.scene,
+            unsaved=self._unsaved,
         )
 
 

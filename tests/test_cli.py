@@ -115,6 +115,7 @@ def test_a_run_may_end_before_its_load_changes_come(ring6: Scenario) -> None:
         (["run", "ring6", "--record", "/no/such/folder/run.mcap"], "/no/such/folder"),
         (["run", "ring6", "--record", "run.bag"], ".mcap"),
         (["run", "ring6", "--record", "new.mcap", "--write-configs", "folder"], "--write-configs"),
+        (["run", "ring6", "--json", "report.json", "--write-configs", "folder"], "--json"),
         (["inject", "--mass", "3"], "--at"),
     ],
 )
@@ -189,6 +190,14 @@ def test_a_malformed_scenario_names_file_key_found_and_allowed(
     message = capfd.readouterr().err
     for part in (str(path), "payload.boxes", "mass", "-7.0", "> 0"):
         assert part in message
+
+
+def test_a_place_that_cannot_be_written_is_said_without_a_traceback(
+    capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("not a folder")
+    assert run_command_line(["run", "ring3", "--write-configs", str(tmp_path / "file")]) == EXIT_ERROR
+    assert capfd.readouterr().err.strip() == f"coheft: {tmp_path / 'file'}: File exists"
 
 
 def test_version(capfd: pytest.CaptureFixture[str]) -> None:
@@ -285,9 +294,9 @@ def test_the_newest_run_that_answers_is_found() -> None:
             listener.listen()
             folder = runs_folder() / f"run{number}"
             folder.mkdir(parents=True)
-            entry = RunFile(run=f"run{number}", server=f"tcp/127.0.0.1:{port}", agents={})
+            entry = RunFile(run=f"run{number}", server=f"tcp/127.0.0.1:{port}", agents={}, began=float(number))
             stack.enter_context(announced(folder, entry))
-            os.utime(folder / RUN_FILE, (number, number))
+            os.utime(folder / RUN_FILE, (-number, -number))  # it is written anew whenever an agent starts again
         assert find_run().run == "run1"
         listeners[1].close()  # as if killed: its file stays behind
         assert find_run().run == "run0"

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import resource
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +17,17 @@ from coheft.estimation.batch.recording import Recording, RobotRecord, Truth
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Pose
-from coheft.wire.data_file import COLUMNS, read_recording, write_recording
+from coheft.wire.data_checks import COLUMNS
+from coheft.wire.data_file import read_recording, write_recording
 
 CHANNELS = tuple(COLUMNS)
 
 
-def example() -> Recording:
+def example(names: tuple[str, ...] = ("left", "right")) -> Recording:
     rng = np.random.default_rng(0)
     time = np.arange(30) / 100.0
     robots = {}
-    for name in ("left", "right"):
+    for name in names:
         pose = rng.normal(size=(30, 7))
         pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
         twist, dtwist, wrench = rng.normal(size=(3, 30, 6))
@@ -32,7 +38,7 @@ def example() -> Recording:
         gravity=np.array([0.0, 9.81, 0.0]),
         noise=SensorNoise(0.1, 0.2, 0.3, 0.4, 0.5),
         holds=((0.0, 0.1), (0.2, 0.25)),
-        truth=Truth((Pose.identity(), Pose.identity()), ((0.0, load), (0.2, Inertia(3.0, np.ones(3), np.eye(3))))),
+        truth=Truth((Pose.identity(),) * len(names), ((0.0, load), (0.2, Inertia(3.0, np.ones(3), np.eye(3))))),
     )
 
 
@@ -67,6 +73,13 @@ def test_csv_keeps_samples_and_holds(tmp_path: Path) -> None:
     assert read.holds == example().holds
 
 
+def test_no_holds_are_not_the_same_as_holds_that_nobody_knows(tmp_path: Path) -> None:
+    for path in (tmp_path / "x.npz", tmp_path / "folder"):
+        for holds in ((), None):
+            write_recording(replace(example(), holds=holds), path)
+            assert read_recording(path).holds == holds
+
+
 def test_files_name_the_moment_first(tmp_path: Path) -> None:
     write_recording(example(), tmp_path / "x.npz")
     wrench = example().robots["left"].wrench
@@ -88,6 +101,11 @@ def npz(**changes: object) -> dict[str, object]:
     return {key: value for key, value in arrays.items() if value is not None}
 
 
+def truth(**changes: object) -> dict[str, object]:
+    arrays = {"poses": np.zeros((2, 12)), "t": [0.0], "mass": [2.0], "com": np.zeros((1, 3)), "inertia": [np.eye(3)]}
+    return {f"truth__{key}": value for key, value in {**arrays, **changes}.items()}
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -99,7 +117,25 @@ def npz(**changes: object) -> dict[str, object]:
         ({"gravity": np.zeros(2)}, "'gravity': found shape"),
         ({"noise": np.zeros(5)}, "'noise': expected 5 positive numbers"),
         ({"holds": np.zeros(3)}, "'holds': found shape"),
+        ({"gravity": np.array([0.0, 0.0, np.nan])}, "'gravity': found nan, expected finite numbers"),
+        (
+            {"noise": np.array([1.0, 1.0, np.inf, 1.0, 1.0])},
+            r"'noise': expected 5 positive .*found \[1.0, 1.0, inf",
+        ),
+        ({"noise": np.array([1.0, 1.0, np.nan, 1.0, 1.0])}, "'noise': expected 5 positive numbers"),
+        ({"holds": [[0.0, 0.5], [5.0, 1.0]]}, "'holds': found one from 5 s to 1 s, expected its start before its end"),
+        ({"holds": [[0.0, np.nan]]}, "'holds': found nan"),
+        ({"r2__t": 0.0}, r"'t' of r2: found shape \(\), expected \(1,\)"),
+        ({"r2__t": np.append(np.arange(9) / 10.0, np.inf)}, "'t' of r2: found inf"),
         ({"truth__poses": np.zeros((2, 12))}, "'truth': incomplete: 't'"),
+        (truth(poses=np.zeros((1, 12))), r"'truth/poses': found shape \(1, 12\), expected \(2, 12\)"),
+        (truth(mass=2.0), r"'truth/mass': found shape \(\), expected \(1,\)"),
+        (truth(t=0.0), r"'truth/t': found shape \(\), expected \(1,\)"),
+        (truth(com=[[0.0, np.inf, 0.0]]), "'truth/com': found inf"),
+        (truth(colour=[1.0]), "'truth/colour' is unknown; allowed: poses, t, mass, com, inertia"),
+        (truth(t=[1.0, 0.0], mass=[1.0, 2.0], com=np.zeros((2, 3)), inertia=np.zeros((2, 3, 3))), "expected growing"),
+        ({f"{name}__{key}": None for name in ("r1", "r2") for key in ("t", "twist")}, "no robots in this file"),
+        ({"r2__twist": np.zeros((10, 6), dtype=complex)}, "'r2/twist' holds values of type complex128"),
         ({"r2__t": np.array(["a"] * 10)}, "not an .npz file of numbers"),
     ],
 )
@@ -128,6 +164,112 @@ def test_csv_files_that_cannot_be_used_are_refused(tmp_path: Path, text: str, me
         read_recording(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"t,wx,ax,ay,az,wx\n0,1,2,3,4,5\n", "r1.csv: column 'wx' is there 2 times, expected once"),
+        ("t,ax,ay,az\n0,1,2,3\n".encode("utf-16"), "r1.csv: not UTF-8 text .* save it again as 'CSV UTF-8"),
+        ("t,ax,ay,az,größe\n0,1,2,3,4\n".encode("latin-1"), "r1.csv: not UTF-8 text"),
+        (b"t;ax;ay;az\n0;1;2;3\n", "found 't;ax;ay;az' as the first line, expected names separated by commas"),
+        (b"t,ax,ay,az\n0,1,2," + 140_000 * b"3", "no table of numbers separated by commas: field larger"),
+        (b"\x1b[2J,t\n0,1\n", r"column '\\x1b\[2J' is unknown"),
+        (b"", "expected a line with the names of columns, then numbers"),
+    ],
+)
+def test_csv_files_of_other_programs_are_refused_with_advice(tmp_path: Path, text: bytes, message: str) -> None:
+    (tmp_path / "r1.csv").write_bytes(text)
+    with pytest.raises(RecordingError, match=message):
+        read_recording(tmp_path)
+
+
+def test_csv_files_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    write_recording(example(), tmp_path)
+    for file in tmp_path.glob("*.csv"):
+        file.write_text(file.read_text(), encoding="utf-8-sig")
+    same_samples(example(), read_recording(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("start\n0\n", "holds.csv: found columns start; expected start, end"),
+        ("from,to\n0,1\n", "holds.csv: found columns from, to; expected start, end"),
+        ("start,end\n5,1\n", "'holds': found one from 5 s to 1 s"),
+    ],
+)
+def test_holds_of_a_folder_are_checked(tmp_path: Path, text: str, message: str) -> None:
+    write_recording(example(), tmp_path)
+    (tmp_path / "holds.csv").write_text(text)
+    with pytest.raises(RecordingError, match=message):
+        read_recording(tmp_path)
+
+
+def test_a_folder_keeps_nothing_of_the_recording_before(tmp_path: Path) -> None:
+    write_recording(example(("r1", "r2", "r3", "r4")), tmp_path)
+    (tmp_path / "notes.txt").write_text("of mine")
+    no_poses = {name: replace(robot, pose=None) for name, robot in example(("r1", "r2")).robots.items()}
+    write_recording(Recording(no_poses), tmp_path)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["notes.txt", "r1.csv", "r2.csv"]
+    read = read_recording(tmp_path)
+    assert (read.names, read.holds, read.has("pose")) == (("r1", "r2"), None, False)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("r9.csv", "t,ax,ay,az\n0,1,2,3\n"),  # might be a recording of somebody's own: lines end in another way
+        ("left.csv", "az,ay,ax,t\r\n0,1,2,3\r\n"),
+        ("holds.csv", "start,end,why\r\n0,1,2\r\n"),
+        ("results.csv", "mass\r\n2\r\n"),
+        ("empty.csv", ""),
+    ],
+)
+def test_files_of_others_in_the_folder_are_named_and_kept(tmp_path: Path, name: str, text: str) -> None:
+    write_recording(example(("r1", "r2")), tmp_path)
+    (tmp_path / name).write_text(text, newline="")
+    before = {file: file.read_bytes() for file in tmp_path.iterdir()}
+    with pytest.raises(RecordingError, match=f"of no recording which coheft wrote: {name};") as error:
+        write_recording(example(), tmp_path)
+    assert str(tmp_path) in str(error.value)
+    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize("name", ["holds", "../left", "a/b", ""])
+def test_names_that_no_file_can_have_are_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(RecordingError, match=f"robot '{name}': no name of a file"):
+        write_recording(example(("left", name)), tmp_path / "folder")
+    assert list(tmp_path.iterdir()) == []
+
+
+@contextmanager
+def files_no_longer_than(size: int) -> Iterator[None]:
+    """As if the disk were full."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+@pytest.mark.parametrize("target", ["x.npz", "folder"])
+def test_a_full_disk_leaves_the_recording_that_was_there(tmp_path: Path, target: str) -> None:
+    path = tmp_path / target
+    write_recording(example(), path)
+    before = {file.name: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+    with files_no_longer_than(5000), pytest.raises(RecordingError, match=r"cannot be written: File too large"):
+        write_recording(example(("left", "other", "right")), path)
+    assert {file.name: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before
+    same_samples(example(), read_recording(path))
+
+
+def test_a_link_to_a_file_stays_a_link(tmp_path: Path) -> None:
+    (tmp_path / "link.npz").symlink_to(tmp_path / "x.npz")
+    write_recording(example(), tmp_path / "link.npz")
+    assert (tmp_path / "link.npz").is_symlink()
+    same_samples(example(), read_recording(tmp_path / "x.npz"))
+
+
 def test_what_is_not_there_or_no_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="cannot be read"):
         read_recording(tmp_path / "nothing.npz")
@@ -138,3 +280,28 @@ def test_what_is_not_there_or_no_recording_is_refused(tmp_path: Path) -> None:
         read_recording(tmp_path / "text.npz")
     with pytest.raises(RecordingError, match="cannot be written"):
         write_recording(example(), tmp_path / "no" / "such" / "x.npz")
+
+
+def test_other_files_of_numpy_and_damaged_ones_are_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "one.npy", np.zeros((10, 6)))
+    with pytest.raises(RecordingError, match=r"a single array of shape \(10, 6\), expected an \.npz file"):
+        read_recording(tmp_path / "one.npy")
+    write_recording(example(), tmp_path / "good.npz")
+    good = (tmp_path / "good.npz").read_bytes()
+    damaged = tmp_path / "damaged.npz"
+    for place in range(0, len(good), 97):
+        for cut in (good[:place], good[:place] + bytes([good[place] ^ 0x55]) + good[place + 1 :]):
+            damaged.write_bytes(cut)
+            try:
+                same_samples(example(), read_recording(damaged))  # not all bytes matter
+            except RecordingError as error:
+                assert str(damaged) in str(error)  # noqa: PT017
+    with zipfile.ZipFile(damaged, "w") as file:  # numpy takes the header for Python
+        file.writestr("left/t.npy", (tmp_path / "one.npy").read_bytes().replace(b"}", b" "))
+    with pytest.raises(RecordingError, match=r"not an \.npz file of numbers"):
+        read_recording(damaged)
+    with zipfile.ZipFile(damaged, "w") as file:
+        for name in ("left/t", "left/t.npy"):
+            file.writestr(name, (tmp_path / "one.npy").read_bytes())
+    with pytest.raises(RecordingError, match="an array is there more than once"):
+        read_recording(damaged)

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from coheft.app.hosts import free_ports
-from coheft.app.run_folder import RunFile, announced, make_run_folder, runs_folder
+from coheft.app.run_folder import RunFile, announced, make_run_folder, runs_folder, split_endpoint
+from coheft.errors import CoheftError
 
 
 @pytest.fixture(autouse=True)
@@ -36,6 +37,18 @@ def test_the_newest_folders_are_kept_and_those_of_runs_that_go_on(endpoint: str)
     with announced(old[0], RunFile(run="coheft-0", server=endpoint, agents={})):
         new = make_run_folder("coheft-new")
     assert set(runs_folder().iterdir()) == {old[0], *old[-19:], new, other}
+
+
+def test_two_runs_have_no_folder_in_common(endpoint: str, tmp_path: Path) -> None:
+    there = announced(tmp_path, RunFile(run="coheft-0", server=endpoint, agents={}))
+    with there, pytest.raises(CoheftError, match="a run goes on in"):
+        make_run_folder("coheft-new", tmp_path)
+    assert make_run_folder("coheft-new", tmp_path) == tmp_path.resolve()
+
+
+@pytest.mark.parametrize(("host", "written"), [("127.0.0.1", "127.0.0.1"), ("::1", "[::1]"), ("arm", "arm")])
+def test_an_endpoint_names_a_host_and_a_port(host: str, written: str) -> None:
+    assert split_endpoint(f"tcp/{written}:20000") == (host, 20000)
 
 
 def test_a_folder_of_the_users_own_choice_removes_none(tmp_path: Path) -> None:

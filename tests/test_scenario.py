@@ -100,6 +100,7 @@ def test_good_scenario_is_good() -> None:
             "names of sites",
         ),
         ("frequency = [0.4, 1.6]", "frequency = [1.6, 0.4]", "motion.frequency", "[1.6, 0.4]", "lower"),
+        ("frequency = [0.4, 1.6]", "via_points.dwell = [2.0, 0.8]", "motion.via_points.dwell", "[2.0, 0.8]", "shorter"),
         ("frequency = [0.4, 1.6]", "ramp = -1", "motion.ramp", "-1", ">= 0"),
         ("duration = 12.0", "duration = 0", "duration", "0", "> 0"),
         ("duration = 12.0", 'estimator = "best"', "estimator", "'best'", "efficient, seed"),
@@ -116,7 +117,7 @@ def test_good_scenario_is_good() -> None:
         ("[graph]", "[robots.perimeter]\ncount = 2\nextent = [1, 1]\n[graph]", "robots", "both", "exactly one"),
         ("mass = 1.0", "remove = 1", "load_changes[0].remove", "1 at 5.0 s", "none"),
         ("[payload]", "[payload]\nload_slots = 0", "load_changes[0]", "1 loads at a time", "'payload.load_slots' is 0"),
-        ("at = 5.0", "at = 12.0", "load_changes[0].at", "12.0 s", "before the end"),
+        ("at = 5.0", "at = 11.99", "load_changes[0].at", "11.99 s", "at most 11.98 s"),
         ("[[robots.grasps]]\nposition = [0.2, 0.0, 0.0]\n", "", "robots.grasps", "1 grasp", "at least 2"),
     ],
 )

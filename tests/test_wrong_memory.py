@@ -105,3 +105,17 @@ def test_a_neighbour_that_seems_to_have_started_again_is_soon_heard(monkeypatch:
         return True
 
     assert statuses(monkeypatch, spoil)[-1] == {"valid"}
+
+
+def test_poses_that_are_told_to_be_fitted_but_are_not_are_not_called_well_known(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One robot believes to have other samples than all others."""
+
+    def spoil(agents: dict[str, Agent]) -> bool:
+        agents["r2"]._estimator._team._fits.common._sure.gram[0, 0] += 4.0  # type: ignore[attr-defined]
+        return True
+
+    found = statuses(monkeypatch, spoil)
+    assert {"stale"} in found
+    assert found[-1] == {"valid"}

@@ -17,9 +17,13 @@ class BrokenOff:
 
     Args:
         asked: Where things were to be written, by the names in ``WRITTEN_AT_THE_END`` and ``record``; None: not asked.
+
+    Attributes:
+        unsaved: Why the data file is not there though the run has ended; empty if it is, or was not asked for.
     """
 
     def __init__(self, asked: Mapping[str, object | None]) -> None:
+        self.unsaved = ""
         self._asked = asked
         self._time: float | None = None
 
@@ -33,6 +37,7 @@ class BrokenOff:
 
     def end(self, status: Status) -> None:
         """The run has ended."""
+        self.unsaved = status.unsaved
 
     def sentence(self) -> str:
         """What is to be said if it is broken off now."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from agents.common_path import CommonPath
 from coheft.app.heard import News
+from coheft.app.record import load_ids
 from coheft.app.report import CarryPhaseReport, CarryReport, LoadDropReport
 from coheft.estimation.feedforward import internal_wrenches
 from coheft.estimation.measurement import WRENCH
@@ -88,7 +89,7 @@ class CarryRecord:
     def add(self, truth: Truth) -> None:
         """Take in the truth of a block."""
         block_duration = self._scenario.block_duration
-        loads = [load.id for load in truth.loads]
+        loads = load_ids(truth)
         if self._loads is not None and loads != self._loads:
             self._changed_at = truth.time - block_duration
             self._drops.append(_Drop(self._changed_at, truth.payload.mass))

@@ -58,6 +58,8 @@ def run_command_line(arguments: Sequence[str]) -> int:
     except BrokenPipeError:  # whoever read our output has seen enough, as 'head' does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_ERROR
+    except OSError as error:  # a place that cannot be written, a full disk
+        return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error), EXIT_ERROR)
     return int(status or 0)
 
 

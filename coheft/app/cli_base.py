@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -59,6 +60,8 @@ def _is_target(_: object, value: str | None) -> None:
 def _has_folder(_: object, value: Path | None) -> None:
     if value is not None and not value.absolute().parent.is_dir():
         raise ValueError(f"there is no folder {str(value.parent)!r} to write {str(value)!r} into")
+    if value is not None and not os.access(value if value.is_dir() else value.absolute().parent, os.W_OK):
+        raise ValueError(f"may not write {str(value)!r}")
 
 
 def _is_new_recording(kind: object, value: Path | None) -> None:

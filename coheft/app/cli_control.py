@@ -143,6 +143,8 @@ def watch(*, run: RunFolder = None) -> None:
 def cut(one: str, other: str, *, run: RunFolder = None) -> None:
     """Cut the link between two neighbours of a run that goes on: each falls silent to the other.
 
+    If the agent that dials it starts again, it dials all its neighbours.
+
     Parameters
     ----------
     one:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from coheft.app.cli_base import EVALUATE, EXIT_CONVERGED, Count, Flag, ReportTarget, app
+from coheft.app.cli_base import EVALUATE, EXIT_CONVERGED, Count, DataTarget, Flag, ReportTarget, app
 
 
 def _are_configurations(_: object, text: str) -> None:
@@ -23,7 +22,7 @@ def mocobots(
     configurations: Annotated[str, Parameter(validator=_are_configurations)] = "abcd",
     jobs: Count | None = None,
     json: ReportTarget = None,
-    markdown: Path | None = None,
+    markdown: DataTarget = None,
     quiet: Flag = False,
 ) -> int:
     """Redo the experiments of Zhang et al. (2025) in simulation, and put their tables beside ours.

@@ -18,7 +18,7 @@ from coheft.app.cli_base import (
     ReportTarget,
     app,
 )
-from coheft.errors import ScenarioError
+from coheft.errors import CoheftError, ScenarioError
 
 if TYPE_CHECKING:  # each is loaded by the runs that need it
     from rich.console import Console
@@ -122,6 +122,7 @@ def run(
     from coheft.app.report import write_report
     from coheft.app.run_folder import make_run_folder
     from coheft.app.terminal import make_display
+    from coheft.wire.data_folder import check_folder
     from coheft.wire.scenario_file import load_scenario
 
     chosen = override(
@@ -133,10 +134,13 @@ def run(
         sensor_rate=sensor_rate,
         feedforward=feedforward,
     )
-    if write_configs is not None and (record is not None or view):
-        raise ScenarioError(f"{'--view' if view else '--record'} needs a run, but --write-configs makes none")
+    of_a_run = {"view": view, "record": record, "json": json, "report": report, "history": history, "logs": logs}
+    for option in (option for option, value in of_a_run.items() if value and write_configs is not None):
+        raise ScenarioError(f"--{option} needs a run, but --write-configs makes none")
     if hosts is not None and write_configs is None:
         raise ScenarioError("--hosts needs --write-configs: each part is to be started on its own host")
+    if save_data is not None and save_data.is_dir():
+        check_folder(save_data)
     page = _report_page(report)
     places = _places(hosts, chosen)
     name = new_run_name()
@@ -176,6 +180,8 @@ def run(
             if not quiet:
                 console.print(f"The view stays at {viewer.url} until Ctrl-C.")
             viewer.wait()
+    if broken_off.unsaved:
+        raise CoheftError(f"no data file was written: {broken_off.unsaved}")
     return EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED
 
 

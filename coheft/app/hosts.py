@@ -18,6 +18,7 @@ from coheft.errors import LinkError, ScenarioError
 from coheft.wire.planes import SERVER
 from coheft.wire.scenario import Scenario
 
+_LARGEST_PORT = 65535
 LOOPBACK = "127.0.0.1"
 _PORTS = range(20000, 32768)
 """Above 32767 the system may give a port to an outgoing connection between our choice and its use."""
@@ -74,9 +75,18 @@ class HostPorts:
         self._next: defaultdict[str, count[int]] = defaultdict(lambda: count(hosts.port))
 
     def take(self, name: str) -> str:
-        """The next one on the host of a part."""
+        """The next one on the host of a part.
+
+        Raises:
+            LinkError: There is none.
+        """
         host = self._hosts.of(name)
-        return f"{f'[{host}]' if ':' in host else host}:{next(self._next[host])}"
+        port = next(self._next[host])
+        if port > _LARGEST_PORT:
+            raise LinkError(
+                f"{host} has no port left for {name}: begin with a lower one than port = {self._hosts.port}"
+            )
+        return f"{f'[{host}]' if ':' in host else host}:{port}"
 
 
 def load_hosts(path: Path, scenario: Scenario) -> Hosts:
@@ -97,6 +107,12 @@ def load_hosts(path: Path, scenario: Scenario) -> Hosts:
     unknown = sorted(hosts.hosts.keys() - set(parts))
     if unknown:
         raise ScenarioError(f"{path}: key 'hosts.{unknown[0]}': no such part; there are: {', '.join(parts)}")
+    local = [part for part in parts if _is_loopback(hosts.of(part))]
+    if hosts.are_remote and local:
+        raise ScenarioError(
+            f"{path}: {local[0]} is on {hosts.of(local[0])}, which others cannot reach: give the address that they are "
+            f"to dial, of the server first"
+        )
     return hosts
 
 

@@ -85,8 +85,8 @@ class RobotReport(msgspec.Struct, frozen=True):
 
     @property
     def is_converged(self) -> bool:
-        """Good enough, and known to hold still."""
-        return self.converged and self.status != "stale"
+        """Good enough, and valid."""
+        return self.converged and self.status == "valid"
 
 
 class Judge:
@@ -151,7 +151,7 @@ class Judge:
             if last.phase == "inertia"
             else {},
             converged=last.converged,
-            converged_at_s=next((estimate.time for estimate in estimates if estimate.converged), None),
+            converged_at_s=next((estimate.time for estimate in estimates if estimate.is_converged), None),
             not_observable=list(last.not_observable),
             status=last.status,
             reasons=list(last.reasons),

@@ -21,6 +21,8 @@ from coheft.wire.transport import Keys, Role, ask, ask_for, open_session
 
 _RETRY_EVERY = 0.02
 _ANSWER_LIMIT = 5.0
+_QUESTIONS = 5
+"""So many in a row without an answer, and the server is given up: a busy machine may miss one or two."""
 _COLLECT_LIMIT = 0.1  # or whoever calls would see nothing else while messages come faster than they are read
 
 
@@ -34,6 +36,7 @@ class Observer:
         self._inbox = Inbox()
         at_server = self._keys.observe_server
         self._last_word: Status | None = None
+        self._unanswered = 0
         self._inbox.listen(
             session, SERVER, {at_server("truth"): Truth, at_server("problem"): Problem, at_server("end"): Status}
         )
@@ -84,8 +87,19 @@ class Observer:
         try:
             answer = ask(self._session, self._request, StatusRequest(), timeout=0.5)
         except LinkError:
+            self._unanswered += 1
             return None
+        self._unanswered = 0
         return answer if isinstance(answer, Status) else None
+
+    def check_server(self) -> None:
+        """Check that the server has answered one of the last questions.
+
+        Raises:
+            LinkError: It has not.
+        """
+        if self._unanswered >= _QUESTIONS:
+            raise LinkError(f"the server has not answered {_QUESTIONS} questions in a row: it has gone, or hangs")
 
     def ask(self, request: Request) -> Status:
         """Ask the server to do something, as soon as the link to it stands.

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import secrets
+import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -32,11 +33,13 @@ class Plan:
         server: The physics server's.
         agents: The agents', by name.
         keys: Folder with everybody's credentials; None: the open profile.
+        began: When it was made, seconds since 1970.
     """
 
     server: ServerConfig
     agents: dict[str, AgentProcessConfig]
     keys: Path | None = None
+    began: float = field(default_factory=time.time)
 
     @property
     def run(self) -> str:
@@ -47,7 +50,7 @@ class Plan:
         """How to reach the run."""
         agents = {name: agent.observe for name, agent in self.agents.items()}
         keys = str(self.keys.resolve()) if self.keys is not None else None
-        return RunFile(run=self.run, server=self.server.observe, agents=agents, keys=keys)
+        return RunFile(run=self.run, server=self.server.observe, agents=agents, keys=keys, began=self.began)
 
     def write(self, folder: Path) -> list[Path]:
         """Write each configuration to a file of its own, so that the parts can be started by hand.

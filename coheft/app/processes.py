@@ -20,6 +20,7 @@ from typing import Any, Self
 import msgspec
 
 from coheft.errors import CoheftError
+from coheft.wire.supervised import TERMINATED
 
 # One thread of mathematics per process: the processes themselves fill the cores. Nobody draws: MuJoCo need not load
 # what it would draw with.
@@ -61,6 +62,8 @@ class Child:
     def how(self) -> str:
         """How it ended."""
         code = self.process.returncode
+        if code == TERMINATED:
+            return "was told to end by SIGTERM"
         return f"was killed by signal {-code}" if code < 0 else f"ended with status {code}"
 
     @property

@@ -83,7 +83,7 @@ class RobotRecord:
         self._follow_load(estimate)
         self.compared += 1
         self._last = estimate
-        if estimate.converged and self._converged_at is None:
+        if estimate.is_converged and self._converged_at is None:
             self._converged_at = estimate.time
         self._compare_wrench(estimate)
         if self._with_history:

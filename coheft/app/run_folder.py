@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import shutil
 import socket
@@ -19,7 +18,7 @@ from coheft.errors import CoheftError
 RUN_FILE = "run.json"
 _KEPT = 20
 """How many folders there are among the user's runs at most, not counting runs that go on."""
-_FOLDERS = "[0-9]*-[0-9]*-coheft-*"  # as ``make_run_folder`` names them; they sort by time
+_FOLDERS = "[0-9]*-[0-9]*-*"  # as ``make_run_folder`` names them; they sort by time
 
 
 class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -31,6 +30,7 @@ class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         agents: Endpoint at which each agent can be observed, by name.
         pids: Process ids by name, as far as a supervisor has started them.
         keys: Folder with the credentials of observers and operators, seen from the run's; None: the open profile.
+        began: When the run was planned, seconds since 1970.
     """
 
     run: str
@@ -38,6 +38,7 @@ class RunFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     agents: dict[str, str]
     pids: dict[str, int] = {}
     keys: str | None = None
+    began: float = 0.0
 
 
 def runs_folder() -> Path:
@@ -56,10 +57,12 @@ def make_run_folder(run: str, logs: Path | None = None) -> Path:
     """Make the folder of a new run: ``logs``, or a new one among the user's runs, of which the oldest are removed.
 
     Raises:
-        CoheftError: It cannot be made.
+        CoheftError: It cannot be made, or is that of a run that goes on.
     """
     if logs is None:
         _remove_old_folders(_KEPT - 1)
+    elif _goes_on(logs):
+        raise CoheftError(f"a run goes on in {logs}: name another folder with --logs DIR, or end it: coheft stop")
     folder = logs if logs is not None else runs_folder() / f"{time.strftime('%Y%m%d-%H%M%S')}-{run}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -73,8 +76,7 @@ def make_run_folder(run: str, logs: Path | None = None) -> Path:
 def _remove_old_folders(kept: int) -> None:
     """Remove the folders of all but the user's newest runs; what cannot be removed stays."""
     for folder in sorted(runs_folder().glob(_FOLDERS), reverse=True)[kept:]:
-        run_file = _read(folder)
-        if run_file is None or not _answers(run_file.server):
+        if not _goes_on(folder):
             shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -115,21 +117,20 @@ def locate_run(folder: Path | None = None) -> tuple[Path, RunFile]:
         if run_file is None or not _answers(run_file.server):
             raise CoheftError(f"no run goes on in {folder}")
         return folder, run_file
-    for path in sorted(runs_folder().glob(f"*/{RUN_FILE}"), key=_written_at, reverse=True):
-        run_file = _read(path.parent)
-        if run_file is not None and _answers(run_file.server):
-            return path.parent, run_file
+    places = [path.parent for path in runs_folder().glob(f"*/{RUN_FILE}")]
+    found = [(place, run_file) for place in places if (run_file := _read(place)) is not None]
+    for place, run_file in sorted(found, key=lambda each: each[1].began, reverse=True):
+        if _answers(run_file.server):
+            return place, run_file
     raise CoheftError(
         "no run goes on; start one with 'coheft run', or name its folder if it has one of its own: --run DIR"
     )
 
 
-def _written_at(path: Path) -> float:
-    """When a file was written; long ago if it has gone, for its run may end at any time."""
-    try:
-        return path.stat().st_mtime
-    except OSError:
-        return -math.inf
+def _goes_on(folder: Path) -> bool:
+    """Whether the run of a folder does."""
+    run_file = _read(folder)
+    return run_file is not None and _answers(run_file.server)
 
 
 def _read(folder: Path) -> RunFile | None:
@@ -153,6 +154,6 @@ def _answers(endpoint: str) -> bool:
 
 
 def split_endpoint(endpoint: str) -> tuple[str, int]:
-    """Host and port of an endpoint such as ``tcp/127.0.0.1:20000``."""
+    """Host and port of an endpoint such as ``tcp/127.0.0.1:20000`` or ``tls/[::1]:20000``."""
     host, _, port = endpoint.partition("/")[2].rpartition(":")
-    return host, int(port)
+    return host.removeprefix("[").removesuffix("]"), int(port)

@@ -158,7 +158,7 @@ def _state(estimate: Estimate) -> str:
         return "stale"
     if estimate.phase == "poses":
         return "finding neighbours"
-    return "converged" if estimate.converged else "weighing"
+    return "converged" if estimate.is_converged else "weighing"
 
 
 _STATE_STYLES = {"stale": "yellow", "converged": "green"}

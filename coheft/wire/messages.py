@@ -233,6 +233,11 @@ class Estimate(Message, frozen=True):
     silent: list[str] = []
     estimator: str = ""
 
+    @property
+    def is_converged(self) -> bool:
+        """Good enough, and valid."""
+        return self.converged and self.status == "valid"
+
 
 class Problem(Message, frozen=True):
     """A process refused something and went on: who, and why."""

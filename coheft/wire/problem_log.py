@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 
+from coheft.errors import one_line
 from coheft.wire.messages import Problem
 from coheft.wire.transport import Sender
 
@@ -41,6 +42,7 @@ class ProblemLog:
         if self._untold:
             text += f" (and {self._untold} more problems before)"
             self._untold = 0
+        text = one_line(text)  # it may quote what a stranger has sent
         print(text, file=sys.stderr, flush=True)
         self.tell_observers(text)
 

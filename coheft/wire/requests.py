@@ -70,6 +70,7 @@ class Status(Message, frozen=True):
         estimator: Which one the robots use, from the next block on at the latest.
         estimators: Which ones may be chosen.
         scene: What does not change.
+        unsaved: Why the data file that was asked for is not there; empty if it is, or none was asked for.
     """
 
     scenario: str
@@ -85,6 +86,7 @@ class Status(Message, frozen=True):
     estimator: str
     estimators: list[str]
     scene: Scene
+    unsaved: str = ""
 
 
 class Refusal(Message, frozen=True):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
 import zenoh
 from msgspec import structs
 
@@ -27,7 +28,7 @@ class RobotLink:
         world: Number of the world that is measured; another one tells agents to begin anew.
         lag: Blocks from a measurement to the reference that answers it.
         block: Samples per block.
-        excess: Says what an arm cannot do in a reference; None if it can do it all.
+        excess: Says what an arm cannot do in a reference whose numbers are finite; None if it can do it all.
 
     Attributes:
         name: Its name.
@@ -132,7 +133,8 @@ class RobotLink:
         Raises:
             MessageError: It is the first one of these.
         """
-        excess = self._excess(reference)
+        is_finite = np.isfinite(reference.motion).all() and np.isfinite(reference.wrench).all()
+        excess = self._excess(reference) if is_finite else f"the reference of block {reference.block} is not finite"
         if excess is None:
             self._references[reference.block] = reference
         was_refused, self.refused = self.refused >= 0, -1 if excess is None else reference.block

@@ -48,6 +48,12 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
         raise ScenarioError(
             f"{origin}: key 'motion.frequency': found {[low, high]}, expected the lower frequency first"
         )
+    for name in ("transit", "dwell") if scenario.motion.via_points is not None else ():
+        shortest, longest = getattr(scenario.motion.via_points, name)
+        if shortest > longest:
+            raise ScenarioError(
+                f"{origin}: key 'motion.via_points.{name}': found {[shortest, longest]}, expected the shorter one first"
+            )
     for number, change in enumerate(scenario.load_changes):
         _check_one_of(change, ("mass", "remove"), f"load_changes[{number}]", origin)
         if change.leak > 0.0 and change.mass is None:
@@ -201,11 +207,12 @@ def check_changes_come(scenario: Scenario, origin: str) -> None:
     Raises:
         ScenarioError: One would never come.
     """
+    last = (scenario.blocks - 1) * scenario.block_duration
     for number, change in enumerate(scenario.load_changes):
-        if change.at >= scenario.duration:
+        if change.at > last:
             raise ScenarioError(
-                f"{origin}: key 'load_changes[{number}].at': found {change.at} s, expected a time before the end of "
-                f"the run, 'duration' = {scenario.duration} s"
+                f"{origin}: key 'load_changes[{number}].at': found {change.at} s, expected at most {last:g} s, when "
+                f"the last block of the run begins, 'duration' = {scenario.duration} s"
             )
 
 

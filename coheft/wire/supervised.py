@@ -14,16 +14,18 @@ import msgspec
 from coheft.errors import CoheftError
 
 C = TypeVar("C", bound=msgspec.Struct)
+TERMINATED = 128 + signal.SIGTERM
+"""Exit status of a process that was told to end before it was done, as shells have it."""
 
 
 def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     """Read a configuration, one line of JSON, from stdin; run with it until done, or until stdin ends.
 
-    SIGINT is left to the supervisor, who gets it too. SIGTERM ends the process as if it were done. The exit status is
-    0, 1 after an error that was foreseen, 2 if there is no usable configuration.
+    SIGINT is left to the supervisor, who gets it too. The exit status is 0, 1 after an error that was foreseen, 2 if
+    there is no usable configuration, ``TERMINATED`` after SIGTERM.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
     try:
         config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind)
     except msgspec.DecodeError as error:

@@ -29,6 +29,7 @@ from coheft.wire.messages import (
 )
 from coheft.wire.requests import InjectRequest, PauseRequest, RemoveRequest, StatusRequest, StopRequest
 from coheft.wire.scenario import Scenario
+from coheft.wire.supervised import TERMINATED
 from coheft.wire.transport import Sender, open_session
 from physics_server.simulation import Simulation
 
@@ -231,7 +232,7 @@ def test_a_request_to_terminate_is_obeyed_and_an_interrupt_is_left_to_the_superv
             os.kill(process.pid, signal.SIGINT)
         team.wait_for_block(team.ask(StatusRequest()).block + 50)
         os.kill(team.processes["server"].pid, signal.SIGTERM)
-        assert team.exit_status("server") == 0
+        assert team.exit_status("server") == TERMINATED
         for name in team.plan.agents:
             assert team.exit_status(name) == 0, team.log(name)
 

@@ -14,6 +14,25 @@ from coheft.app.mocobots.record import record
 from coheft.wire.data_file import read_recording
 from coheft.wire.scenario_file import load_scenario
 
+from .command_line import Run
+
+
+def test_data_that_cannot_be_written_do_not_take_the_report_with_them(tmp_path: Path) -> None:
+    place, report = tmp_path / "place", tmp_path / "report.json"
+    place.mkdir()
+    asked = ("--json", str(report), "--save-data", str(place / "run.npz"))
+    run = Run(tmp_path / "logs", "ring3", "--duration", "10000", *asked)
+    try:
+        run.wait_until_under_way()
+        assert "in which all robots hold the payload all the time" in run.ask("release", "r1")[1]
+        place.rmdir()
+        assert run.ask("stop")[0] == 0
+        assert run.wait() == 1
+    finally:
+        run.end()
+    assert "no data file was written" in run.words
+    assert json.loads(report.read_text())["scenario"] == "ring3"
+
 
 def test_a_run_of_mocobots_converges_and_records_the_same_as_one_process(tmp_path: Path) -> None:
     report, data = tmp_path / "report.json", tmp_path / "run.npz"

@@ -252,6 +252,7 @@ def test_parts_are_not_spread_over_hosts_in_the_open_profile():
         ("hosts = 3", "object"),
         ("[hosts]\nr9 = '10.0.0.1'", "key 'hosts.r9': no such part; there are: server, r1"),
         ("port = 0\n[hosts]", "port"),
+        ("[hosts]\nr2 = '10.0.0.2'", "server is on 127.0.0.1, which others cannot reach"),
         ("[host]", "host"),
         ("[hosts", "not valid TOML"),
     ],

@@ -28,7 +28,7 @@ def estimate_messages(time: int, estimate: Estimate, total_time: int) -> Iterato
         yield f"/{name}/estimate/poses/{other}", ros.pose_with_covariance(time, name, pose, found.covariance)
     if estimate.total_block >= 0:
         yield f"/{name}/estimate/total_wrench", ros.wrench(total_time, name, estimate.total_wrench)
-    text = "converged" if estimate.status == "valid" and estimate.converged else estimate.status
+    text = "converged" if estimate.is_converged else estimate.status
     values = [
         ("estimator", estimate.estimator),
         ("phase", estimate.phase),

@@ -53,7 +53,7 @@ class LogBook:
             if (name, change.noticed_at) not in self._noticed:
                 self._noticed.add((name, change.noticed_at))
                 yield Line(name, ros.INFO, f"notices at {change.noticed_at:.2f} s that the load has changed")
-        state = "converged" if estimate.status == "valid" and estimate.converged else estimate.status
+        state = "converged" if estimate.is_converged else estimate.status
         if state != self._states.get(name):
             self._states[name] = state
             reasons = f": {'; '.join(estimate.reasons)}" if estimate.reasons else ""

@@ -51,7 +51,7 @@ def recover(path: Path, output: Path, *, overwrite: bool = False) -> Saved | Non
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error
     except OSError as error:
-        raise RecordingError(f"{error.filename}: {error.strerror}") from error
+        raise RecordingError(f"{error.filename or part}: {error.strerror}") from error
     finally:
         part.unlink(missing_ok=True)
     return saved

@@ -8,6 +8,7 @@ import msgspec
 
 from coheft.app.heard import News
 from coheft.app.pairing import Pairing
+from coheft.app.record import load_ids
 from coheft.app.recording import ros
 from coheft.app.recording.error_topics import error_messages
 from coheft.app.recording.estimate_topics import estimate_messages
@@ -67,7 +68,7 @@ class RunWriter:
     def _write_truth(self, time: int, truth: Truth) -> None:
         sampled = max(0, time - self._sample)
         self._write(time, truth_messages(sampled, truth, self._scene))
-        loads = [load.id for load in truth.loads]
+        loads = load_ids(truth)
         if loads != self._loads:
             self._loads = loads
             self._write(time, box_messages(sampled, self._scenario.payload, truth.loads))

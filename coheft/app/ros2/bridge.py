@@ -15,7 +15,7 @@ from coheft.app.ros2.names import check_ros_names
 from coheft.app.ros2.node import RosNode, open_node
 from coheft.app.run_folder import RunFile
 from coheft.wire.messages import Estimate, Problem, Scene, Truth
-from coheft.wire.requests import Status, StatusRequest
+from coheft.wire.requests import StatusRequest
 
 _NODE = "coheft"
 _SILENCE = 2.0
@@ -83,19 +83,18 @@ def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[st
         tell: Called with a line for the user, now and then.
 
     Raises:
-        LinkError: There is no router there, or the run's server does not answer.
+        LinkError: There is no router there, or the run's server does not answer, or not any more.
         CoheftError: ROS does not take a robot's name, or the run is secure and there are no keys of an observer.
     """
     with observe(run_file) as observer, open_node(_NODE, endpoint, domain) as node:
-        status: Status | None = observer.ask(StatusRequest())
-        assert status is not None
+        status = observer.ask(StatusRequest())
         scene = status.scene
         check_ros_names(scene.robots)
         bridge = Bridge(node)
         bridge.show_scene(scene)
         tell(f"node /{_NODE} in ROS domain {domain}, by the router at {endpoint}; Ctrl-C ends it, the run goes on")
         had_router = True
-        while status is not None and status.state != "finished":
+        while status.state != "finished":
             news = observer.collect(scene, _SILENCE)
             for item in news:
                 if isinstance(item, Truth):
@@ -103,7 +102,8 @@ def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[st
                 else:
                     bridge.hear_robot(item)
             if not news:
-                status = observer.status()
+                status = observer.status() or status
+                observer.check_server()
             if node.has_router != had_router:
                 had_router = not had_router
                 tell("the router is back" if had_router else f"the router at {endpoint} is gone; waiting for it")

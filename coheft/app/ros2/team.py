@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from queue import Empty, SimpleQueue
 from typing import NamedTuple, NoReturn
 
-import numpy as np
 import zenoh
 
 from coheft.app.heard import check_estimate
@@ -78,7 +77,6 @@ class Team:
             world=time.time_ns(),
             lag=agent.lag,
             block=agent.block,
-            excess=_excess,
         )
         self._inbox.watch_links(session, name, guard)
         self._inbox.watch_strangers(session, guard)
@@ -221,10 +219,3 @@ class Team:
         if text not in self._told and len(self._told) < _LINES:
             self._told.add(text)
             self._tell(text)
-
-
-def _excess(reference: Reference) -> str | None:
-    """What no arm can do."""
-    if np.isfinite(reference.motion).all() and np.isfinite(reference.wrench).all():
-        return None
-    return f"the reference of block {reference.block} is not finite"

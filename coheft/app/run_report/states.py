@@ -74,4 +74,4 @@ def level_of(estimate: Estimate) -> Level:
         return "mass"
     if payload.tensor is None:
         return "com"
-    return "converged" if estimate.converged else "all"
+    return "converged" if estimate.is_converged else "all"

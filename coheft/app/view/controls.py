@@ -14,14 +14,15 @@ import viser
 
 from coheft.app.observer import ask_server, set_link
 from coheft.app.run_folder import RunFile, find_run
+from coheft.app.view import words
 from coheft.app.view.geometry import resting_place
+from coheft.app.view.load_choice import LoadChoice
 from coheft.app.view.model import Edge, ViewModel
 from coheft.app.view.page import Page
 from coheft.errors import CoheftError
 from coheft.wire.requests import EstimatorRequest, InjectRequest, PauseRequest, RemoveRequest, Request, StopRequest
 
 _NOTE_SECONDS = 6.0
-_NO_LOAD = "nothing on it"
 _MASSES = (0.1, 10.0, 0.1, 3.0)
 """Least, most, step and first choice [kg]."""
 
@@ -60,7 +61,7 @@ class Controls:
         self._mass = gui.add_slider("Mass, kg", least, most, step, first)
         self._where = gui.add_html("")
         self._drop = gui.add_button(f"Drop {first:g} kg", icon=viser.Icon.DOWNLOAD, color="yellow")
-        self._loads = gui.add_dropdown("Loads", (_NO_LOAD,))
+        self._loads = LoadChoice(gui)
         self._remove = gui.add_button("Take it away", icon=viser.Icon.UPLOAD, disabled=True)
         self._tell_place()
 
@@ -77,8 +78,7 @@ class Controls:
 
         @self._remove.on_click
         def _(event: Any) -> None:
-            number = int(self._loads.value.split()[0].lstrip("#"))
-            self._ask(event, RemoveRequest(load=number), f"took load {number} away")
+            self._act(event, self._take_away)
 
         @self._page.stage.on_payload_click
         def _(hit: Any) -> None:
@@ -137,9 +137,8 @@ class Controls:
         status = self._model.status
         self._pause.label = "Resume" if status.state == "paused" else "Pause"
         loads = self._model.truth.loads if self._model.truth is not None else status.loads
-        options = tuple(f"#{load.id} of {load.mass:.1f} kg" for load in loads) or (_NO_LOAD,)
-        if self._loads.options != options:
-            self._loads.options = options
+        self._loads.show(loads)
+        if self._remove.disabled != (not loads):
             self._remove.disabled = not loads
 
     def end(self) -> None:
@@ -154,9 +153,7 @@ class Controls:
     def _tell_place(self) -> None:
         x, y, z = self._place
         hint = "" if self._has_hit else " · click on the payload to choose another place"
-        self._where.content = (
-            f'<div style="font-size:12px;padding:0 10px;opacity:.7">at {x:.2f} {y:.2f} {z:.2f} m{hint}</div>'
-        )
+        self._where.content = words.small(f"at {x:.2f} {y:.2f} {z:.2f} m{hint}")
         self._page.stage.show_place(self._place, _edge(self._mass.value))
 
     def _ask(self, event: Any, request: Request, done: str) -> None:
@@ -165,6 +162,11 @@ class Controls:
             return done
 
         self._act(event, ask)
+
+    def _take_away(self) -> str:
+        number = self._loads.number
+        self._model.note_status(ask_server(self._run_file, RemoveRequest(load=number)))
+        return f"took load {number} away"
 
     def _kill(self, robot: str) -> str:
         pid = find_run(self._folder).pids.get(robot)  # it may have been started again since

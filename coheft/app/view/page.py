@@ -13,7 +13,7 @@ import viser
 from coheft.app.view import words
 from coheft.app.view.model import ViewModel
 from coheft.app.view.plots import Plots
-from coheft.app.view.ports import choose_port
+from coheft.app.view.ports import choose_port, url
 from coheft.app.view.stage import Stage
 
 FRAME = 0.05
@@ -45,7 +45,7 @@ def open_server(host: str, port: int | None) -> Iterator[viser.ViserServer]:
 
 def url_of(server: viser.ViserServer) -> str:
     """Where browsers find it."""
-    return f"http://{server.get_host()}:{server.get_port()}"
+    return url(server.get_host(), server.get_port())
 
 
 class Page:

@@ -11,6 +11,9 @@ PORT = 8010
 """Unless it is taken."""
 _TRIED = 100
 
+_Place = tuple[socket.AddressFamily, str, tuple[int, ...]]
+"""Family, address, and what follows the port."""
+
 
 def choose_port(host: str, port: int | None) -> int:
     """A port at which somebody can listen: the one that was asked for, or else ``PORT`` or the next one that is free.
@@ -19,14 +22,55 @@ def choose_port(host: str, port: int | None) -> int:
         LinkError: There is none.
     """
     reason = "none of them is free"
-    for candidate in (port,) if port is not None else range(PORT, PORT + _TRIED):
-        try:
-            with socket.socket() as probe:
-                if os.name == "posix":  # or a view that has just ended would keep its port for a minute
-                    probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                probe.bind((host, candidate))
-            return candidate
-        except OSError as error:
-            reason = str(error.strerror)
-    where = f"{host}:{port}" if port is not None else f"{host}, ports {PORT} to {PORT + _TRIED - 1}"
+    try:
+        places = _places(host)
+        for candidate in (port,) if port is not None else range(PORT, PORT + _TRIED):
+            try:
+                _listen(places, candidate)
+                return candidate
+            except OSError as error:
+                reason = str(error.strerror)
+    except OSError as error:  # there is no such host: another port would not help
+        reason = str(error.strerror)
+    where = f"{_bracketed(host)}:{port}" if port is not None else f"{host}, ports {PORT} to {PORT + _TRIED - 1}"
     raise LinkError(f"the view cannot listen at {where}: {reason}; choose others: --host, --port")
+
+
+def url(host: str, port: int) -> str:
+    """Where browsers find it."""
+    return f"http://{_bracketed(host)}:{port}"
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
+
+
+def _places(host: str) -> list[_Place]:
+    """Every address of a host, as its server will listen at all of them."""
+    found = socket.getaddrinfo(host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    return [(family, str(address[0]), tuple(map(int, address[2:]))) for family, _, _, _, address in found]
+
+
+def _listen(places: list[_Place], port: int) -> None:
+    """Try to listen, as asyncio will do: all have to be free, except where this machine has no such sockets.
+
+    Raises:
+        OSError: One is not.
+    """
+    unknown: OSError | None = None
+    probes = 0
+    for family, address, rest in places:
+        try:
+            probe = socket.socket(family, socket.SOCK_STREAM)
+        except OSError as error:
+            unknown = error
+            continue
+        with probe:
+            probes += 1
+            if os.name == "posix":  # or a view that has just ended would keep its port for a minute
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if family == socket.AF_INET6:  # or :: would want the port of 0.0.0.0 too
+                probe.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+            probe.bind((address, port, *rest))
+    if unknown is not None and not probes:
+        raise unknown

@@ -16,7 +16,7 @@ import msgspec
 from coheft.app.heard import News
 from coheft.app.processes import Processes
 from coheft.app.run_folder import find_run
-from coheft.app.view.ports import choose_port
+from coheft.app.view.ports import choose_port, url
 from coheft.errors import CoheftError
 from coheft.wire.requests import Status
 from coheft.wire.supervised import supervised_main
@@ -61,7 +61,7 @@ class ViewBeside:
     @property
     def url(self) -> str:
         """Where the view is."""
-        return f"http://{self._config.host}:{self._config.port}"
+        return url(self._config.host, self._config.port)
 
     def begin(self, status: Status) -> None:
         """The view asks for itself."""

@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 import viser
 
-from coheft.app.view import colours
+from coheft.app.view import colours, words
 from coheft.app.view.geometry import (
     box_edges,
     ellipsoid,
@@ -57,7 +57,6 @@ class Stage:
         self._newton: float | None = None
         self._drawn: dict[str, object] = {}
         self.doubt_scale = 10.0
-        self.wrenches_visible = True
         self._set_up(server)
         self._add_robots(model)
         self._add_payload()
@@ -244,7 +243,7 @@ class Stage:
             elif self._loads[number][0].mass != load.mass:
                 handles = self._loads[number][1]
                 self._loads[number] = load, handles
-                self._once(f"load {number}", f"{load.mass:.1f}", partial(_tell, handles[1], load.mass))
+                self._once(f"load {number}", words.load(load), partial(_tell, handles[1], load))
 
     def _add_load(self, load: LoadState) -> list[Any]:
         box = self._scene.add_box(
@@ -252,7 +251,7 @@ class Stage:
         )
         above = np.array(load.position) + [0.0, 0.0, 0.5 * load.size[2] + 0.06 * self._size]
         label = self._scene.add_label(
-            f"/payload/loads/{load.id}_label", f"{load.mass:.1f} kg", position=above, anchor="bottom-center"
+            f"/payload/loads/{load.id}_label", words.load(load), position=above, anchor="bottom-center"
         )
         return [box, label]
 
@@ -323,5 +322,5 @@ def _paint(lines: Any, colour: colours.Colour) -> None:
     lines.colors = np.array(colour, dtype=np.uint8)
 
 
-def _tell(label: Any, mass: float) -> None:
-    label.text = f"{mass:.1f} kg"
+def _tell(label: Any, load: LoadState) -> None:
+    label.text = words.load(load)

@@ -8,7 +8,7 @@ from html import escape
 from coheft.app.judge import RobotReport
 from coheft.app.view.colours import ACCENT, STATUS, WAITING, Colour, css
 from coheft.app.view.model import ViewModel
-from coheft.wire.messages import Estimate
+from coheft.wire.messages import Estimate, LoadState
 from coheft.wire.requests import Status
 
 _STYLE = "font-size:13px;line-height:1.45;padding:2px 10px 4px 10px;font-variant-numeric:tabular-nums"
@@ -51,6 +51,21 @@ def waiting_note(status: Status) -> str:
     if status.state == "paused":
         return "paused: Resume goes on"
     return f"waiting for {', '.join(status.waiting_for)}" if status.waiting_for else ""
+
+
+def load(state: LoadState) -> str:
+    """Which load it is, and how heavy now."""
+    return f"#{state.id} of {state.mass:.1f} kg"
+
+
+def loads(states: Iterable[LoadState]) -> str:
+    """All loads in one line."""
+    return small(" · ".join(map(load, states)))
+
+
+def small(text: str) -> str:
+    """A line below a button or a list."""
+    return f'<div style="font-size:12px;padding:0 10px;opacity:.7">{text}</div>'
 
 
 def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
@@ -98,7 +113,7 @@ def team(model: ViewModel, chosen: str) -> str:
         mass = f"{payload.mass:.3f}" if payload is not None else "–"
         std = f"{payload.covariance[0, 0] ** 0.5:.3f}" if payload is not None else ""
         phase = "" if estimate is None else ("finding neighbours" if estimate.phase == "poses" else "weighing")
-        if estimate is not None and estimate.converged and status == "valid":
+        if estimate is not None and estimate.is_converged:
             phase = "converged"
         colour = f"color:{css(ACCENT)};font-weight:650" if name == chosen else ""
         rows.append(

@@ -1,0 +1,61 @@
+"""The list from which somebody chooses one of the loads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import viser
+
+from coheft.app.view import words
+from coheft.errors import CoheftError
+from coheft.wire.messages import LoadState
+
+_NO_LOAD = "nothing on it"
+_CHOOSE = "choose one"
+
+
+class LoadChoice:
+    """A list of the loads' numbers, and a line with their masses.
+
+    Args:
+        gui: Where they are shown.
+
+    Attributes:
+        dropdown: The list. It has numbers only: with its mass, an option would become another one when the mass leaks
+            away, and viser would choose the first option instead.
+    """
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self.dropdown: viser.GuiDropdownHandle[str] = gui.add_dropdown("Loads", (_NO_LOAD,))
+        self._masses = gui.add_html("")
+
+    @property
+    def masses(self) -> str:
+        """The line with the masses, as HTML."""
+        return self._masses.content
+
+    @property
+    def number(self) -> int:
+        """Of the chosen load.
+
+        Raises:
+            CoheftError: None is chosen.
+        """
+        value = self.dropdown.value
+        if not value.startswith("#"):
+            raise CoheftError("there is no load" if value == _NO_LOAD else "choose a load first")
+        return int(value[1:])
+
+    def show(self, loads: Sequence[LoadState]) -> None:
+        """Show what lies on the payload now.
+
+        Who has chosen a load that is gone has to choose again: were another one chosen for them, a click that comes
+        too late would take that one away.
+        """
+        names = tuple(f"#{load.id}" for load in loads)
+        is_gone = self.dropdown.value not in (_NO_LOAD, *names)
+        options = ((_CHOOSE, *names) if is_gone else names) if names else (_NO_LOAD,)
+        if self.dropdown.options != options:
+            self.dropdown.options = options
+        if (text := words.loads(loads)) != self._masses.content:
+            self._masses.content = text
