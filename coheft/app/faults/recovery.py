@@ -13,11 +13,13 @@ BACK_FROM_SILENCE = 3.0
 """Time until everybody is valid again after restarts and partitions [s],"""
 BACK = 5.0
 """after other faults and changes of the load: what was spoilt is forgotten first;"""
-START_UP = 4.0
-"""and where they had not all been valid before, or a robot has to find out where it holds the load: because it takes
-hold again, or was dead at the same time as all its neighbours, so that nobody can tell it;"""
+FIND_OUT = 4.0
+"""and where a robot has to find out where it holds the load: because it takes hold again, or was dead at the same time as
+all its neighbours, so that nobody can tell it;"""
+START_UP = 6.0
+"""and where they had not all been valid before: how long a start takes depends on how they move."""
 _TELLINGS = 15
-"""then it takes so many times, too, as long as what one robot tells needs to reach all others."""
+"""In the last two cases it takes so many times, too, as long as what one robot tells needs to reach all others."""
 _LASTING = 1.0
 """Who is valid for a shorter time may not have noticed yet what is wrong [s]."""
 _STEADY = 2.5
@@ -27,7 +29,7 @@ _ROUNDING = 1e-9
 
 def latest_recovery(schedule: FaultSchedule) -> float:
     """When everybody has to be valid again at the latest [s], whatever has been at work."""
-    return _calm_from(schedule) + _start_up(schedule)
+    return _calm_from(schedule) + START_UP + _tellings(schedule)
 
 
 def _calm_from(schedule: FaultSchedule) -> float:
@@ -35,11 +37,11 @@ def _calm_from(schedule: FaultSchedule) -> float:
     return max([schedule.last_fault_end, *(change.at for change in schedule.scenario.load_changes)])
 
 
-def _start_up(schedule: FaultSchedule) -> float:
-    """Time until everybody is valid where nothing was known before [s]."""
+def _tellings(schedule: FaultSchedule) -> float:
+    """Time for all that robots have to tell each other where nothing was known before [s]."""
     scenario = schedule.scenario
     graph = build_graph(scenario.graph, scenario.robot_names)
-    return START_UP + _TELLINGS * (diameter(graph) + 1) * scenario.block_duration
+    return _TELLINGS * (diameter(graph) + 1) * scenario.block_duration
 
 
 class Recovery:
@@ -56,7 +58,7 @@ class Recovery:
         self._schedule = schedule
         liars = {fault.robot for fault in schedule.faults if isinstance(fault, Lie)}
         self._graph = build_graph(scenario.graph, scenario.robot_names)
-        self._start_up, self._calm_from = _start_up(schedule), _calm_from(schedule)
+        self._tellings, self._calm_from = _tellings(schedule), _calm_from(schedule)
         last = scenario.blocks - 1
         self._asked = [n for n in scenario.robot_names if n not in liars and Hands(schedule, n).holds(last)]
         self._latest: dict[str, Estimate] = {}
@@ -108,7 +110,8 @@ class Recovery:
             return None
         if taken is not None and taken <= limit + _ROUNDING:
             return None
-        if taken is None and limit == self._start_up and all(self._sees_too_little(name) for name in self._asked):
+        must_find_out = limit not in (BACK, BACK_FROM_SILENCE)
+        if taken is None and must_find_out and all(self._sees_too_little(name) for name in self._asked):
             return None
         robot = next((name for name in self._asked if not self._is_valid(name)), "")
         reasons = "; ".join(self._latest[robot].reasons) if robot in self._latest else "silent"
@@ -121,11 +124,13 @@ class Recovery:
         faults = self._schedule.faults
         first_fault = min((fault.start for fault in faults), default=0.0)
         calm = self._calm_from
-        last = [fault for fault in faults if fault.end > calm - self._start_up]
+        find_out = FIND_OUT + self._tellings
+        last = [fault for fault in faults if fault.end > calm - find_out]
         crashes = [fault for fault in last if isinstance(fault, Crash)]
-        must_find_out = self._nobody_knows(crashes) or any(isinstance(fault, Release) for fault in last)
-        if must_find_out or self.first_valid is None or self.first_valid > first_fault:
-            return self._start_up
+        if self.first_valid is None or self.first_valid > first_fault:
+            return START_UP + self._tellings
+        if self._nobody_knows(crashes) or any(isinstance(fault, Release) for fault in last):
+            return find_out
         return BACK_FROM_SILENCE if last and all(isinstance(f, Crash | Partition) for f in last) else BACK
 
     def _nobody_knows(self, crashes: list[Crash]) -> bool:
