@@ -14,7 +14,7 @@ BACK_FROM_SILENCE = 3.0
 BACK = 5.0
 """after other faults and changes of the load: what was spoilt is forgotten first;"""
 FIND_OUT = 4.0
-"""and where a robot has to find out where it holds the load: because it takes hold again, or was dead at the same time as
+"""where a robot has to find out where it holds the load: because it takes hold again, or was dead at the same time as
 all its neighbours, so that nobody can tell it;"""
 START_UP = 6.0
 """and where they had not all been valid before: how long a start takes depends on how they move."""
