@@ -87,6 +87,7 @@ def estimate(
         total_wrench=(1.0 + wrench_error) * carry.adjoint() @ total_wrench(block - 4),
         not_observable=[] if payload is not None else ["mass: too little motion"],
         load_changes=list(changes),
+        status="valid" if payload is not None else "starting",
     )
 
 
