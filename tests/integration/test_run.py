@@ -240,7 +240,10 @@ def test_loads_come_and_go_in_a_run_and_nonsense_is_refused(start: Callable[...,
 def watching(run: Run) -> Iterator[tuple[subprocess.Popen[str], IO[str]]]:
     """Somebody who watches a run, and has seen it go on; and what comes after."""
     watcher = subprocess.Popen(
-        [sys.executable, "-m", "coheft", "watch", "--run", str(run.folder)], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", "coheft", "watch", "--run", str(run.folder)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
     )
     assert watcher.stdout is not None
     try:
@@ -271,8 +274,8 @@ def test_who_watches_is_patient_with_a_server_that_hangs_for_a_while(start: Call
         with pytest.raises(subprocess.TimeoutExpired):
             watcher.wait(5.0)  # so long that it has asked at least once
         os.kill(run.pids["server"], signal.SIGKILL)
+        assert "questions in a row: it has gone, or hangs" in " ".join(lines.read().split())
         assert watcher.wait(PATIENCE) == 1
-        lines.read()
     assert run.wait() == 1
 
 
