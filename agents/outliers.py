@@ -30,10 +30,12 @@ def outliers(steps: Array) -> npt.NDArray[np.bool_]:
         Shape (c,).
     """
     sizes = np.abs(steps)
-    if 2.0 * sizes.max(initial=0.0) <= _OUTLIER:
+    largest = sizes.max(initial=0.0)
+    if 2.0 * largest <= _OUTLIER:
         return np.zeros(steps.shape[1], dtype=np.bool_)
-    steps = np.clip(steps, -_LARGEST, _LARGEST)
-    sizes = np.abs(steps)
+    if largest > _LARGEST:
+        steps = np.clip(steps, -_LARGEST, _LARGEST)
+        sizes = np.abs(steps)
     least, most = np.minimum(sizes[:-1], sizes[1:]), np.maximum(sizes[:-1], sizes[1:])
     peaks = least * ((steps[:-1] * steps[1:] < 0.0) & (least > _BACK * most))
     far: npt.NDArray[np.bool_] = np.any(peaks > _OUTLIER, axis=0)

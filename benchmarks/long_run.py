@@ -3,7 +3,7 @@
     python -m benchmarks.long_run [--minutes M] [--scenario NAME] [--sensor-rate R]
 
 Prints, for every process that lived for ten minutes or more, its resident memory and open files five minutes after it
-started and at its end. Needs Linux: it reads /proc.
+started, at its end, and three times in between. Needs Linux: it reads /proc.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ SETTLED = 300.0
 """From then on a process should not grow [s]: all has happened once, so all code that it needs is in memory."""
 WINDOW = 60.0
 """Memory is the median over this time [s]."""
+BETWEEN = (0.25, 0.5, 0.75)
+"""Memory is told at these shares of the time from then to the end, too: what leaks grows evenly."""
 
 
 @dataclass
@@ -113,15 +115,19 @@ def follow(run: subprocess.Popen[bytes], folder: Path, seconds: float) -> tuple[
 
 def print_table(lives: list[Life]) -> None:
     """One line per process."""
+    times = "".join(f"{f'at {share:.0%}':>9}" for share in BETWEEN)
     print(
-        f"{'process':12}{'minutes':>8}{'MB at 5 min':>13}{'at its end':>12}{'growth':>9}{'files':>8}{'at its end':>12}"
+        f"{'process':12}{'minutes':>8}{'MB at 5 min':>13}{times}{'at its end':>12}{'growth':>9}{'files':>8}"
+        f"{'at its end':>12}"
     )
     for life in lives:
         if life.duration < 2 * SETTLED - WINDOW:
             continue
         (before, files_before), (after, files_after) = life.at(SETTLED), life.at(life.duration)
+        between = (life.at(SETTLED + share * (life.duration - SETTLED))[0] for share in BETWEEN)
         print(
-            f"{life.name:12}{life.duration / 60:8.1f}{before / 1e6:13.1f}{after / 1e6:12.1f}"
+            f"{life.name:12}{life.duration / 60:8.1f}{before / 1e6:13.1f}"
+            f"{''.join(f'{memory / 1e6:9.1f}' for memory in between)}{after / 1e6:12.1f}"
             f"{100 * (after / before - 1):8.1f}%{files_before:8}{files_after:12}"
         )
 

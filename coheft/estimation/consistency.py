@@ -22,6 +22,8 @@ _GAP = 1e-6
 _SMALLEST_SHARE = 1e-12
 """Of the metric, given to all directions, so that it is positive definite in spite of rounding."""
 _GROWTH = 20.0
+_ROUGHLY, _EXACTLY = 0.5, 1e-2
+"""Newton decrements that end the search of a centre: on the way to the last one, and of that."""
 _NEWTON_STEPS = 40
 _INWARDS = 1e-7
 """The result is moved by this share of the way to a point well inside, or rounding could push it over the edge."""
@@ -67,8 +69,9 @@ def nearest_possible(parameters: Array, information: Array, length: float) -> Ar
     point, weight = start, 1.0 / (1.0 + cost)
     while weight * _GAP * (1.0 + cost) < 4.0:
         weight *= _GROWTH
-        point = _centred(point, target, weight * metric)
+        point = _centred(point, target, weight * metric, _ROUGHLY)
         cost = _cost(point, target, metric)
+    point = _centred(point, target, weight * metric, _EXACTLY)
     result: Array = to_theta @ (point + _INWARDS * (start - point))
     return result
 
@@ -84,6 +87,7 @@ def _symmetric_basis() -> Array:
 
 
 _BASIS = _symmetric_basis()
+_FLAT_BASIS = _BASIS.reshape(10, 16)
 _BASIS_TRACE: Array = np.trace(_BASIS, axis1=1, axis2=2)
 """Also the coordinates of the identity."""
 
@@ -107,18 +111,16 @@ def _cost(point: Array, target: Array, metric: Array) -> float:
     return float(0.5 * (point - target) @ metric @ (point - target))
 
 
-def _centred(point: Array, target: Array, metric: Array) -> Array:
+def _centred(point: Array, target: Array, metric: Array, tolerance: float) -> Array:
     """Minimise ``cost - log det`` with Newton's method from a point strictly inside; the result is inside as well."""
     for _ in range(_NEWTON_STEPS):
-        values, vectors = np.linalg.eigh(np.tensordot(point, _BASIS, axes=1))
-        root = vectors / np.sqrt(values)
-        whitened = root.T @ _BASIS @ root
-        gradient = metric @ (point - target) - np.trace(whitened, axis1=1, axis2=2)
-        flat = whitened.reshape(10, 16)
-        step = -np.linalg.solve(metric + flat @ flat.T, gradient)
+        inverse = np.linalg.inv((point @ _FLAT_BASIS).reshape(4, 4))
+        gradient = metric @ (point - target) - _FLAT_BASIS @ inverse.ravel()
+        curvature = (inverse @ _BASIS @ inverse).reshape(10, 16) @ _FLAT_BASIS.T
+        step = -np.linalg.solve(metric + curvature, gradient)
         decrement = np.sqrt(max(-float(gradient @ step), 0.0))
         # The damped step of a self-concordant function stays inside (Nesterov, Nemirovskii 1994); so do short steps.
         point = point + (step / (1.0 + decrement) if decrement > 0.25 else step)
-        if decrement < 1e-2:
+        if decrement < tolerance:
             break
     return point
