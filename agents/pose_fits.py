@@ -160,7 +160,13 @@ class PoseFits:
         """The poses of a version that has come into use; it and older ones are forgotten."""
         poses, self._used = self._told_poses[version], version
         self._told_poses = {number: each for number, each in self._told_poses.items() if number > version}
+        if len(np.unique(self._used_scores()[:, 2])) > 1:  # not everybody had the same samples: nothing was fitted
+            self.spoilt = version
         return poses
+
+    def _used_scores(self) -> Array:
+        """What robots told for the poses in use, shape (n, 9); who could not tell is left out."""
+        return self._scores.table[self._scores.table[:, 0] == self._used, 1:]
 
     def known(
         self, poses: Sequence[Pose], steps: Sequence[Array], slope: Array, untried: float = _UNTRIED
@@ -176,11 +182,8 @@ class PoseFits:
         left = _LEFT * np.concatenate(steps)
         fitted = fitted_poses(poses, self.told_moments, self._config.noise, slope=slope)
         inflation = 1.0 + (untried * self._config.rate / max(self.told_moments.count, 1.0)) ** 2
-        told = self._scores.table[self._scores.table[:, 0] == self._used, 2:4]
-        if len(np.unique(told[:, 1])) > 1:  # not everybody had the same samples: nothing was fitted
-            self.spoilt = self._used
         # Birge (1932): as residuals are larger than noise explains, so may be errors.
-        inflation *= min(told[:, 0].max(initial=1.0), _WORST)
+        inflation *= min(self._used_scores()[:, 1].max(initial=1.0), _WORST)
         return replace(fitted, covariance=inflation * fitted.covariance + np.outer(left, left))
 
     def map(self, feature_map: Array) -> None:

@@ -135,8 +135,9 @@ def run(
         feedforward=feedforward,
     )
     of_a_run = {"view": view, "record": record, "json": json, "report": report, "history": history, "logs": logs}
-    for option in (option for option, value in of_a_run.items() if value and write_configs is not None):
-        raise ScenarioError(f"--{option} needs a run, but --write-configs makes none")
+    unusable = [option for option, value in of_a_run.items() if value and write_configs is not None]
+    if unusable:
+        raise ScenarioError(f"--{unusable[0]} needs a run, but --write-configs makes none")
     if hosts is not None and write_configs is None:
         raise ScenarioError("--hosts needs --write-configs: each part is to be started on its own host")
     if save_data is not None and save_data.is_dir():

@@ -75,6 +75,8 @@ class Observer:
             MessageError: It makes no sense.
         """
         if not isinstance(message, Status):
+            if source == SERVER:
+                self._unanswered = 0
             return check_news(source, message, scene)
         check_status(message)
         self._last_word = message
@@ -92,13 +94,18 @@ class Observer:
         self._unanswered = 0
         return answer if isinstance(answer, Status) else None
 
+    @property
+    def has_lost_server(self) -> bool:
+        """Whether the server has answered none of the last questions, nor said anything else since."""
+        return self._unanswered >= _QUESTIONS
+
     def check_server(self) -> None:
-        """Check that the server has answered one of the last questions.
+        """Check that the server has said something lately.
 
         Raises:
             LinkError: It has not.
         """
-        if self._unanswered >= _QUESTIONS:
+        if self.has_lost_server:
             raise LinkError(f"the server has not answered {_QUESTIONS} questions in a row: it has gone, or hangs")
 
     def ask(self, request: Request) -> Status:

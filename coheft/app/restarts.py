@@ -10,9 +10,6 @@ from coheft.app.processes import UNUSABLE_CONFIG, Child, Processes
 from coheft.app.terminal import Display
 from coheft.wire.messages import Problem
 
-_QUESTIONS = 5
-"""How often the server is asked, if it is there but does not answer."""
-
 
 @dataclass(frozen=True)
 class Restarts:
@@ -53,10 +50,7 @@ class Restarts:
         return child.name != "server" and child.restarts < self.limit and child.process.returncode != UNUSABLE_CONFIG
 
     def _goes_on(self) -> bool:
-        for _ in range(_QUESTIONS):
-            status = self.observer.status()
-            if status is not None:
-                return status.state in ("running", "paused")
-            if self.processes.ended("server"):
-                break
-        return False
+        while (status := self.observer.status()) is None:
+            if self.observer.has_lost_server or self.processes.ended("server"):
+                return False
+        return status.state in ("running", "paused")

@@ -105,12 +105,12 @@ class Recovery:
 
     def violation(self) -> Violation | None:
         """Whether it took too long, or went on for ever; None also if the run was too short to tell."""
-        calm, limit, taken = self._calm_from, self._limit, self.taken
+        limit, must_find_out = self._limit()
+        calm, taken = self._calm_from, self.taken
         if calm + limit > self._schedule.scenario.duration - _ROUNDING and taken is None:
             return None
         if taken is not None and taken <= limit + _ROUNDING:
             return None
-        must_find_out = limit not in (BACK, BACK_FROM_SILENCE)
         if taken is None and must_find_out and all(self._sees_too_little(name) for name in self._asked):
             return None
         robot = next((name for name in self._asked if not self._is_valid(name)), "")
@@ -118,20 +118,18 @@ class Recovery:
         found = f"took {taken:.2f} s" if taken is not None else f"not at the end: {reasons}"
         return Violation("P3", calm + limit, robot, f"all valid within {limit:g} s: {found}", taken or 0.0)
 
-    @property
-    def _limit(self) -> float:
-        """Time that it may take [s]."""
-        faults = self._schedule.faults
-        first_fault = min((fault.start for fault in faults), default=0.0)
-        calm = self._calm_from
+    def _limit(self) -> tuple[float, bool]:
+        """Time that it may take [s], and whether a robot has to find out where it holds the load."""
         find_out = FIND_OUT + self._tellings
-        last = [fault for fault in faults if fault.end > calm - find_out]
+        last = [fault for fault in self._schedule.faults if fault.end > self._calm_from - find_out]
         crashes = [fault for fault in last if isinstance(fault, Crash)]
+        first_fault = min((fault.start for fault in self._schedule.faults), default=0.0)
         if self.first_valid is None or self.first_valid > first_fault:
-            return START_UP + self._tellings
+            return START_UP + self._tellings, True
         if self._nobody_knows(crashes) or any(isinstance(fault, Release) for fault in last):
-            return find_out
-        return BACK_FROM_SILENCE if last and all(isinstance(f, Crash | Partition) for f in last) else BACK
+            return find_out, True
+        is_from_silence = bool(last) and all(isinstance(fault, Crash | Partition) for fault in last)
+        return BACK_FROM_SILENCE if is_from_silence else BACK, False
 
     def _nobody_knows(self, crashes: list[Crash]) -> bool:
         """Whether a robot and all its neighbours have been dead at the same time."""

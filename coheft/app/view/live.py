@@ -17,8 +17,6 @@ from coheft.app.view.page import FRAME, Page, open_server, url_of
 from coheft.wire.requests import Status, StatusRequest
 
 _STATUS_EVERY = 0.5
-_MISSED = 4
-"""Questions in a row to which there is no answer, nor any news, when the server is gone."""
 
 
 def view_run(folder: Path | None, host: str, port: int | None, tell: Callable[[str], None]) -> None:
@@ -53,18 +51,13 @@ def view_run(folder: Path | None, host: str, port: int | None, tell: Callable[[s
 def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls) -> None:
     """Show what comes, until the run's server is gone."""
     asked_at = drawn_at = -math.inf
-    missed = 0
-    while missed < _MISSED:
+    while not observer.has_lost_server:
         for news in observer.collect(model.scene, FRAME):
             model.hear(news)
-            missed = 0
         if (now := time.monotonic()) > asked_at + _STATUS_EVERY:
             asked_at = now
             status: Status | None = observer.status()
-            if status is None:
-                missed += 1
-            else:
-                missed = 0
+            if status is not None:
                 model.note_status(status)
                 controls.update()
         if (now := time.monotonic()) > drawn_at + FRAME:
