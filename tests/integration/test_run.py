@@ -154,6 +154,21 @@ def test_an_agent_that_is_killed_once_too_often_ends_the_run_and_is_named(start:
     assert "Traceback" not in run.text
 
 
+def test_an_agent_that_is_told_to_end_has_failed_and_is_started_again(start: Callable[..., Run]) -> None:
+    run = start("--duration", "10000", "--restarts", "1")
+    run.wait_until_under_way()
+    before = run.pids["r2"]
+    os.kill(before, signal.SIGTERM)
+    wait_for(lambda: run.read_pids()["r2"] != before, "another process")
+    assert "r2 was told to end by SIGTERM; started again (1 of 1)" in run.words
+    wait_for(lambda: "r2 is back before block" in run.text, "its return")
+    os.kill(run.pids["r2"], signal.SIGTERM)
+    assert run.wait() == 1
+    assert run.left() == []
+    assert run.text.endswith("The run is over, because r2 was told to end by SIGTERM.\n")
+    assert "Traceback" not in run.text
+
+
 def test_a_server_that_is_killed_ends_the_run_and_is_named(start: Callable[..., Run]) -> None:
     run = start("--duration", "10000")
     run.wait_until_under_way()
