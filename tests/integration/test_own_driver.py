@@ -1,22 +1,29 @@
-"""The example of a driver: agents that it feeds with a recording believe what they believed in the recorded run."""
+"""Drivers of one's own: agents that the example feeds with a recording believe what they did in the recorded run."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
+import numpy as np
+import pytest
 
 from coheft.app.inprocess import run_in_process
 from coheft.app.plan import Plan, make_plan
+from coheft.errors import LinkError
 from coheft.wire.codec import encode
+from coheft.wire.driver import open_driver
 from coheft.wire.inbox import Inbox, Received
-from coheft.wire.messages import Estimate
+from coheft.wire.messages import Estimate, Measurements, Ready, Reference
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import load_scenario
-from coheft.wire.transport import Keys, open_session
+from coheft.wire.transport import Keys, Sender, open_session
+
+from .team import wait_until
 
 ROOT = Path(__file__).parents[2]
 DRIVER = ROOT / "examples" / "own_driver.py"
@@ -104,3 +111,34 @@ def test_a_recording_of_other_robots_is_refused(tmp_path: Path) -> None:
     )
     assert done.returncode == 1
     assert "found r1, r2, r3 at 500 samples a second, but the agents expect r1, r2, r3 at 1000" in done.stderr
+
+
+@pytest.mark.parametrize(("part", "bad"), [("motion", np.nan), ("motion", np.inf), ("wrench", -np.inf)])
+def test_references_that_are_not_finite_are_told_once_with_their_robot_and_not_handed_to_its_arm(
+    capfd: pytest.CaptureFixture[str], part: str, bad: float
+) -> None:
+    config = make_plan(load_scenario("ring3")).agents["r2"]
+    keys, size, lag = Keys(config.run), config.agent.block, config.agent.lag
+    with open_driver(config) as driver, open_session(connect=[config.server]) as agent:
+        Inbox().listen(agent, "the driver", {keys.robot("r2", "measurements"): Measurements})
+        ready, reference = (Sender(agent, keys.robot("r2", topic), may_drop=False) for topic in ("ready", "reference"))
+
+        def is_fed() -> bool:
+            ready.send(Ready(robot="r2"))
+            with suppress(LinkError):
+                driver.wait_for_agent(0.1)
+                return True
+            return False
+
+        wait_until(is_fed, "the driver to hear its agent")
+        for block, number in enumerate((bad, bad, 0.0)):
+            driver.send(block, np.zeros((size, 15)))
+            numbers = {"motion": np.zeros((size, 12)), "wrench": np.zeros(6)}
+            numbers[part][-1:] = number
+            reference.send(Reference(robot="r2", block=block + lag, answers=block, **numbers))
+        wanted = [driver.reference(block + lag) for block in range(3)]
+    assert [each is None for each in wanted] == [True, True, False]
+    assert capfd.readouterr().err == (
+        f"refused from r2: the reference of block {lag} is not finite: its arm holds still until it asks for something "
+        "that an arm can do\n"
+    )

@@ -14,12 +14,21 @@ import numpy as np
 import pytest
 
 from coheft.app.inprocess import run_in_process
+from coheft.errors import SimulationError
 from coheft.wire.messages import Estimate
 from coheft.wire.scenario_file import load_scenario
 from tests.own_packages import EXAMPLE, install_example, write_package
 
 ROOT = Path(__file__).parents[2]
 SCENARIO = EXAMPLE / "scale6.toml"
+BURST = """
+import numpy as np
+class Burst:
+    def __init__(self, config):
+        self.is_bad, self.block = config.name == "r2", config.block
+    def reference(self, block):
+        return np.full((self.block, 12), np.nan if self.is_bad and 10 <= block < 20 else 0.0)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -86,3 +95,22 @@ def test_errors_list_it_and_say_why_it_cannot_start(site: Path, tmp_path: Path) 
     assert broken.returncode == 1
     assert "the estimator 'bad', bad:Bad of bad, cannot be imported: ModuleNotFoundError" in broken.stderr
     assert "Traceback" not in broken.stderr
+
+
+def test_a_motion_that_is_not_finite_is_told_with_its_robot_and_in_one_process_ends_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_package(tmp_path, "burst", BURST, motions="burst = burst:Burst")
+    monkeypatch.syspath_prepend(tmp_path)
+    file = tmp_path / "burst.toml"
+    file.write_text('motion.own = "burst"\n' + (ROOT / "configs" / "ring3.toml").read_text())
+    done = coheft(tmp_path, tmp_path, "run", str(file), "--duration", "1", "--quiet")
+    assert done.returncode == 3, done.stderr  # who stands still learns nothing
+    said = (tmp_path / "logs" / "server.log").read_text().splitlines()
+    assert [line for line in said if "refused" in line] == [
+        "refused from r2: the reference of block 10 is not finite: its arm holds still until it asks for something "
+        "that an arm can do"
+    ]
+    scenario = msgspec.structs.replace(load_scenario(file), duration=1.0, load_changes=())
+    with pytest.raises(SimulationError, match=r"at 0\.200 s references of r2 hold numbers that are not finite"):
+        list(run_in_process(scenario))
