@@ -119,3 +119,21 @@ def test_poses_that_are_told_to_be_fitted_but_are_not_are_not_called_well_known(
     found = statuses(monkeypatch, spoil)
     assert {"stale"} in found
     assert found[-1] == {"valid"}
+
+
+@pytest.mark.parametrize("name", ["r1", "r3"], ids=["reference robot", "another one"])
+def test_robots_that_are_ready_in_different_frames_agree_on_one(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """When r2 takes hold anew all have to be ready again; one that is before r2 says the number of another frame."""
+
+    def spoil(agents: dict[str, Agent]) -> bool:
+        r2, gossip = agents["r2"], agents[name]._gossip
+        if r2._gossip.own.since == 0:
+            r2.set_holding(True, r2.config.blocks(FROM) + 1)
+        if not gossip.is_ready or gossip.start_block is not None:
+            return False
+        gossip._tell(replace(gossip.own, frame=gossip.own.frame + 1))
+        return True
+
+    found = statuses(monkeypatch, spoil)
+    assert {"stale"} in found
+    assert found[-1] == {"valid"}
