@@ -72,6 +72,17 @@ def test_what_a_neighbour_said_before_it_started_again_is_waited_for_no_longer(l
     assert not link.is_missing(11)
 
 
+def test_a_life_that_a_neighbour_has_not_begun_is_forgotten_with_its_next_hello(link):
+    link.take_messages(10)
+    link.take_message(message(10, incarnation=64), 11, NOW)
+    link.take_message(message(11), 11, NOW)
+    assert link.is_missing(12), "what it says now seems to be from before"
+    link.take_hello(Hello(sender="r2", heard=["r1"], incarnation=1), "r1", NOW)
+    assert not link.is_missing(12)
+    assert link.take_messages(11) == [message(10, incarnation=64)]
+    assert link.take_messages(12) == [message(11)]
+
+
 def test_however_much_a_neighbour_says_little_is_kept(link):
     for _ in range(100 * KEPT):
         link.take_message(message(11), 10, NOW)

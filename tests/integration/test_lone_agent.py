@@ -54,9 +54,9 @@ class Surroundings:
             ready = self._next()
         self.attempt = ready.attempt
 
-    def greet(self, *heard: str) -> None:
-        """As its neighbour: whom it hears."""
-        self._hello.send(Hello(sender=self.other, heard=list(heard)))
+    def greet(self, *heard: str, sender: str = "") -> None:
+        """As its neighbour, or as if that were somebody else: whom it hears."""
+        self._hello.send(Hello(sender=sender or self.other, heard=list(heard)))
 
     def dialled_by(self) -> set[str]:
         """Who has a link with its neighbour now."""
@@ -131,6 +131,15 @@ def test_channels_that_come_before_their_shape_is_known_do_no_harm(tmp_path):
         around.measure(1)
         assert around.answers(2) == [0, 1]
         around.finish()
+
+
+def test_a_hello_in_the_name_of_somebody_else_is_refused(tmp_path):
+    with lone_agent(tmp_path) as around:
+        around.greet(sender="r9")
+        around.refuse()
+        assert around.finish().startswith(
+            f"refused from {around.other}: sender is 'r9' but expected '{around.other}'\n"
+        )
 
 
 def test_an_agent_that_is_not_fed_any_more_asks_again(tmp_path):

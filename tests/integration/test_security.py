@@ -32,7 +32,7 @@ OPEN = Profile(None)
 KEYS = Keys(f"test-{secrets.token_hex(4)}")
 NAMES = ("r1", "r2", "r3", "r4", "server", "observer", "operator")
 EVERYTHING = (
-    *(KEYS.agent(name, "block") for name in ("r1", "r2", "r3")),
+    *(KEYS.agent(name, topic) for name in ("r1", "r2", "r3") for topic in ("block", "hello")),
     *(KEYS.robot("r1", topic) for topic in ("measurements", "stop", "ready", "reference")),
     *(KEYS.observe_agent(name, "estimate") for name in ("r1", "r2")),
     KEYS.observe_server("truth"),
@@ -128,8 +128,8 @@ MAY_HEAR: dict[tuple[str, str], set[str]] = {
 }
 """What a participant hears at a place if it listens to exactly that; whoever is not named hears nothing."""
 MAY_SAY: dict[tuple[str, str], set[str]] = {
-    ("neighbour plane of r1", "r2"): {KEYS.agent("r2", "block")},
-    ("neighbour plane of r1", "r3"): {KEYS.agent("r3", "block")},
+    ("neighbour plane of r1", "r2"): {KEYS.agent("r2", "block"), KEYS.agent("r2", "hello")},
+    ("neighbour plane of r1", "r3"): {KEYS.agent("r3", "block"), KEYS.agent("r3", "hello")},
     ("server's link with r1", "r1"): {KEYS.robot("r1", "ready"), KEYS.robot("r1", "reference")},
 }
 MAY_ASK: dict[tuple[str, str], set[str]] = {
@@ -194,7 +194,7 @@ def test_acting_as_a_client_or_a_router_gains_nothing(secure, mode, settings):
     assert to_attacker.heard == to_attacker.answered == to_victim.heard == to_victim.asked == set()
     to_attacker, to_victim = attack(secure, place, "r2", ("**", f"{KEYS.run}/agent/r1/*"), mode, **settings)
     assert to_attacker.heard == {KEYS.agent("r1", "block")}
-    assert to_victim.heard == {KEYS.agent("r2", "block")}
+    assert to_victim.heard == MAY_SAY[place, "r2"]
 
 
 def without_certificate(_: Path, good: Credentials) -> dict[str, object]:
