@@ -151,6 +151,7 @@ def running_team(
     agent_command: tuple[str, ...] = AGENT,
     keys_folder: Path | None = None,
     change: Callable[[Plan], Plan] = lambda plan: plan,
+    server_command: tuple[str, ...] = SERVER,
 ) -> Iterator[Team]:
     """Start a team, secure if there is a folder of keys; whatever happens, no process is left at the end.
 
@@ -163,7 +164,7 @@ def running_team(
     with open_session(connect=[plan.server.observe], guard=guard) as observer:
         team = Team(plan, keys, folder, observer, {})
         try:
-            team.start("server", SERVER, plan.server)
+            team.start("server", server_command, plan.server)
             for name, config in plan.agents.items():
                 team.start(name, agent_command, config)
             yield team

@@ -15,11 +15,12 @@ from coheft.app.plan import Plan
 from coheft.wire.requests import HoldRequest, StatusRequest
 
 from .relayed import Edge, with_relays
-from .team import LIMIT, Team, running_team, small_scenario, wait_until
+from .team import LIMIT, SERVER, Team, running_team, small_scenario, wait_until
 from .watcher import Watcher, watching
 
 BLOCK = 50
 """Samples: ten blocks a second, so that even a machine with much else to do keeps pace."""
+LATE_SERVER = ("-m", "tests.integration.late_server")
 LASTS = 2.0
 """How long a process is frozen; its links are cut after half of that [s]."""
 
@@ -236,8 +237,10 @@ def test_lockstep_goes_on_without_a_robot_that_does_not_come_back_and_takes_it_i
         assert watcher.worst < 5.0
 
 
-def test_a_server_whose_robots_are_all_gone_ends_and_says_so(tmp_path):
-    with running_team(small_scenario(2, "line"), tmp_path, "realtime", change=impatient) as team:
+@pytest.mark.parametrize("command", [SERVER, LATE_SERVER], ids=["in time", "always behind real time"])
+def test_a_server_whose_robots_are_all_gone_ends_and_says_so(command, tmp_path):
+    scenario = small_scenario(2, "line")
+    with running_team(scenario, tmp_path, "realtime", change=impatient, server_command=command) as team:
         team.wait_for_block(10)
         for name in team.plan.agents:
             team.kill(name)
