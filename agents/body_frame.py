@@ -31,7 +31,7 @@ _MISFIT = 5.0
 """Mean square of a pair's residuals, in units of the noise, from which on they do not fit together."""
 _MISFIT_SOON = 1.5
 """The same soon after this robot has started over: what it started over for may still be among its samples."""
-_SOON = 1.0
+_SOON = 2.0
 """How soon that is [s]."""
 
 
@@ -106,10 +106,12 @@ class BodyFrame:
         If that has been in vain already, nothing is known.
         """
         self._pairs, self._holds, self.misfits = {}, {}, ()
-        self._gossip.forget_pose()
         if self._kept is None or self._has_fallen_back:
             self._kept = self._told = self._former = None
         self._has_fallen_back = self._kept is not None
+        own = self._gossip.own
+        if self._kept is None or self._kept_pose(own.robot) is None or self._kept.frame != own.frame:
+            self._gossip.forget_pose()  # else it is told anew, and the frame is still there for all who know theirs
 
     def update_pairs(self, block: int, previous: Array | None, inbox: Mapping[str, Channels]) -> None:
         """Take in neighbours' samples of a block, and the own ones, shape (B, 15)."""
@@ -203,7 +205,7 @@ class BodyFrame:
             pose, is_former = found
             return pose, frame, is_former
         if own.pose and own.frame == frame:
-            return Pose.of_numbers(own.pose), frame, False  # of a team whose sums never began: nobody has kept any
+            return Pose.of_numbers(own.pose), frame, own.refined  # of a team whose sums never began: nobody has kept any
         return None
 
     def _through_neighbour(self, graph: Mapping[str, tuple[str, ...]]) -> tuple[Pose, bool] | None:
