@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.estimator import Channels
+from agents.known_pose import KnownPose
 from coheft.estimation.measurement import KINEMATICS
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.spatial import Array, Pose
@@ -23,8 +24,8 @@ from coheft.wire.config import AgentConfig
 from consensus.gossip import Gossip
 from consensus.graph import distances
 
-_KEPT_SIZE = 1 + 12
-"""Since which block a robot has held the load there, and its pose."""
+_KEPT_SIZE = 1 + KnownPose.size
+"""Since which block a robot has held the load there, its pose, and how well that is known."""
 _SAME = 30.0
 """Chi-square, six degrees of freedom, up to which a pose fits what a pair has measured as well as the best one does."""
 _MISFIT = 5.0
@@ -46,7 +47,7 @@ class KeptPoses:
     """
 
     frame: int
-    poses: Mapping[tuple[str, int], Pose]
+    poses: Mapping[tuple[str, int], KnownPose]
 
 
 class BodyFrame:
@@ -68,7 +69,7 @@ class BodyFrame:
         self._holds: dict[str, tuple[int, int]] = {}
         self._kept: KeptPoses | None = None
         # The own pose as neighbours know it: number of the frame, since when the load has been held there, and pose.
-        self._told: tuple[int, int, Pose] | None = None
+        self._told: tuple[int, int, KnownPose] | None = None
         # The block at which this robot started over, and its pose before.
         self._started_over = -1
         self._former: Pose | None = None
@@ -76,14 +77,14 @@ class BodyFrame:
         self._has_fallen_back = False
         self.misfits: tuple[str, ...] = ()
 
-    def keep(self, frame: int, poses: Mapping[str, Pose], holds: Mapping[str, int]) -> None:
+    def keep(self, frame: int, poses: Mapping[str, KnownPose], holds: Mapping[str, int]) -> None:
         """The team is dissolved; these were its poses, and the blocks since which its members had held the load.
 
         Whoever has taken hold since then is elsewhere now. An agent that started again says that it has always held it.
         """
         self.misfits, self._has_fallen_back = (), False
         if self._is_starting_over:
-            self._former = poses[self._config.name]
+            self._former = poses[self._config.name].pose
         since = {name: self._gossip.records[name].since for name in poses}
         self._kept = KeptPoses(
             frame, {(name, since[name]): pose for name, pose in poses.items() if since[name] in (holds[name], 0)}
@@ -93,7 +94,7 @@ class BodyFrame:
         """This robot is to begin as if it took hold at a block, but may still be where it was: samples will tell."""
         kept = self._kept_pose(self._config.name)
         if kept is not None or not self._is_starting_over:  # else it does so once more
-            self._former = kept
+            self._former = None if kept is None else kept.pose
         self._started_over = block
 
     @property
@@ -155,9 +156,9 @@ class BodyFrame:
                 continue
             if frame.shape == (1,) and rows.shape == (len(record.neighbours), _KEPT_SIZE):
                 row = rows[record.neighbours.index(name)]
-                pose = Pose.of_numbers(row[1:])
-                if frame[0] > 0.0 and pose.is_rigid():
-                    self._told = int(frame[0]), int(row[0]), pose
+                known = KnownPose.of_numbers(row[1:])
+                if frame[0] > 0.0 and known is not None:
+                    self._told = int(frame[0]), int(row[0]), known
 
     def channels(self) -> dict[str, Array]:
         """What neighbours may need of the kept poses."""
@@ -165,12 +166,12 @@ class BodyFrame:
             return {}
         rows = np.zeros((len(self._gossip.own.neighbours), _KEPT_SIZE))
         for row, other in zip(rows, self._gossip.own.neighbours, strict=True):
-            pose = self._kept_pose(other)
-            if pose is not None:
-                row[:] = [self._gossip.records[other].since, *pose.numbers()]
+            known = self._kept_pose(other)
+            if known is not None:
+                row[:] = [self._gossip.records[other].since, *known.numbers()]
         return {"kept_frame": np.array([float(self._kept.frame)]), "kept_poses": rows}
 
-    def _kept_pose(self, name: str) -> Pose | None:
+    def _kept_pose(self, name: str) -> KnownPose | None:
         record = self._gossip.records.get(name)
         if self._kept is None or record is None:
             return None
@@ -180,7 +181,7 @@ class BodyFrame:
         """Of those neighbours with whom samples have been exchanged."""
         return {name: self._pair(name) for name in sorted(self._pairs) if self._pairs[name].count > 1.0}
 
-    def kept_pose(self) -> tuple[Pose, int] | None:
+    def kept_pose(self) -> tuple[KnownPose, int] | None:
         """The own pose from a former team in the team's body frame, and the frame's number; None if there is none."""
         name, frame = self._config.name, self._gossip.frame()
         kept = self._kept_pose(name)
@@ -205,7 +206,11 @@ class BodyFrame:
             pose, is_former = found
             return pose, frame, is_former
         if own.pose and own.frame == frame:
-            return Pose.of_numbers(own.pose), frame, own.refined  # of a team whose sums never began: nobody has kept any
+            return (
+                Pose.of_numbers(own.pose),
+                frame,
+                own.refined,
+            )  # of a team whose sums never began: nobody has kept any
         return None
 
     def _through_neighbour(self, graph: Mapping[str, tuple[str, ...]]) -> tuple[Pose, bool] | None:

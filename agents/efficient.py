@@ -18,6 +18,7 @@ import numpy as np
 from agents.body_frame import BodyFrame
 from agents.early_sums import EARLY
 from agents.estimator import Belief, Channels, is_converged
+from agents.known_pose import KnownPose
 from agents.load_changes import LoadChanges
 from agents.pose_search import PoseSearch
 from agents.team import Team
@@ -109,7 +110,8 @@ class EfficientEstimator:
             return
         kept = self._body_frame.kept_pose()
         if kept is not None:
-            self._announce_pose(index, *kept, refined=True)
+            known, frame = kept
+            self._announce_pose(index, known.pose, frame, refined=True, deviations=known.deviations)
         elif index % self._look_every == 0:
             self._body_frame.forget_misfits(index)
             if self._body_frame.misfits:  # sums with these samples would contradict themselves
@@ -118,11 +120,13 @@ class EfficientEstimator:
             if found is not None:
                 self._announce_pose(index, *found)
 
-    def _announce_pose(self, index: int, pose: Pose, frame: int, refined: bool) -> None:
+    def _announce_pose(
+        self, index: int, pose: Pose, frame: int, refined: bool, deviations: Array | None = None
+    ) -> None:
         """Tell it, and a start of the sums that is far enough ahead for everybody to hear of it in time."""
         graph = self._gossip.graph
         if graph is not None:
-            self._gossip.announce_ready(index + 2 * hearing(graph), pose, frame, refined)
+            self._gossip.announce_ready(index + 2 * hearing(graph), pose, frame, refined, deviations)
 
     def _assemble(self, start: int, index: int) -> None:
         """The team's sums begin; not if somebody's pose is missing, or in another frame.
@@ -149,7 +153,8 @@ class EfficientEstimator:
         history = {block: rows for block, rows in self._history.items() if block >= self._gossip.changed_at}
         self._history = {}
         self._holds = {name: self._gossip.records[name].since for name in graph}
-        self._team = Team(self._config, graph, known, start, history, self._load_changes)
+        members = {name: KnownPose(pose, self._gossip.deviations(name)) for name, pose in known.items()}
+        self._team = Team(self._config, graph, members, start, history, self._load_changes)
 
     def _dissolve(self) -> None:
         """The team is another one now: keep what is known of the poses."""

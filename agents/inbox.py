@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from agents.estimator import Channels
+from agents.known_pose import are_deviations
 from coheft.estimation.spatial import Pose
 from coheft.wire.messages import LinkState, NeighbourMessage
 from coheft.wire.scenario import MAX_ROBOTS
@@ -118,7 +119,9 @@ def _is_possible(record: LinkState) -> bool:
     if len(record.neighbours) > MAX_ROBOTS or max(map(len, (record.robot, *record.neighbours))) > _LONGEST_NAME:
         return False
     if not record.pose:
-        return True
+        return not record.deviations
     if len(record.pose) != _POSE_SIZE or not np.all(np.abs(record.pose) < _LARGEST):
+        return False
+    if record.deviations and not are_deviations(record.deviations):
         return False
     return Pose.of_numbers(record.pose).is_rigid()

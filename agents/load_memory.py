@@ -59,12 +59,15 @@ class LoadMemory:
         own: Index of this robot.
         poses: Of all robots, in the body frame.
         fusion: Of their motion sensors, at these poses.
+        known: How well these poses are known, None if nobody knows.
     """
 
     told_size = TOLD_SIZE
     """Numbers of ``told``."""
 
-    def __init__(self, config: AgentConfig, own: int, poses: Sequence[Pose], fusion: MotionFusion) -> None:
+    def __init__(
+        self, config: AgentConfig, own: int, poses: Sequence[Pose], fusion: MotionFusion, known: TeamPoses | None = None
+    ) -> None:
         self._config = config
         self._window: Memory
         memory = config.efficient.memory
@@ -88,6 +91,7 @@ class LoadMemory:
         self._disturbance = Disturbance(config.rate)
         self._weights = LoadWeights(config, poses, fusion, self._disturbance)
         self._late = LateWrenches(config.rate / config.block)
+        self._known = known
 
     @property
     def changed_at(self) -> int:
@@ -121,6 +125,8 @@ class LoadMemory:
         if self._correction is None:  # else they wait for its end: they were carried with the new poses already
             self._early.move_to(self._window)
         self._forces.add(own_wrench[:, :3])
+        if self._known is not None:  # what others feel is not known yet
+            self._expect_disturbance(np.zeros(len(self._known.poses)), self._known)
         self._last_block = block
         self._uncorrected.age(self._kept)
         if self._correction is not None:
@@ -241,6 +247,7 @@ class LoadMemory:
             team: The newest poses.
         """
         correction, self._correction = self._correction, None
+        self._known = None
         if correction is None:
             return
         told = rows if correction.is_possible(rows, self._changed_at) else None

@@ -22,7 +22,7 @@ from agents.common_moments import CommonMoments
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.registration import RegistrationMoments, least_squares, score_and_information
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import TeamPoses, fitted_poses, register_team
+from coheft.estimation.team_registration import PosePrior, TeamPoses, fitted_poses, register_team
 from coheft.wire.config import AgentConfig
 from consensus.flood import Flood
 
@@ -70,6 +70,7 @@ class PoseFits:
         under_way: Blocks from a sample's entering the sums to its leaving them.
         hearing: Blocks until everybody has heard everybody.
         regrowth: When samples were left out, or come again, so many times as many are waited for.
+        prior: What is known of the poses from a former team.
 
     Attributes:
         common: Moments over the samples that all have.
@@ -81,9 +82,18 @@ class PoseFits:
     """
 
     def __init__(
-        self, config: AgentConfig, robots: int, own: int, start: int, under_way: int, hearing: int, regrowth: float
+        self,
+        config: AgentConfig,
+        robots: int,
+        own: int,
+        start: int,
+        under_way: int,
+        hearing: int,
+        regrowth: float,
+        prior: PosePrior | None = None,
     ) -> None:
         self._config = config
+        self._prior = prior
         self._own = own
         self._hearing = hearing
         self._shortest = config.blocks(_SHORTEST_ROUND)
@@ -180,8 +190,9 @@ class PoseFits:
             untried: Time of samples up to which they are much less certain [s].
         """
         left = _LEFT * np.concatenate(steps)
-        fitted = fitted_poses(poses, self.told_moments, self._config.noise, slope=slope)
         inflation = 1.0 + (untried * self._config.rate / max(self.told_moments.count, 1.0)) ** 2
+        prior = self._prior and replace(self._prior, information=inflation * self._prior.information)  # it is not new
+        fitted = fitted_poses(poses, self.told_moments, self._config.noise, slope=slope, prior=prior)
         # Birge (1932): as residuals are larger than noise explains, so may be errors.
         inflation *= min(self._used_scores()[:, 1].max(initial=1.0), _WORST)
         return replace(fitted, covariance=inflation * fitted.covariance + np.outer(left, left))
@@ -229,7 +240,8 @@ class PoseFits:
             return
         since = index + self._hearing
         if np.all(rows[:, 2] == self.told_moments.count):
-            fitted = register_team(poses, rows[:, 3:], self.told_moments, self._config.noise, slope=slope).poses
+            noise, scores = self._config.noise, rows[:, 3:]
+            fitted = register_team(poses, scores, self.told_moments, noise, slope=slope, prior=self._prior).poses
             turns = [perturbation_between(old, new)[:3] for old, new in zip(poses, fitted, strict=True)]
             are_far = are_rough or np.linalg.norm(turns, axis=1).max() > _FAR
             again_before = since if are_far and come_again else self.again_before

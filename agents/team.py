@@ -11,13 +11,14 @@ What a robot knows of itself goes into the sums unchecked, so all robots watch w
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from agents.contradictions import Contradictions
 from agents.early_sums import PACE, EarlySums
+from agents.known_pose import KnownPose
 from agents.load_changes import LoadChanges
 from agents.load_memory import LoadMemory
 from agents.pose_fits import UNNOTICED, PoseFits, largest_step
@@ -30,7 +31,7 @@ from coheft.estimation.measurement import KINEMATICS, WRENCH
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import TeamPoses, refit_map, seen_from
+from coheft.estimation.team_registration import PosePrior, TeamPoses, refit_map, seen_from
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import PayloadEstimate
 from consensus.flood import Flood, Floods
@@ -87,7 +88,8 @@ class Team:
     Args:
         config: The agent's settings.
         graph: The team's.
-        poses: Of all its members, well known, by name. That of the first defines the body frame.
+        poses: Of all its members, well known, by name. That of the first defines the body frame. If it is known how
+            well, of all of them, the load is weighed with them at once.
         start: Block at which the sums begin, the same for everybody.
         history: Own samples of the blocks before, by number.
         load_changes: Told of those that are noticed.
@@ -102,7 +104,7 @@ class Team:
         self,
         config: AgentConfig,
         graph: Neighbours,
-        poses: Mapping[str, Pose],
+        poses: Mapping[str, KnownPose],
         start: int,
         history: Mapping[int, Array],
         load_changes: LoadChanges,
@@ -111,7 +113,8 @@ class Team:
         self._names = sorted(graph)
         self._own = self._names.index(config.name)
         self._neighbours = graph[config.name]
-        self._poses = tuple(poses[name] for name in self._names)
+        self._poses = tuple(poses[name].pose for name in self._names)
+        self._fitted = _known_from_before([poses[name] for name in self._names])
         schedule = choose_schedule({name: graph[name] for name in self._names})
         self._sums = TeamSums("sums", config.name, self._neighbours, schedule, config.block, config.noise)
         self._early_sums = EarlySums(config, self._neighbours, schedule, start, history)
@@ -119,21 +122,26 @@ class Team:
         self._hearing = hearing(graph)
 
         self._motion = TotalMotion(config, self._poses)
-        self._beyond_doubt: tuple[Pose, ...] | None = None
+        self._beyond_doubt: tuple[tuple[Pose, ...], TeamPoses | None] | None = None
         self._found_before: Found | None = None
-        self._fitted: TeamPoses | None = None
         self._neighbours_poses: dict[str, PoseEstimate] = {}
-        self._memory = LoadMemory(config, self._own, self._poses, self._motion.fusion)
+        self._memory = LoadMemory(config, self._own, self._poses, self._motion.fusion, self._fitted)
 
-        members = len(self._names)
-        self._fits = PoseFits(config, members, self._own, start, schedule.rounds, self._hearing, regrowth=1.0)
+        members, deviations = len(self._names), WELL_KNOWN
+        prior = None
+        if self._fitted is not None:
+            prior, deviations = PosePrior.of(self._fitted), self._fitted.deviations.max(axis=0)
+            self._neighbours_poses = seen_from(self._fitted, config.name, self._names, self._neighbours)
+        self._fits = PoseFits(
+            config, members, self._own, start, schedule.rounds, self._hearing, regrowth=1.0, prior=prior
+        )
         # Versions of the poses that the past was mapped to, and corrected for.
         self._version = self._corrected = 0
         # The last start of the early sums that the memory knows of.
         self._counted_from = start
-        self._largest_step = np.inf
+        self._largest_step = np.inf if self._fitted is None else 0.0
         self._wrenches = Flood(members, LoadMemory.told_size)
-        self._contradictions = Contradictions(config, self._names, self._poses[self._own], WELL_KNOWN)
+        self._contradictions = Contradictions(config, self._names, self._poses[self._own], deviations)
         self._floods = Floods(
             {
                 **self._fits.floods,
@@ -177,7 +185,7 @@ class Team:
         self._fits.common.add(index, (newest, early))
         self._contradictions.step(index)
         if not self.doubts():
-            self._beyond_doubt = self._poses
+            self._beyond_doubt = self._poses, self._fitted
         told["load_change"] = np.array([float(self._memory.changed_at)])
         return told | self._floods.channels()
 
@@ -190,14 +198,18 @@ class Team:
         """Of all members, in the body frame."""
         return dict(zip(self._names, self._poses, strict=True))
 
-    def poses_to_keep(self) -> dict[str, Pose] | None:
+    def poses_to_keep(self) -> dict[str, KnownPose] | None:
         """Of all members, in the body frame, for the next team; None if they cannot be relied upon.
 
         Whatever contradicts the team's motion has been at work for a while when it is noticed.
         """
         is_doubtful = self._contradictions.by is not None or self._version <= self._fits.spoilt
-        kept = self._beyond_doubt if is_doubtful else self._poses
-        return None if kept is None else dict(zip(self._names, kept, strict=True))
+        kept = self._beyond_doubt if is_doubtful else (self._poses, self._fitted)
+        if kept is None:
+            return None
+        poses, fitted = kept
+        bounds = [None] * len(poses) if fitted is None else fitted.bounds
+        return {name: KnownPose(*each) for name, *each in zip(self._names, poses, bounds, strict=True)}
 
     def found(self) -> Found | None:
         """What is known of poses and load; None as long as no poses have been fitted.
@@ -366,3 +378,14 @@ class Team:
         # What came while poses were too rough may be of several loads, whether it comes again or not.
         if self._memory.is_spoilt if self._motion.needs_slope else comes_again:
             self._memory.begin_again(self._fitted)
+
+
+def _known_from_before(poses: Sequence[KnownPose]) -> TeamPoses | None:
+    """What a former team has left of its poses; None if it is not known how well it knew all of them.
+
+    Nor does it help if another robot than the first had defined the body frame.
+    """
+    deviations = [pose.deviations for pose in poses if pose.deviations is not None]
+    if len(deviations) < len(poses) or deviations[0].any():
+        return None
+    return TeamPoses.known_within([pose.pose for pose in poses], np.array(deviations))

@@ -16,14 +16,18 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterable
 from itertools import islice
+from typing import Any
 
+import numpy as np
 from msgspec.structs import replace
 
-from coheft.estimation.spatial import Pose
+from coheft.estimation.spatial import Array, Pose
 from coheft.wire.message_size import PER_MESSAGE
 from coheft.wire.messages import LinkState
 from coheft.wire.scenario import MAX_ROBOTS
 from consensus.graph import distances
+
+_NOT_READY: dict[str, Any] = {"ready_block": -1, "pose": (), "frame": 0, "refined": False, "deviations": ()}
 
 
 class Gossip:
@@ -79,7 +83,14 @@ class Gossip:
         """Whether this robot has told the present team that it is ready."""
         return self.own.ready_block >= 0 and self.own.team == self.membership
 
-    def announce_ready(self, block: int, pose: Pose | None = None, frame: int = 0, refined: bool = False) -> None:
+    def announce_ready(
+        self,
+        block: int,
+        pose: Pose | None = None,
+        frame: int = 0,
+        refined: bool = False,
+        deviations: Array | None = None,
+    ) -> None:
         """Tell everybody that this robot can take part in the present team's sums from ``block`` on.
 
         Args:
@@ -87,19 +98,27 @@ class Gossip:
             pose: Its pose in the body frame.
             frame: Number of that frame.
             refined: Whether it knows its pose well.
+            deviations: How well, shape (6,), if that is known from a former team.
         """
-        numbers = () if pose is None else tuple(pose.numbers().tolist())
         self._tell(
-            replace(self.own, ready_block=block, pose=numbers, team=self.membership, frame=frame, refined=refined)
+            replace(
+                self.own,
+                ready_block=block,
+                pose=() if pose is None else tuple(pose.numbers().tolist()),
+                team=self.membership,
+                frame=frame,
+                refined=refined,
+                deviations=() if deviations is None else tuple(deviations.tolist()),
+            )
         )
 
     def forget_pose(self) -> None:
         """Take back what this robot has told of its pose."""
-        self._tell(replace(self.own, ready_block=-1, pose=(), frame=0, refined=False))
+        self._tell(replace(self.own, **_NOT_READY))
 
     def announce_holding(self, holding: bool, since: int) -> None:
         """Tell everybody that this robot takes hold of the load, or lets go of it, at block ``since``."""
-        self._tell(replace(self.own, holding=holding, since=since, ready_block=-1, pose=(), frame=0, refined=False))
+        self._tell(replace(self.own, holding=holding, since=since, **_NOT_READY))
 
     def _tell(self, record: LinkState) -> None:
         is_member_same = _membership(record) == _membership(self.own)
@@ -124,6 +143,11 @@ class Gossip:
         """What a robot has told the present team of its pose, None if nothing."""
         record = self.records[name]
         return Pose.of_numbers(record.pose) if record.pose and record.team == self.membership else None
+
+    def deviations(self, name: str) -> Array | None:
+        """How well that pose is known, shape (6,); None if the robot has not told."""
+        record = self.records[name]
+        return np.array(record.deviations) if record.deviations and record.team == self.membership else None
 
     def frame(self) -> int:
         """Number of the body frame of this team: that of the first of its members that has one; 0 if none has."""

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.body_motion import perturbed, relative_pose_derivative
+from coheft.estimation.body_motion import perturbation_between, perturbed, relative_pose_derivative
 from coheft.estimation.measurement import KINEMATICS, SensorNoise
 from coheft.estimation.observability import (
     AllSeen,
@@ -50,6 +50,8 @@ _NO_PRIOR = 1e-6
 of alpha."""
 _DOUBT = 5.0
 """Standard deviations of the noise in the information by which a direction must exceed it to count as seen."""
+_LEAST_DEVIATION = 1e-6
+"""So well no pose is known [rad, m]."""
 _MANY = 64
 """Of more poses nobody looks for directions that were not seen unless there may be some: that takes long."""
 _CHANNELS = ((TWIST_ROWS, TWIST), (ACCELERATION_ROWS, ACCELERATION))
@@ -70,11 +72,25 @@ class TeamPoses:
     covariance: Array
     limits: Visibility
 
+    @staticmethod
+    def known_within(poses: Sequence[Pose], deviations: Array, limits: Visibility | None = None) -> TeamPoses:
+        """Poses whose errors, as far as is known, are independent and have these standard deviations, shape (N, 6)."""
+        return TeamPoses(tuple(poses), np.diag(np.square(deviations).ravel()), limits or Visibility())
+
     @property
     def deviations(self) -> Array:
         """Standard deviations of all perturbations, shape (N, 6)."""
         result: Array = np.sqrt(self.covariance.diagonal()).reshape(-1, 6)
         return result
+
+    @property
+    def bounds(self) -> Array:
+        """Deviations of independent errors that are as large as these, or larger, in every direction, shape (N, 6)."""
+        deviations = self.deviations
+        scale = np.where(deviations > 0.0, deviations, 1.0).ravel()
+        largest = np.linalg.eigvalsh(self.covariance / scale[:, None] / scale)[-1]
+        bounds: Array = np.sqrt(max(float(largest), 1.0)) * deviations
+        return bounds
 
     def relative(self, i: int, j: int) -> PoseEstimate:
         """``pose_j_in_i`` of two different robots."""
@@ -83,6 +99,30 @@ class TeamPoses:
         covariance = derivative @ by_robot[[i, j]][:, :, [i, j]].reshape(12, 12) @ derivative.T
         seen = seen_information(np.linalg.inv(covariance).astype(np.float64), self.limits)
         return PoseEstimate(self.poses[i].inverse() @ self.poses[j], covariance, seen.unseen())
+
+
+@dataclass(frozen=True, eq=False)
+class PosePrior:
+    """What is known of all poses from before the samples that they are fitted to.
+
+    Attributes:
+        poses: In the body frame.
+        information: Of independent errors of all but the first, shape (N - 1, 6).
+    """
+
+    poses: tuple[Pose, ...]
+    information: Array
+
+    @staticmethod
+    def of(team: TeamPoses) -> PosePrior:
+        """Poses that are known within their deviations, and the first one exactly."""
+        return PosePrior(team.poses, np.maximum(team.deviations[1:], _LEAST_DEVIATION) ** -2)
+
+    def score(self, poses: Sequence[Pose]) -> Array:
+        """Derivative of the log-likelihood by the perturbations of other poses, shape (N - 1, 6)."""
+        pairs = zip(poses[1:], self.poses[1:], strict=True)
+        score: Array = self.information * np.array([perturbation_between(pose, known) for pose, known in pairs])
+        return score
 
 
 def seen_from(team: TeamPoses, own: str, names: Sequence[str], others: Iterable[str]) -> dict[str, PoseEstimate]:
@@ -97,6 +137,7 @@ def register_team(
     noise: SensorNoise,
     limits: Visibility | None = None,
     slope: Array = NO_SLOPE,
+    prior: PosePrior | None = None,
 ) -> TeamPoses:
     """One joint Gauss-Newton step.
 
@@ -107,10 +148,12 @@ def register_team(
         noise: Of every robot's sensors.
         limits: When a direction counts as seen.
         slope: What the gyros' slope says about ``(a, alpha)``, shape (6, 6), if the body's motion was found with it.
+        prior: What is known of the poses from before.
     """
     limits = limits or Visibility()
-    seen = _seen(poses, moments, noise, limits, slope)
-    steps = seen.step(scores[1:].ravel()).reshape(-1, 6)
+    seen = _seen(poses, moments, noise, limits, slope, prior)
+    score = scores[1:] if prior is None else scores[1:] + prior.score(poses)
+    steps = seen.step(score.ravel()).reshape(-1, 6)
     moved = (perturbed(pose, step) for pose, step in zip(poses[1:], steps, strict=True))
     return _team_poses((poses[0], *moved), seen, limits)
 
@@ -121,21 +164,29 @@ def fitted_poses(
     noise: SensorNoise,
     limits: Visibility | None = None,
     slope: Array = NO_SLOPE,
+    prior: PosePrior | None = None,
 ) -> TeamPoses:
     """How well poses are known that were fitted to samples with these moments; arguments as of ``register_team``."""
     limits = limits or Visibility()
-    return _team_poses(tuple(poses), _seen(poses, moments, noise, limits, slope), limits)
+    return _team_poses(tuple(poses), _seen(poses, moments, noise, limits, slope, prior), limits)
 
 
 def _seen(
-    poses: Sequence[Pose], moments: RegistrationMoments, noise: SensorNoise, limits: Visibility, slope: Array
+    poses: Sequence[Pose],
+    moments: RegistrationMoments,
+    noise: SensorNoise,
+    limits: Visibility,
+    slope: Array,
+    prior: PosePrior | None,
 ) -> SeenInformation | AllSeen:
-    """Joint information of all poses but the first's, as far as it is due to motion."""
+    """Joint information of all poses but the first's, as far as it is due to motion, or known from before."""
     information, from_noise = team_information(moments, poses, noise, slope)
     doubt = _DOUBT / np.sqrt(max(moments.count, 1.0)) * from_noise
-    due_to_motion, doubt = (information - from_noise)[6:, 6:], doubt[6:, 6:]
-    seen = all_seen(due_to_motion, limits, doubt) if len(poses) > _MANY else None
-    return seen or seen_information(due_to_motion, limits, doubt)
+    known, doubt = (information - from_noise)[6:, 6:], doubt[6:, 6:]
+    if prior is not None:
+        known = known + np.diag(prior.information.ravel())
+    seen = all_seen(known, limits, doubt) if len(poses) > _MANY else None
+    return seen or seen_information(known, limits, doubt)
 
 
 def _team_poses(poses: tuple[Pose, ...], seen: SeenInformation | AllSeen, limits: Visibility) -> TeamPoses:

@@ -115,6 +115,9 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
         team: Number of the membership that it is ready for, see ``consensus.gossip``.
         frame: Number of the body frame in which it knows its pose, 0 if none.
         refined: Whether it knows that so well that the load can be weighed.
+        deviations: How well, if it knows that from a former team: standard deviations about and along the axes of the
+            body frame [rad, m], 6 numbers, such that no error of all robots' poses together is more likely than they
+            say; else empty.
     """
 
     robot: str
@@ -128,6 +131,7 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
     team: int = 0
     frame: int = 0
     refined: bool = False
+    deviations: tuple[float, ...] = ()
 
 
 class NeighbourMessage(Message, frozen=True):
