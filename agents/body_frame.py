@@ -110,9 +110,9 @@ class BodyFrame:
         if self._kept is None or self._has_fallen_back:
             self._kept = self._told = self._former = None
         self._has_fallen_back = self._kept is not None
-        own = self._gossip.own
-        if self._kept is None or self._kept_pose(own.robot) is None or self._kept.frame != own.frame:
-            self._gossip.forget_pose()  # else it is told anew, and the frame is still there for all who know theirs
+        is_known = self._kept_pose(self._config.name) is not None
+        # Others may know their poses in that frame as well.
+        self._gossip.forget_pose(self._kept.frame if self._kept is not None and is_known else 0)
 
     def update_pairs(self, block: int, previous: Array | None, inbox: Mapping[str, Channels]) -> None:
         """Take in neighbours' samples of a block, and the own ones, shape (B, 15)."""

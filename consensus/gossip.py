@@ -112,9 +112,9 @@ class Gossip:
             )
         )
 
-    def forget_pose(self) -> None:
-        """Take back what this robot has told of its pose."""
-        self._tell(replace(self.own, **_NOT_READY))
+    def forget_pose(self, frame: int) -> None:
+        """Take back what this robot has told of its pose; it knows that in a frame of this number, or none if 0."""
+        self._tell(replace(self.own, **_NOT_READY | {"frame": frame}))
 
     def announce_holding(self, holding: bool, since: int) -> None:
         """Tell everybody that this robot takes hold of the load, or lets go of it, at block ``since``."""
