@@ -11,14 +11,16 @@ What a robot knows of itself goes into the sums unchecked, so all robots watch w
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from agents.completeness import Completeness
 from agents.contradictions import Contradictions
 from agents.early_sums import PACE, EarlySums
-from agents.known_pose import KnownPose
+from agents.found import Found
+from agents.known_pose import KnownPose, known_from_before, passed_on
 from agents.load_changes import LoadChanges
 from agents.load_memory import LoadMemory
 from agents.pose_fits import UNNOTICED, PoseFits, largest_step
@@ -33,14 +35,10 @@ from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import PosePrior, TeamPoses, refit_map, seen_from
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages import PayloadEstimate
 from consensus.flood import Flood, Floods
 from consensus.graph import Neighbours, hearing
 from consensus.schedule import choose_schedule
 
-_PATIENCE = 0.25
-"""After so long without a complete sum, the load may have changed unnoticed; and when sums are complete again, a change
-in the meantime takes so long to be noticed [s]."""
 _MOVING = 4.0
 """While a fit moves a pose by more of its standard deviations, it is too far from the optimum for these to be true."""
 _LITTLE = 0.5
@@ -52,23 +50,6 @@ _NONSENSE = 15.0
 """The same for the motion of the body, which does not change suddenly: such a block is not used."""
 _UNLIKELY = 3.0
 """The same for samples from before the start: there is no hurry to use them."""
-
-
-@dataclass(frozen=True)
-class Found:
-    """What a robot knows of its team and the load.
-
-    Attributes:
-        poses: ``pose_j_in_i`` of the neighbours.
-        payload: Mass properties in ``F_i``, None while there are none.
-        unseen: What of them is not observable.
-        learned_block: The newest block that is in it.
-    """
-
-    poses: Mapping[str, PoseEstimate]
-    payload: PayloadEstimate | None
-    unseen: tuple[str, ...]
-    learned_block: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +76,6 @@ class Team:
         load_changes: Told of those that are noticed.
 
     Attributes:
-        learned_block: Newest block whose total was learned from, -1 while there is none.
         total_block: Block of the newest total, -1 while there is none.
         total_wrench: Total wrench (6,) about the origin of ``F_i`` at its last sample.
     """
@@ -114,7 +94,7 @@ class Team:
         self._own = self._names.index(config.name)
         self._neighbours = graph[config.name]
         self._poses = tuple(poses[name].pose for name in self._names)
-        self._fitted = _known_from_before([poses[name] for name in self._names])
+        self._fitted = known_from_before([poses[name] for name in self._names])
         schedule = choose_schedule({name: graph[name] for name in self._names})
         self._sums = TeamSums("sums", config.name, self._neighbours, schedule, config.block, config.noise)
         self._early_sums = EarlySums(config, self._neighbours, schedule, start, history)
@@ -151,10 +131,7 @@ class Team:
         )
         self._held: _Block | None = None
         self._is_contradicted = False
-        self._rounds = schedule.rounds
-        self._patience = config.blocks(_PATIENCE)
-        self._resumed_block = self._settled_block = -1
-        self.learned_block = -1
+        self._completeness = Completeness(config, schedule.rounds)
         self.total_block = -1
         self.total_wrench = np.zeros(6)
         self._load_changes = load_changes
@@ -205,11 +182,7 @@ class Team:
         """
         is_doubtful = self._contradictions.by is not None or self._version <= self._fits.spoilt
         kept = self._beyond_doubt if is_doubtful else (self._poses, self._fitted)
-        if kept is None:
-            return None
-        poses, fitted = kept
-        bounds = [None] * len(poses) if fitted is None else fitted.bounds
-        return {name: KnownPose(*each) for name, *each in zip(self._names, poses, bounds, strict=True)}
+        return None if kept is None else dict(zip(self._names, passed_on(*kept), strict=True))
 
     def found(self) -> Found | None:
         """What is known of poses and load; None as long as no poses have been fitted.
@@ -220,27 +193,26 @@ class Team:
         is_coherent = self._corrected == self._version or (self._corrected > 0 and self._largest_step < _LITTLE)
         if self._fitted is not None and is_coherent:
             payload, unseen = self._memory.payload(self._own, self._fitted)
-            return Found(self._neighbours_poses, payload, unseen, self.learned_block)
+            return Found(self._neighbours_poses, payload, unseen, self._completeness.newest)
         if self._found_before is not None and self._memory.changed_at > self._found_before.learned_block:
             return replace(self._found_before, payload=None)
         return self._found_before
 
     def doubts(self) -> tuple[str, ...]:
         """Why what is known of the load may not be true any more."""
-        if self.learned_block < 0:
+        if self._completeness.newest < 0:
             return ("the team's sums have just begun",)
         suspect = self._contradictions.by
         if suspect is not None:
             return (f"what {suspect} measures contradicts how the load moves",)
-        age = self._next - 1 - self._rounds - self.learned_block
-        if age > self._patience:
-            return (f"no complete sum of the team since {self._config.start_of(self.learned_block + 1):.2f} s",)
+        gap = self._completeness.gap(self._next)
+        if gap is not None:
+            return (gap,)
         is_moving = self._largest_step > _MOVING or self._version <= self._fits.spoilt
         if self._fitted is not None and (is_moving or self._memory.is_spoilt):
             return ("the poses are still being found",)
-        if self.learned_block < self._settled_block:
-            return (f"complete sums of the team again since {self._config.start_of(self._resumed_block):.2f} s only",)
-        return ()
+        recent_gap = self._completeness.recent_gap
+        return () if recent_gap is None else (recent_gap,)
 
     @property
     def must_start_over(self) -> bool:
@@ -294,7 +266,7 @@ class Team:
 
     def _look_at(self, block: int, index: int) -> RegistrationMoments | None:
         """Learn from the sums of a block, if they can be true; returns what they say of the own pose."""
-        seen = self._motion.look_at(block, self.learned_block, self._use_poses)
+        seen = self._motion.look_at(block, self._completeness.newest, self._use_poses)
         if seen is None:
             return None
         entered, sums, motion = seen
@@ -316,9 +288,7 @@ class Team:
         return self._learn(found, index)
 
     def _learn(self, found: _Block, index: int) -> RegistrationMoments:
-        if found.number > self.learned_block + self._patience and self.learned_block >= 0:
-            self._resumed_block, self._settled_block = found.number, found.number + self._patience
-        self.learned_block = found.number
+        self._completeness.note(found.number)
         changed_at = self._memory.push(found.number, found.motion, found.wrench, found.own_wrench)
         if changed_at is not None:
             self._load_changes.notice(changed_at, index, within=self._hearing)
@@ -378,14 +348,3 @@ class Team:
         # What came while poses were too rough may be of several loads, whether it comes again or not.
         if self._memory.is_spoilt if self._motion.needs_slope else comes_again:
             self._memory.begin_again(self._fitted)
-
-
-def _known_from_before(poses: Sequence[KnownPose]) -> TeamPoses | None:
-    """What a former team has left of its poses; None if it is not known how well it knew all of them.
-
-    Nor does it help if another robot than the first had defined the body frame.
-    """
-    deviations = [pose.deviations for pose in poses if pose.deviations is not None]
-    if len(deviations) < len(poses) or deviations[0].any():
-        return None
-    return TeamPoses.known_within([pose.pose for pose in poses], np.array(deviations))

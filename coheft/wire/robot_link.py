@@ -37,7 +37,7 @@ class RobotLink:
         missing: Neighbours that it cannot talk with yet, as it says.
         answered: The last block of measurements that it has answered or will never answer, -1 if none.
         joined: The block with which it began to take part.
-        refused: Block of its latest reference that no arm can follow, -1 if its latest one is none.
+        is_refused: No arm can follow its latest reference.
     """
 
     def __init__(
@@ -58,14 +58,15 @@ class RobotLink:
         self.missing: list[str] = []
         self.answered = -1
         self.joined = 0
-        self.refused = -1
+        self.is_refused = False
         self._attempt = -1
         self._world = world
         self._lag = lag
         self._motion_shape = (block, _MOTION_SIZE)
         self._excess = excess
         self._sent = -1
-        self._references: dict[int, Reference] = {}
+        # By block; None for those that no arm can follow.
+        self._references: dict[int, Reference | None] = {}
         self._measurements = Sender(session, keys.robot(name, "measurements"), may_drop=False)
         self._stop = Sender(session, keys.robot(name, "stop"), may_drop=False)
         inbox.listen(session, name, {keys.robot(name, "ready"): Ready, keys.robot(name, "reference"): Reference})
@@ -135,21 +136,19 @@ class RobotLink:
         """
         is_finite = np.isfinite(reference.motion).all() and np.isfinite(reference.wrench).all()
         excess = self._excess(reference) if is_finite else f"the reference of block {reference.block} is not finite"
-        if excess is None:
-            self._references[reference.block] = reference
-        was_refused, self.refused = self.refused >= 0, -1 if excess is None else reference.block
+        self._references[reference.block] = reference if excess is None else None
+        was_refused, self.is_refused = self.is_refused, excess is not None
         if excess is not None and not was_refused:
             raise MessageError(f"{excess}: its arm holds still until it asks for something that an arm can do")
 
     def is_late(self, block: int) -> bool:
-        """Whether its reference of a block should have come."""
-        return self.is_ready and block >= self.joined + self._lag and block > self.refused
+        """Whether its reference of a block should have come, and has not."""
+        return self.is_ready and block >= self.joined + self._lag and block not in self._references
 
     def take_reference(self, block: int) -> Reference | None:
-        """Its reference of a block, None if it has not come; those of earlier blocks are forgotten."""
-        reference = self._references.get(block)
-        self._references = {index: other for index, other in self._references.items() if index > block}
-        return reference
+        """Its reference of a block, None if none that an arm can follow has come; earlier blocks' are forgotten."""
+        self._references = {index: other for index, other in self._references.items() if index >= block}
+        return self._references.get(block)
 
     def send_measurements(self, measurements: Measurements, estimator: str = "") -> None:
         """Send it its own measurements; ``estimator`` is the one to use, if not that of its configuration."""

@@ -78,13 +78,15 @@ def test_a_robot_link_counts_what_no_arm_can_do_as_an_answer_and_tells_it_once(l
         for nonsense in (1e300, np.nan, -np.inf):
             second = answer(nonsense, where)
         assert link.answered == second == first + 3
-        assert link.refused >= 0
+        assert link.is_refused
         assert not link.is_late(second + LAG)
-        assert link.take_reference(first + LAG) is None
-        assert link.take_reference(second + LAG) is None
         sound = answer(0.1, where)
-        assert link.refused == -1
+        assert not link.is_refused
+        for refused in (first, second):
+            assert link.take_reference(refused + LAG) is None
+            assert not link.is_late(refused + LAG)
         assert link.take_reference(sound + LAG) is not None
+        assert link.is_late(sound + LAG + 1)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,26 @@
+"""What a robot knows of its team and the load."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from coheft.estimation.observability import PoseEstimate
+from coheft.wire.messages import PayloadEstimate
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a robot knows of its team and the load.
+
+    Attributes:
+        poses: ``pose_j_in_i`` of the neighbours.
+        payload: Mass properties in ``F_i``, None while there are none.
+        unseen: What of them is not observable.
+        learned_block: The newest block that is in it.
+    """
+
+    poses: Mapping[str, PoseEstimate]
+    payload: PayloadEstimate | None
+    unseen: tuple[str, ...]
+    learned_block: int
