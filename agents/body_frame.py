@@ -109,6 +109,9 @@ class BodyFrame:
         self._pairs, self._holds, self.misfits = {}, {}, ()
         if self._kept is None or self._has_fallen_back:
             self._kept = self._told = self._former = None
+        else:  # the last team has begun with these poses: how well they are known is not known any more
+            poses = {key: KnownPose(known.pose) for key, known in self._kept.poses.items()}
+            self._kept = KeptPoses(self._kept.frame, poses)
         self._has_fallen_back = self._kept is not None
         is_known = self._kept_pose(self._config.name) is not None
         # Others may know their poses in that frame as well.
@@ -206,11 +209,8 @@ class BodyFrame:
             pose, is_former = found
             return pose, frame, is_former
         if own.pose and own.frame == frame:
-            return (
-                Pose.of_numbers(own.pose),
-                frame,
-                own.refined,
-            )  # of a team whose sums never began: nobody has kept any
+            # Told to a team whose sums never began: nobody has kept it, but it is known as well as it was.
+            return Pose.of_numbers(own.pose), frame, own.refined
         return None
 
     def _through_neighbour(self, graph: Mapping[str, tuple[str, ...]]) -> tuple[Pose, bool] | None:

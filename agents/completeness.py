@@ -15,21 +15,25 @@ class Completeness:
     Args:
         config: The agent's settings.
         rounds: Blocks from a sample's entering the sums to its leaving them.
+        settling: For so many blocks after the first one something may be wrong without being noticed.
 
     Attributes:
         newest: The newest such block, -1 while there is none.
     """
 
-    def __init__(self, config: AgentConfig, rounds: int) -> None:
+    def __init__(self, config: AgentConfig, rounds: int, settling: int) -> None:
         self._config = config
         self._rounds = rounds
         self._patience = config.blocks(_PATIENCE)
+        self._settling = settling
         self._resumed = self._settled = -1
         self.newest = -1
 
     def note(self, block: int) -> None:
         """The sums of a block are complete."""
-        if block > self.newest + self._patience and self.newest >= 0:
+        if self.newest < 0:
+            self._resumed, self._settled = block, block + self._settling
+        elif block > self.newest + self._patience:
             self._resumed, self._settled = block, block + self._patience
         self.newest = block
 

@@ -153,7 +153,7 @@ class EfficientEstimator:
         history = {block: rows for block, rows in self._history.items() if block >= self._gossip.changed_at}
         self._history = {}
         self._holds = {name: self._gossip.records[name].since for name in graph}
-        members = {name: KnownPose(pose, self._gossip.deviations(name)) for name, pose in known.items()}
+        members = {name: KnownPose.of(pose, self._gossip.deviations(name)) for name, pose in known.items()}
         self._team = Team(self._config, graph, members, start, history, self._load_changes)
 
     def _dissolve(self) -> None:

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from agents.estimator import Channels
-from agents.known_pose import are_deviations
 from coheft.estimation.spatial import Pose
 from coheft.wire.messages import LinkState, NeighbourMessage
 from coheft.wire.scenario import MAX_ROBOTS
@@ -118,10 +117,10 @@ def _is_possible(record: LinkState) -> bool:
         return False
     if len(record.neighbours) > MAX_ROBOTS or max(map(len, (record.robot, *record.neighbours))) > _LONGEST_NAME:
         return False
-    if not record.pose:
-        return not record.deviations
-    if len(record.pose) != _POSE_SIZE or not np.all(np.abs(record.pose) < _LARGEST):
+    if len(record.deviations) > _POSE_SIZE:
         return False
-    if record.deviations and not are_deviations(record.deviations):
+    if not record.pose:
+        return True
+    if len(record.pose) != _POSE_SIZE or not np.all(np.abs(record.pose) < _LARGEST):
         return False
     return Pose.of_numbers(record.pose).is_rigid()

@@ -125,8 +125,7 @@ class LoadMemory:
         if self._correction is None:  # else they wait for its end: they were carried with the new poses already
             self._early.move_to(self._window)
         self._forces.add(own_wrench[:, :3])
-        if self._known is not None:  # what others feel is not known yet
-            self._expect_disturbance(np.zeros(len(self._known.poses)), self._known)
+        self._use_known_poses()
         self._last_block = block
         self._uncorrected.age(self._kept)
         if self._correction is not None:
@@ -146,6 +145,12 @@ class LoadMemory:
             return None
         self._begin(change.first_block)
         return None if is_in_doubt else change.first_block
+
+    def _use_known_poses(self) -> None:
+        """Expect what they do, from the first block on and again when there are enough, if others feel as much."""
+        if self._known is not None and (self._is_enough() or self._disturbance.size == np.inf):
+            self._expect_disturbance(np.zeros(len(self._known.poses)), self._known)
+            self._known = None if self._is_enough() else self._known
 
     def surprise(self, motion: Array, wrench: Array) -> float:
         """Mean square of a block's residuals over what it should be, by what is known of the load; 0 if nothing is."""

@@ -55,8 +55,9 @@ _UNTRIED = 1.5
 _SCORE_SIZE = 9
 """The version of the poses that a score is at, how badly they fit, to how many samples, and the score."""
 _POSE_SIZE = 12
-_FIT_SIZE = 2 + _POSE_SIZE
-"""From which block on the poses count, before which one samples go through sums again, and a pose."""
+_FIT_SIZE = 3 + _POSE_SIZE
+"""From which block on the poses count, before which one samples go through sums again, whether what was known of poses
+before is in them, and a pose."""
 
 
 class PoseFits:
@@ -73,6 +74,7 @@ class PoseFits:
         prior: What is known of the poses from a former team.
 
     Attributes:
+        prior: The same, None once samples have contradicted it.
         common: Moments over the samples that all have.
         told_moments: The same as they were when the own score was told last.
         carried: Version of the poses that samples are carried with now, 0 at the start.
@@ -93,7 +95,7 @@ class PoseFits:
         prior: PosePrior | None = None,
     ) -> None:
         self._config = config
-        self._prior = prior
+        self.prior = prior
         self._own = own
         self._hearing = hearing
         self._shortest = config.blocks(_SHORTEST_ROUND)
@@ -111,6 +113,7 @@ class PoseFits:
         self._regrowth = regrowth
         self._patience, self._uncarried = config.blocks(_STUCK) + 2 * hearing, 0
         self._told_poses: dict[int, tuple[Pose, ...]] = {}
+        self._chunks: dict[int, int] = {}
 
     def step(
         self,
@@ -149,6 +152,8 @@ class PoseFits:
         if fitted is not None and index >= fitted[0, 0] >= fitted[0, 1] and all(map(Pose.is_rigid, _poses(fitted))):
             self._told_poses[told_version] = _poses(fitted)
             self.carried = told_version
+            if self.prior is not None and not fitted[0, 2]:
+                self.prior, self.spoilt = None, max(self.spoilt, 0)
             if fitted[0, 1] > self.again_before:
                 self.again_before = int(fitted[0, 1])
                 self.common.begin_again(self.again_before)
@@ -170,6 +175,7 @@ class PoseFits:
         """The poses of a version that has come into use; it and older ones are forgotten."""
         poses, self._used = self._told_poses[version], version
         self._told_poses = {number: each for number, each in self._told_poses.items() if number > version}
+        self._chunks = {number: each for number, each in self._chunks.items() if number >= version}
         if len(np.unique(self._used_scores()[:, 2])) > 1:  # not everybody had the same samples: nothing was fitted
             self.spoilt = version
         return poses
@@ -190,12 +196,22 @@ class PoseFits:
             untried: Time of samples up to which they are much less certain [s].
         """
         left = _LEFT * np.concatenate(steps)
-        inflation = 1.0 + (untried * self._config.rate / max(self.told_moments.count, 1.0)) ** 2
-        prior = self._prior and replace(self._prior, information=inflation * self._prior.information)  # it is not new
+        inflation = self._inflation(untried)
+        prior = self.prior and self.prior.scaled(inflation)  # it is not new
         fitted = fitted_poses(poses, self.told_moments, self._config.noise, slope=slope, prior=prior)
         # Birge (1932): as residuals are larger than noise explains, so may be errors.
         inflation *= min(self._used_scores()[:, 1].max(initial=1.0), _WORST)
         return replace(fitted, covariance=inflation * fitted.covariance + np.outer(left, left))
+
+    def _inflation(self, untried: float = _UNTRIED) -> float:
+        """How many times less certain, in variance, poses are than the samples say that they are fitted to."""
+        return float(1.0 + (untried * self._config.rate / max(self.told_moments.count, 1.0)) ** 2)
+
+    def is_sure(self, version: int) -> bool:
+        """Whether nothing can have been wrong, unnoticed, with the samples that poses in use were fitted to."""
+        if version == 0:
+            return self.prior is not None
+        return version > self.spoilt and self.common.chunks - self._chunks[version] >= self._unsure
 
     def map(self, feature_map: Array) -> None:
         """All samples' features are ``feature_map`` (28, 28) times what they were."""
@@ -214,6 +230,7 @@ class PoseFits:
         if steps < self._tell_step or self.common.total.count < least:
             return
         self._tells, self._told_chunk = self._tells + 1, self.common.chunks
+        self._chunks[self._tells] = self.common.chunks
         grown = round(self._config.efficient.refit_share * steps)
         self._tell_step = steps + max(self._longest, self._shortest, grown)
         if can_tell:
@@ -241,19 +258,30 @@ class PoseFits:
         since = index + self._hearing
         if np.all(rows[:, 2] == self.told_moments.count):
             noise, scores = self._config.noise, rows[:, 3:]
-            fitted = register_team(poses, scores, self.told_moments, noise, slope=slope, prior=self._prior).poses
+            prior = self._prior_that_fits(poses, scores, slope)
+            fitted = register_team(poses, scores, self.told_moments, noise, slope=slope, prior=prior).poses
             turns = [perturbation_between(old, new)[:3] for old, new in zip(poses, fitted, strict=True)]
+            are_rough |= prior is None and self.prior is not None
             are_far = are_rough or np.linalg.norm(turns, axis=1).max() > _FAR
             again_before = since if are_far and come_again else self.again_before
         else:  # somebody has it wrong which samples all have: begin anew
-            fitted, again_before = tuple(poses), since
+            fitted, again_before, prior = tuple(poses), since, None
         for robot, pose in enumerate(fitted):
-            self._fits.tell(robot, self._tells, np.array([since, again_before, *pose.numbers()]))
+            row = np.array([since, again_before, float(prior is not None), *pose.numbers()])
+            self._fits.tell(robot, self._tells, row)
+
+    def _prior_that_fits(self, poses: Sequence[Pose], scores: Array, slope: Array) -> PosePrior | None:
+        """What was known of poses before, in weights of the samples; None if the samples contradict it."""
+        if self.prior is None:
+            return None
+        inflation = self._inflation()
+        does_fit = self.prior.fits(poses, scores, self.told_moments, self._config.noise, slope, inflation)
+        return self.prior.scaled(inflation) if does_fit else None
 
 
 def _poses(fitted: Array) -> tuple[Pose, ...]:
-    """Of all robots, from rows (N, 14) that the reference robot has told."""
-    return tuple(Pose.of_numbers(row[2:]) for row in fitted)
+    """Of all robots, from rows (N, 15) that the reference robot has told."""
+    return tuple(Pose.of_numbers(row[3:]) for row in fitted)
 
 
 def largest_step(fitted: TeamPoses, steps: Sequence[Array]) -> float:

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from agents.contradictions import Contradictions
+from agents.known_pose import WELL_KNOWN
 from agents.pose_fits import PoseFits
 from agents.sums import Entered, TeamSums
 from agents.total_motion import TotalMotion
@@ -30,8 +31,6 @@ _ROUGHLY_KNOWN = np.repeat([0.05, 0.05], 3)
 """Standard deviations at first, at the end of a chain of neighbours [rad, m]."""
 _FIRST_FITS = 2.0
 """Fits of few samples, from far away, are off by so many times what they say."""
-WELL_KNOWN = np.repeat([8e-3, 20e-3], 3)
-"""Poses are known well when all standard deviations are below these [rad, m]."""
 
 
 class PoseSearch:

@@ -20,11 +20,10 @@ from agents.completeness import Completeness
 from agents.contradictions import Contradictions
 from agents.early_sums import PACE, EarlySums
 from agents.found import Found
-from agents.known_pose import KnownPose, known_from_before, passed_on
+from agents.known_pose import WELL_KNOWN, KnownPose, known_from_before, passed_on
 from agents.load_changes import LoadChanges
 from agents.load_memory import LoadMemory
 from agents.pose_fits import UNNOTICED, PoseFits, largest_step
-from agents.pose_search import WELL_KNOWN
 from agents.sums import Entered, TeamSums
 from agents.total_motion import TotalMotion
 from agents.watch import block_misfit
@@ -102,15 +101,17 @@ class Team:
         self._hearing = hearing(graph)
 
         self._motion = TotalMotion(config, self._poses)
-        self._beyond_doubt: tuple[tuple[Pose, ...], TeamPoses | None] | None = None
+        self._beyond_doubt: tuple[Pose, ...] | None = None
+        self._sure: tuple[tuple[Pose, ...], TeamPoses] | None = None
         self._found_before: Found | None = None
         self._neighbours_poses: dict[str, PoseEstimate] = {}
         self._memory = LoadMemory(config, self._own, self._poses, self._motion.fusion, self._fitted)
 
-        members, deviations = len(self._names), WELL_KNOWN
-        prior = None
+        members = len(self._names)
+        prior, deviations, settling = None, WELL_KNOWN, 0
         if self._fitted is not None:
             prior, deviations = PosePrior.of(self._fitted), self._fitted.deviations.max(axis=0)
+            settling = config.blocks(UNNOTICED)
             self._neighbours_poses = seen_from(self._fitted, config.name, self._names, self._neighbours)
         self._fits = PoseFits(
             config, members, self._own, start, schedule.rounds, self._hearing, regrowth=1.0, prior=prior
@@ -131,7 +132,7 @@ class Team:
         )
         self._held: _Block | None = None
         self._is_contradicted = False
-        self._completeness = Completeness(config, schedule.rounds)
+        self._completeness = Completeness(config, schedule.rounds, settling)
         self.total_block = -1
         self.total_wrench = np.zeros(6)
         self._load_changes = load_changes
@@ -162,7 +163,9 @@ class Team:
         self._fits.common.add(index, (newest, early))
         self._contradictions.step(index)
         if not self.doubts():
-            self._beyond_doubt = self._poses, self._fitted
+            self._beyond_doubt = self._poses
+            if self._fitted is not None and self._fits.is_sure(self._version):
+                self._sure = self._poses, self._fitted
         told["load_change"] = np.array([float(self._memory.changed_at)])
         return told | self._floods.channels()
 
@@ -180,9 +183,11 @@ class Team:
 
         Whatever contradicts the team's motion has been at work for a while when it is noticed.
         """
+        if self._sure is not None:
+            return dict(zip(self._names, passed_on(*self._sure), strict=True))
         is_doubtful = self._contradictions.by is not None or self._version <= self._fits.spoilt
-        kept = self._beyond_doubt if is_doubtful else (self._poses, self._fitted)
-        return None if kept is None else dict(zip(self._names, passed_on(*kept), strict=True))
+        kept = self._beyond_doubt if is_doubtful else self._poses
+        return None if kept is None else {name: KnownPose(pose) for name, pose in zip(self._names, kept, strict=True)}
 
     def found(self) -> Found | None:
         """What is known of poses and load; None as long as no poses have been fitted.
@@ -329,6 +334,8 @@ class Team:
         if version == self._version:
             return
         self._found_before, self._held = None if self.doubts() else self.found(), None
+        if self._version == 0 and self._fits.prior is None:
+            self._sure = None  # what was known before was wrong
         poses = self._fits.take_poses(version)
         self._motion.set_poses(poses)
         feature_map = refit_map(self._poses, poses, self._config.noise, self._motion.slope)

@@ -18,7 +18,6 @@ from collections.abc import Iterable
 from itertools import islice
 from typing import Any
 
-import numpy as np
 from msgspec.structs import replace
 
 from coheft.estimation.spatial import Array, Pose
@@ -144,10 +143,10 @@ class Gossip:
         record = self.records[name]
         return Pose.of_numbers(record.pose) if record.pose and record.team == self.membership else None
 
-    def deviations(self, name: str) -> Array | None:
-        """How well that pose is known, shape (6,); None if the robot has not told."""
+    def deviations(self, name: str) -> tuple[float, ...]:
+        """How well a robot has told the present team that it knows its pose, empty if nothing."""
         record = self.records[name]
-        return np.array(record.deviations) if record.deviations and record.team == self.membership else None
+        return record.deviations if record.team == self.membership else ()
 
     def frame(self) -> int:
         """Number of the body frame of this team: that of the first of its members that has one; 0 if none has."""

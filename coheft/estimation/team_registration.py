@@ -50,8 +50,10 @@ _NO_PRIOR = 1e-6
 of alpha."""
 _DOUBT = 5.0
 """Standard deviations of the noise in the information by which a direction must exceed it to count as seen."""
-_LEAST_DEVIATION = 1e-6
-"""So well no pose is known [rad, m]."""
+_UNSEEN = 1e-3
+"""Directions of which samples say so little, compared with what was known before, cannot contradict it."""
+_SIGMAS = 6.0
+"""By so many standard deviations of a chi-square samples may contradict what was known before."""
 _MANY = 64
 """Of more poses nobody looks for directions that were not seen unless there may be some: that takes long."""
 _CHANNELS = ((TWIST_ROWS, TWIST), (ACCELERATION_ROWS, ACCELERATION))
@@ -115,14 +117,43 @@ class PosePrior:
 
     @staticmethod
     def of(team: TeamPoses) -> PosePrior:
-        """Poses that are known within their deviations, and the first one exactly."""
-        return PosePrior(team.poses, np.maximum(team.deviations[1:], _LEAST_DEVIATION) ** -2)
+        """Poses that are known within their deviations, none of them zero, and the first one exactly."""
+        return PosePrior(team.poses, team.deviations[1:] ** -2)
 
     def score(self, poses: Sequence[Pose]) -> Array:
         """Derivative of the log-likelihood by the perturbations of other poses, shape (N - 1, 6)."""
         pairs = zip(poses[1:], self.poses[1:], strict=True)
         score: Array = self.information * np.array([perturbation_between(pose, known) for pose, known in pairs])
         return score
+
+    def scaled(self, factor: float) -> PosePrior:
+        """The same with so many times the information."""
+        return PosePrior(self.poses, factor * self.information)
+
+    def fits(
+        self,
+        poses: Sequence[Pose],
+        scores: Array,
+        moments: RegistrationMoments,
+        noise: SensorNoise,
+        slope: Array,
+        inflation: float,
+    ) -> bool:
+        """Whether samples say the same, within what both are uncertain; arguments as of ``register_team``.
+
+        The scores at the poses that were known before have the covariance ``I + I P^-1 I``, with the information ``I``
+        of the samples, which is so many times less by ``inflation``, and ``P`` of what was known.
+        """
+        deviations = self.information.ravel() ** -0.5
+        samples = team_information(moments, poses, noise, slope)[0][6:, 6:] / inflation
+        information = samples * np.outer(deviations, deviations)
+        score = deviations * scores[1:].ravel() / inflation - information @ (deviations * self.score(poses).ravel())
+        values, vectors = np.linalg.eigh(information)
+        score = vectors.T @ score
+        seen = values > _UNSEEN
+        square = float(np.sum(score[seen] ** 2 / (values + values**2)[seen]))
+        degrees = float(seen.sum())
+        return square <= degrees + _SIGMAS * float(np.sqrt(2.0 * degrees))
 
 
 def seen_from(team: TeamPoses, own: str, names: Sequence[str], others: Iterable[str]) -> dict[str, PoseEstimate]:

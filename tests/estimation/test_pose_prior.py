@@ -12,7 +12,7 @@ from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.observability import Visibility
 from coheft.estimation.registration import RegistrationMoments, score_and_information
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import PosePrior, TeamPoses, fitted_poses, register_team
+from coheft.estimation.team_registration import NO_SLOPE, PosePrior, TeamPoses, fitted_poses, register_team
 from tests.estimation.team import Team, make_team, random_pose
 from tests.estimation.test_team_registration import all_moments, errors, fused_motion
 
@@ -93,6 +93,25 @@ def test_what_was_known_and_what_is_new_add_up() -> None:
         assert np.all(found.deviations[1:] < fitted(team, seed, is_known=False).deviations[1:])
     degrees = len(runs) * 6 * (len(team.poses) - 1)
     assert chi2.ppf(1e-4, degrees) < sum(squares) < chi2.ppf(1.0 - 1e-4, degrees)
+
+
+def do_samples_fit(seed: int, sigmas: float) -> bool:
+    """Whether they fit what was known before, where one robot is elsewhere by so many deviations."""
+    team = make_team(3, count=ROBOTS, duration=1.0)
+    rng = np.random.default_rng(seed)
+    drawn = DEVIATIONS * rng.normal(size=DEVIATIONS.shape)
+    drawn[2, 3:] += sigmas * DEVIATIONS[2, 3:]
+    known = tuple(perturbed(pose, error) for pose, error in zip(team.poses, drawn, strict=True))
+    samples = team.measured(rng)
+    moments = all_moments(samples, fused_motion(samples, known, team.noise))
+    scores = [score_and_information(own, pose, team.noise)[0] for own, pose in zip(moments, known, strict=True)]
+    prior = PosePrior.of(TeamPoses.known_within(known, DEVIATIONS))
+    return prior.fits(known, np.array(scores), moments[0], team.noise, NO_SLOPE, 1.0)
+
+
+def test_samples_contradict_what_was_wrong_and_only_that() -> None:
+    assert all(do_samples_fit(seed, 0.0) for seed in range(20))
+    assert not any(do_samples_fit(seed, 20.0) for seed in range(20))
 
 
 def test_without_motion_all_stays_as_it_was() -> None:
