@@ -123,6 +123,7 @@ def run(
     from coheft.app.run_folder import make_run_folder
     from coheft.app.terminal import make_display
     from coheft.wire.data_folder import check_folder
+    from coheft.wire.memory import give_back_memory
     from coheft.wire.scenario_file import load_scenario
 
     chosen = override(
@@ -154,6 +155,7 @@ def run(
         for path in plan.write(write_configs):
             print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")
         return EXIT_CONVERGED
+    give_back_memory()
     console = Console(stderr=json == "-")
     display = make_display(console, quiet=quiet)
     carried = _carry_record(chosen)

@@ -12,6 +12,7 @@ from typing import NoReturn, TypeVar
 import msgspec
 
 from coheft.errors import CoheftError
+from coheft.wire.memory import give_back_memory
 
 C = TypeVar("C", bound=msgspec.Struct)
 TERMINATED = 128 + signal.SIGTERM
@@ -32,6 +33,7 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
         print(f"expected a {kind.__name__} as one line of JSON on stdin: {error}", file=sys.stderr)
         sys.exit(2)
     threading.Thread(target=_leave_with_stdin, daemon=True).start()
+    give_back_memory()
     try:
         run(config)
     except CoheftError as error:
