@@ -27,6 +27,10 @@ class Disturbance:
 
     def __init__(self, rate: float) -> None:
         self._coherence = COHERENCE * rate
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing is known."""
         self._shape: Array | None = None
         self.size = np.inf
 

@@ -152,6 +152,11 @@ class LoadMemory:
             self._expect_disturbance(np.zeros(len(self._known.poses)), self._known)
             self._known = None if self._is_enough() else self._known
 
+    def expect_anything(self) -> None:
+        """It is not known any more how well poses are known."""
+        self._known = None
+        self._disturbance.forget()
+
     def surprise(self, motion: Array, wrench: Array) -> float:
         """Mean square of a block's residuals over what it should be, by what is known of the load; 0 if nothing is."""
         return self._surprise(motion, wrench) / (1.0 + self._disturbance.size)

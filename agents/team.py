@@ -233,6 +233,15 @@ class Team:
             if not self._early_sums.are_over(self._next):
                 self._memory.forget_early(PACE * UNNOTICED)
             self._early_sums.end()
+            if self._version == 0 and self._fitted is not None:
+                self._forget_what_was_known()
+
+    def _forget_what_was_known(self) -> None:
+        """Poses from a former team may be what contradicts: they are to be found again, as if nobody had known more."""
+        self._fits.prior = self._fitted = self._sure = None
+        self._neighbours_poses, self._largest_step = {}, np.inf
+        self._contradictions.use_pose(self._poses[self._own], WELL_KNOWN)
+        self._memory.expect_anything()
 
     # --- sums ---
 

@@ -142,6 +142,7 @@ def numbers(*, flipped: bool = False, scale: float = 1.0, off: float = 0.0) -> t
         (with_record(pose=numbers(off=1e12)), "'d' is impossible"),
         (with_record(pose=numbers(flipped=True)), "'d' is impossible"),
         (with_record(pose=numbers(scale=1.001)), "'d' is impossible"),
+        (with_record(deviations=13 * (1e-3,)), "'d' is impossible"),
     ],
 )
 def test_what_cannot_be_right_is_refused_as_a_whole(wrong: NeighbourMessage, words: str) -> None:

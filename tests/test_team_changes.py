@@ -7,13 +7,16 @@ from typing import Any
 
 import pytest
 
+from agents import team
 from agents.early_sums import PACE
+from agents.known_pose import KnownPose, passed_on
 from agents.load_memory import LoadMemory
 from agents.team import Team
 from coheft.app.faults.invariants import Watch
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, Loss, Partition, Release
-from coheft.estimation.spatial import Array
+from coheft.estimation.body_motion import perturbed
+from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.messages import Estimate
 from coheft.wire.scenario import LoadChange
@@ -22,7 +25,9 @@ from tests.in_process import changed
 FROM = 4.0
 """When something happens: all have been valid for a while [s]."""
 SOON = 3.0
-"""After that time without faults all are valid again [s]."""
+"""After that time without faults all are valid again [s],"""
+AT_ONCE = 1.0
+"""or after this, if all poses are known from before [s]."""
 NOTICED = 0.35
 """After that time without complete sums nobody is valid any more [s]."""
 ROBOTS = ("r1", "r2", "r3", "r4")
@@ -80,7 +85,30 @@ def test_an_agent_that_starts_again_with_an_empty_memory_is_taken_in(robot: str)
     assert {story.at(name, FROM + NOTICED).status for name in others} == {"stale"}
     assert story.at(robot, FROM + 0.6).status == "starting"
     assert story.at(robot, FROM + 0.6).members == 4
+    assert story.statuses(FROM + 0.5 + AT_ONCE) == {"valid"}
     assert story.statuses(FROM + 0.5 + SOON) == {"valid"}
+
+
+def test_a_pose_from_a_former_team_that_is_wrong_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    def with_one_wrong(poses: Sequence[Pose], fitted: TeamPoses) -> list[KnownPose]:
+        known = passed_on(poses, fitted)
+        pose, deviations = known[2].pose, known[2].deviations
+        assert deviations is not None
+        known[2] = KnownPose(perturbed(pose, 20.0 * deviations * [0, 0, 0, 1, 1, 1]), deviations)
+        return known
+
+    monkeypatch.setattr(team, "passed_on", with_one_wrong)
+    back = FROM + 0.5
+    scenario = changed("line4", duration=back + SOON, load_changes=(), seed=1)
+    schedule = FaultSchedule(seed=1, scenario=scenario, faults=(Crash(robot="r2", start=FROM, end=back),))
+    run = FaultyRun(schedule)
+    watch = Watch(schedule, run.scene)
+    for block in run:
+        watch.look(block)
+    assert watch.violations == []
+    for outbox in block.outboxes.values():
+        assert outbox.estimate is not None
+        assert outbox.estimate.status == "valid"
 
 
 @pytest.mark.parametrize(
