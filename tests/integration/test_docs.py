@@ -27,7 +27,7 @@ from tests.docs_blocks import Block, Command, blocks, commands, missing_line, no
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
 TABLE_FILE = Path(__file__).with_name("docs_commands.toml")
-PATIENCE = 400.0
+PATIENCE = 1200.0
 STOPPED = (0, 3, 130)  # a run that is stopped tells how far it had got
 PLUGINS = ".venv/plugins"  # what pages install is seen by them only
 COPIED = ("configs", "docs", "examples")
