@@ -11,12 +11,13 @@ import pytest
 from coheft.wire.memory import trimming
 
 HOLES = """
+import os
 from pathlib import Path
 import numpy as np
 from coheft.wire.memory import trimming
 
 def resident():
-    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 arrays = [np.ones(1500) for _ in range(4000)]
 arrays = arrays[::50]
