@@ -211,7 +211,10 @@ class PoseFits:
         """Whether nothing can have been wrong, unnoticed, with the samples that poses in use were fitted to."""
         if version == 0:
             return self.prior is not None
-        return version > self.spoilt and self.common.chunks - self._chunks[version] >= self._unsure
+        chunk = self._chunks.get(
+            version, self.common.chunks
+        )  # nobody has told of any samples for a version that is none
+        return version > self.spoilt and self.common.chunks - chunk >= self._unsure
 
     def map(self, feature_map: Array) -> None:
         """All samples' features are ``feature_map`` (28, 28) times what they were."""

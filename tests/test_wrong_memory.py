@@ -137,3 +137,19 @@ def test_robots_that_are_ready_in_different_frames_agree_on_one(monkeypatch: pyt
     found = statuses(monkeypatch, spoil)
     assert {"stale"} in found
     assert found[-1] == {"valid"}
+
+
+def test_poses_of_a_fit_that_nobody_has_told_scores_for_make_no_agent_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A number that somebody has wrong in all lines of the table."""
+
+    def spoil(agents: dict[str, Agent]) -> bool:
+        fits = agents["r1"]._estimator._team._fits  # type: ignore[attr-defined]
+        told = fits._fits._table
+        if not (told[0, 0] > fits.carried and (told[:, 0] == told[0, 0]).all()):
+            return False
+        for robot, row in enumerate(told[:, 1:].copy()):
+            fits._fits.tell(robot, int(told[robot, 0]) + 2, row)
+        return True
+
+    found = statuses(monkeypatch, spoil, soon=8.0)
+    assert found[-1] == {"valid"}

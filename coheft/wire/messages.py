@@ -117,7 +117,7 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
         refined: Whether it knows that so well that the load can be weighed.
         deviations: How well, if it knows that from a former team: standard deviations about and along the axes of the
             body frame [rad, m], 6 numbers, such that no error of all robots' poses together is more likely than they
-            say; else empty.
+            say; zeros for the robot that defines the frame; else empty.
     """
 
     robot: str
