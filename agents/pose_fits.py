@@ -211,9 +211,7 @@ class PoseFits:
         """Whether nothing can have been wrong, unnoticed, with the samples that poses in use were fitted to."""
         if version == 0:
             return self.prior is not None
-        chunk = self._chunks.get(
-            version, self.common.chunks
-        )  # nobody has told of any samples for a version that is none
+        chunk = self._chunks.get(version, self.common.chunks)  # a version that nobody has told scores for is not
         return version > self.spoilt and self.common.chunks - chunk >= self._unsure
 
     def map(self, feature_map: Array) -> None:

@@ -38,10 +38,8 @@ from consensus.flood import Flood, Floods
 from consensus.graph import Neighbours, hearing
 from consensus.schedule import choose_schedule
 
-_MOVING = 4.0
-"""While a fit moves a pose by more of its standard deviations, it is too far from the optimum for these to be true."""
 _LITTLE = 0.5
-"""When it moves none by more than this, it does not matter with which poses samples are seen."""
+"""When a fit moves no pose by more of its standard deviations, it does not matter with which ones samples are seen."""
 _JUMP = 30.0
 """A block whose squared residuals are so many times what they should be is held until the next one has come: a load
 changes for longer than a block."""
@@ -213,8 +211,7 @@ class Team:
         gap = self._completeness.gap(self._next)
         if gap is not None:
             return (gap,)
-        is_moving = self._largest_step > _MOVING or self._version <= self._fits.spoilt
-        if self._fitted is not None and (is_moving or self._memory.is_spoilt):
+        if self._fitted is not None and (self._version <= self._fits.spoilt or self._memory.is_spoilt):
             return ("the poses are still being found",)
         recent_gap = self._completeness.recent_gap
         return () if recent_gap is None else (recent_gap,)
@@ -238,7 +235,7 @@ class Team:
 
     def _forget_what_was_known(self) -> None:
         """Poses from a former team may be what contradicts: they are to be found again, as if nobody had known more."""
-        self._fits.prior = self._fitted = self._sure = None
+        self._fits.prior = self._fitted = None
         self._neighbours_poses, self._largest_step = {}, np.inf
         self._contradictions.use_pose(self._poses[self._own], WELL_KNOWN)
         self._memory.expect_anything()
@@ -329,6 +326,8 @@ class Team:
             are_rough=self._memory.is_spoilt,
             come_again=not self._motion.needs_slope,
         )
+        if self._version == 0 and self._fits.prior is None:
+            self._sure = None  # what was known before was wrong
         if self._fits.again_before > self._early_sums.start:
             self._early_sums.begin(self._fits.again_before)
             self._contradictions.forget_early()
@@ -343,8 +342,6 @@ class Team:
         if version == self._version:
             return
         self._found_before, self._held = None if self.doubts() else self.found(), None
-        if self._version == 0 and self._fits.prior is None:
-            self._sure = None  # what was known before was wrong
         poses = self._fits.take_poses(version)
         self._motion.set_poses(poses)
         feature_map = refit_map(self._poses, poses, self._config.noise, self._motion.slope)

@@ -27,6 +27,8 @@ from physics_server.simulation import Simulation
 STILL = Carry(start=0.1, ramp=0.1, translation=(0.0,) * 3, rotation_deg=(0.0,) * 3, feedforward_at=0.0)
 """A path that goes nowhere."""
 UP = np.array([0.0, 0.0, 9.81])
+MIDDLE = (0.5, 0.0, 0.0)
+"""Where a rod is held up without torques."""
 GRASPS = {name: Pose(np.eye(3), np.array([x, 0.0, 0.0])) for name, x in (("r1", 0.0), ("r2", 1.0))}
 
 
@@ -58,20 +60,22 @@ def test_a_load_that_is_known_is_carried_better_and_a_change_is_made_up_for() ->
     for phase in (before, after):
         assert phase.position_rms_mm is not None
         assert phase.rotation_rms_deg is not None
-        assert 5.0 * phase.position_rms_mm < springs.position_rms_mm
-        assert phase.rotation_rms_deg < springs.rotation_rms_deg
+        assert 40.0 * phase.position_rms_mm < springs.position_rms_mm
+        assert 5.0 * phase.rotation_rms_deg < springs.rotation_rms_deg
         assert phase.internal_force_rms_n < springs.internal_force_rms_n < 0.2 * alone.internal_force_rms_n
     (drop,) = report.drops
     assert drop.back_after_s is not None
-    assert drop.back_after_s < 2.0
+    assert drop.back_after_s < 1.3
 
 
 def settings(carry: Carry) -> AgentConfig:
     return agent_config(msgspec.structs.replace(load_scenario("ring3"), carry=carry), "r1", ("r2", "r3"))
 
 
-def estimate(config: AgentConfig, mass: float, deviation: float, status: str = "valid") -> Estimate:
-    payload = PayloadEstimate(mass, np.array([0.5, 0.0, 0.0]), np.eye(3), deviation**2 * np.eye(10))
+def estimate(
+    config: AgentConfig, mass: float, deviation: float, status: str, com: tuple[float, float, float]
+) -> Estimate:
+    payload = PayloadEstimate(mass, np.array(com), np.eye(3), deviation**2 * np.eye(10))
     return msgspec.convert(
         {
             "robot": config.name, "block": 0, "time": 0.1, "phase": "inertia", "converged": True, "members": 2,
@@ -93,10 +97,17 @@ class Arm:
         self._samples[:, ACCELERATION] = UP
         self._index = 0
 
-    def push(self, mass: float, deviation: float = 1e-3, status: str = "valid", blocks: int = 100) -> Array:
+    def push(
+        self,
+        mass: float,
+        deviation: float = 1e-3,
+        status: str = "valid",
+        blocks: int = 100,
+        com: tuple[float, float, float] = MIDDLE,
+    ) -> Array:
         """The wrench after so many blocks."""
         for _ in range(blocks):
-            self._carrier.learn(self._index, estimate(self.config, mass, deviation, status), GRASPS)
+            self._carrier.learn(self._index, estimate(self.config, mass, deviation, status, com), GRASPS)
             _, wrench = self._carrier.step(self._index, self._samples)
             self._index += 1
         return wrench
@@ -122,6 +133,28 @@ def test_the_last_good_estimate_stays() -> None:
 def test_no_arm_pushes_more_than_it_can() -> None:
     wrench = Arm(msgspec.structs.replace(STILL, force_limit=7.0)).push(8.0)
     assert np.linalg.norm(wrench[:3]) == pytest.approx(7.0)
+
+
+def test_an_arm_that_cannot_turn_harder_pushes_less_as_a_whole() -> None:
+    aside = (0.5, 0.2, 0.0)
+    wanted = Arm().push(8.0, com=aside)
+    assert np.linalg.norm(wanted[3:]) == pytest.approx(4.0 * 9.81 * 0.2, rel=0.01)
+    wrench = Arm(msgspec.structs.replace(STILL, torque_limit=2.0)).push(8.0, com=aside)
+    assert np.linalg.norm(wrench[3:]) == pytest.approx(2.0)
+    np.testing.assert_allclose(wrench, 2.0 / np.linalg.norm(wanted[3:]) * wanted, atol=1e-9)
+
+
+def test_a_new_estimate_takes_the_place_of_the_old_one_soon_and_without_a_jump() -> None:
+    arm = Arm()
+    before = arm.push(8.0)
+    wrenches = np.array([before, *(arm.push(10.0, blocks=1) for _ in range(100))])
+    change = np.linalg.norm(wrenches[-1] - before)
+    assert change == pytest.approx(9.81, rel=0.01)
+    steps = np.linalg.norm(np.diff(wrenches, axis=0), axis=1)
+    assert steps.max() < 0.25 * change
+    soon = arm.config.blocks(0.1)
+    assert np.linalg.norm(wrenches[-1] - wrenches[soon]) < 0.5 * change
+    assert np.linalg.norm(wrenches[-1] - wrenches[3 * soon]) < 0.1 * change
 
 
 def test_without_feedforward_no_arm_pushes() -> None:
