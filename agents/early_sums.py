@@ -62,7 +62,9 @@ class EarlySums:
     def remember(self, block: int, samples: Array) -> None:
         """Own samples of a block, larger than all before, that has to go through if these sums begin again."""
         self._history[block] = samples
-        while (oldest := next(iter(self._history))) <= block - self._config.blocks(EARLY):
+        reach = self._config.blocks(EARLY)
+        needed = block - reach + 1 if self.are_over(block) else self.start - reach
+        while (oldest := next(iter(self._history))) < needed:
             del self._history[oldest]
 
     def end(self) -> None:

@@ -98,7 +98,8 @@ class PoseSearch:
         self._last_block = block
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
         is_like_others = self._contradictions.add(moments)
-        return moments if is_like_others else None
+        is_kept = block >= self._fits.again_before  # before it, poses were too far off
+        return moments if is_like_others and is_kept else None
 
     def _use_poses(self, version: int) -> None:
         """All samples so far count from now on as if they had been carried with the poses of a version."""

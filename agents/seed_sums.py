@@ -77,6 +77,7 @@ class SeedSums:
         """Start the sums, or start them anew after a loss; what was estimated so far stays."""
         self._sums = DynamicConsensus(self._rounds, self._config.block, _SAMPLE_CHANNELS)
         self._parameters = DynamicConsensus(1, 1, _PARAMETER_CHANNELS)
+        self._next: int | None = None
 
     @property
     def is_broken(self) -> bool:
@@ -87,6 +88,10 @@ class SeedSums:
         self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array], inbox: Mapping[str, Channels]
     ) -> None:
         """Let block ``index - 1`` enter the sums, and take in the one that leaves them."""
+        if self._next not in (None, index):
+            self._sums.clear()
+            self._parameters.clear()
+        self._next = index + 1
         self._inputs = self._inputs_of(index - 1, blocks, heard)
         finished = self._sums.step(self._inputs, self._stages(inbox, "sums", 0, self._rounds))
         leaving = index - 1 - self._rounds

@@ -36,7 +36,8 @@ class SensorCheck:
         found = self._find(np.concatenate([self._last, samples]))
         self.fault = None if self._before else found
         self._before = found is None
-        self._last = samples[-1:]
+        last = samples[-1:]
+        self._last = last[np.abs(last).max(axis=1) <= _LARGEST]  # else it would spoil the next block, too
         return found is None
 
     def _find(self, samples: Array) -> str | None:

@@ -298,12 +298,12 @@ class Team:
         self._learn(held, index)  # its moments count for nobody: others may not have waited
         return self._learn(found, index)
 
-    def _learn(self, found: _Block, index: int) -> RegistrationMoments:
+    def _learn(self, found: _Block, index: int) -> RegistrationMoments | None:
         self._completeness.note(found.number)
         changed_at = self._memory.push(found.number, found.motion, found.wrench, found.own_wrench)
         if changed_at is not None:
             self._load_changes.notice(changed_at, index, within=self._hearing)
-        return found.moments
+        return found.moments if found.number >= self._fits.again_before else None  # else it comes again
 
     # --- load changes ---
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from coheft.app.faults.run import FaultyRun
-from coheft.app.faults.schedule import FaultSchedule, Release
+from coheft.app.faults.schedule import FaultSchedule, Pause, Release
 from coheft.app.inprocess import run_in_process
 from coheft.wire.codec import encode
 from coheft.wire.scenario import Graph, LoadChange, Scenario
@@ -94,6 +94,20 @@ def test_total_wrench_is_everybodys_sum() -> None:
         torque = rotation @ estimate.total_wrench[3:] + np.cross(translation, force)
         assert np.linalg.norm(force - truth[:3]) < 0.02 * np.linalg.norm(truth[:3])
         assert np.linalg.norm(torque - truth[3:]) < 0.02 * np.linalg.norm(truth[:3])  # about a point 1 m away at most
+
+
+def test_after_a_missed_block_no_sum_is_used_that_mixes_two() -> None:
+    scenario = seed_method("ring3", duration=12.0, load_changes=())
+    length, missed = scenario.block_duration, 400
+    pause = Pause(start=(missed - 0.5) * length, end=(missed + 0.5) * length, robot="r2")
+    totals = {}
+    run = FaultyRun(FaultSchedule(seed=1, scenario=scenario, faults=(pause,)))
+    for block in run:
+        assert run._agents["r2"] is not None
+        totals[block.block] = run._agents["r2"]._estimator.belief().total_block
+        assert ("r2" in block.outboxes) == (block.block != missed)
+    assert totals[missed - 2] + 1 == totals[missed - 1] == totals[missed + 1]
+    assert totals[max(totals)] > missed
 
 
 def test_too_little_motion_ends_with_not_observable_and_no_numbers() -> None:

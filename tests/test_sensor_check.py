@@ -55,10 +55,11 @@ def test_an_outlier_is_found_wherever_it_is(column: int, size: float) -> None:
 
 
 @columns
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_what_is_no_number_is_found(column: int, value: float) -> None:
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e7])
+@pytest.mark.parametrize("at", [4, BLOCK - 1])
+def test_what_is_no_number_or_out_of_range_is_found_and_spoils_nothing_else(column: int, at: int, value: float) -> None:
     blocks = samples(3)
-    blocks[1, 4, column] = value
+    blocks[1, at, column] = value
     assert work(blocks) == [True, False, True]
 
 

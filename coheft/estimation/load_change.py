@@ -179,6 +179,7 @@ class LoadWindow:
                 self._remember(self._stretches.total - self._stretches.sums[found], model)
             self._begin(found, size, model)
             found, size = self._test_since(model, is_coherent, everything)
+            at_border = True
         if not is_coherent:
             self._may_be_offset = self._find_offset(model)
         return change
