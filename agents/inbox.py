@@ -26,7 +26,7 @@ _LARGEST = 1e12
 """No number that an estimator sends is as large as this."""
 _LARGEST_NUMBER = 2**62
 """No number of a record is as large: there have to be larger ones that a message can hold."""
-_POSE_SIZE = 12
+_POSE_SIZE, _DEVIATIONS_SIZE = 12, 6
 _LONGEST_NAME = 32
 
 
@@ -117,7 +117,7 @@ def _is_possible(record: LinkState) -> bool:
         return False
     if len(record.neighbours) > MAX_ROBOTS or max(map(len, (record.robot, *record.neighbours))) > _LONGEST_NAME:
         return False
-    if len(record.deviations) > _POSE_SIZE:
+    if len(record.deviations) not in (0, _DEVIATIONS_SIZE):
         return False
     if not record.pose:
         return True

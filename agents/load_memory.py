@@ -143,8 +143,8 @@ class LoadMemory:
         if change is None:
             self._look_back(block, moments)
             return None
-        self._begin(change.first_block)
-        return None if is_in_doubt else change.first_block
+        self._begin(change)
+        return None if is_in_doubt else change
 
     def _use_known_poses(self) -> None:
         """Expect what they do, from the first block on and again when there are enough, if others feel as much."""

@@ -57,7 +57,6 @@ class SeedEstimator:
         """See ``Estimator.step``."""
         previous = self._blocks.get(index - 1)
         heard = {name: channels["kinematics"] for name, channels in inbox.items() if "kinematics" in channels}
-        heard = {name: rows for name, rows in heard.items() if rows.shape == (self._config.block, _KINEMATICS_SIZE)}
         self._follow_holds()
         if previous is not None:
             for name in heard.keys() & self._filters.keys():

@@ -24,8 +24,6 @@ class StatusKeeper:
         self._config = config
         self._every = config.blocks(_REPORT_INTERVAL)
         self._valid: Belief | None = None
-        self._status: Literal["starting", "valid", "stale"] = "starting"
-        self._reasons: list[str] = []
         self._doubted = False
         self.problems = 0
 
@@ -46,14 +44,16 @@ class StatusKeeper:
             silent: Neighbours that are not heard.
         """
         self._doubted = bool(doubts)
-        self._reasons = list(doubts)
+        reasons = list(doubts)
         if not doubts and belief.payload is None:
-            self._reasons = list(belief.not_observable) or ["too few samples of this load"]
-        if not doubts and belief.payload is not None:
-            self._status, self._valid = "valid", belief
-        elif self._valid is not None:
-            self._status = "stale"
-        told = self._valid if self._status == "stale" and self._valid is not None else belief
+            reasons = list(belief.not_observable) or ["too few samples of this load"]
+        is_valid = not doubts and belief.payload is not None
+        if is_valid:
+            self._valid = belief
+        told = self._valid or belief
+        status: Literal["starting", "valid", "stale"] = "starting"
+        if self._valid is not None:
+            status = "valid" if is_valid else "stale"
         return Estimate(
             robot=self._config.name,
             block=index,
@@ -71,8 +71,8 @@ class StatusKeeper:
             not_observable=list(told.not_observable),
             load_changes=list(belief.load_changes),
             problems=self.problems,
-            status=self._status,
-            reasons=self._reasons,
+            status=status,
+            reasons=reasons,
             valid_block=told.learned_block,
             silent=list(silent),
             estimator=self._config.estimator,

@@ -23,10 +23,6 @@ Inbox = Mapping[str, Mapping[str, Array]]
 class Rounds(Protocol):
     """Values (B, C) under way, for any kind of schedule."""
 
-    @property
-    def rounds(self) -> int:
-        """``K``: blocks that a value is under way."""
-
     def advance(self, inbox: Inbox) -> Array | None:
         """Do one round with what the neighbours told; returns the result for the block that entered K blocks before."""
 
@@ -79,11 +75,6 @@ class StageRounds:
         self._pipeline = Pipeline(schedule.rounds, samples, width)
         self._versions: deque[int] = deque([-1] * schedule.rounds, maxlen=schedule.rounds)
 
-    @property
-    def rounds(self) -> int:
-        """See ``Rounds``."""
-        return self._pipeline.rounds
-
     def advance(self, inbox: Inbox) -> Array | None:
         """See ``Rounds``."""
         own, stages = np.array(self._versions, dtype=np.float64), []
@@ -107,7 +98,7 @@ class StageRounds:
         """See ``Rounds``."""
         stages, versions = channels.get(self._channel), channels.get(self._channel_versions)
         return (stages is None or stages.shape == self._pipeline.stages.shape) and (
-            versions is None or versions.shape == (self.rounds,)
+            versions is None or versions.shape == (self._pipeline.rounds,)
         )
 
     def channels(self) -> dict[str, Array]:

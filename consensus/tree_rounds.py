@@ -42,7 +42,6 @@ class TreeRounds:
         self._up_channel, self._down_channel, self._versions_channel = (
             f"{channel}_{part}" for part in ("up", "down", "versions")
         )
-        self._rounds = schedule.rounds
         self._parent = schedule.parent.get(name)
         self._children = tuple(other for other in neighbours if schedule.parent.get(other) == name)
         depth, height = schedule.depth[name], schedule.height
@@ -53,11 +52,6 @@ class TreeRounds:
         self._totals: deque[_Value | None] = deque([None] * self._wait, maxlen=self._wait)
         self._up: _Value | None = None
         self._down: _Value | None = None
-
-    @property
-    def rounds(self) -> int:
-        """See ``Rounds``."""
-        return self._rounds
 
     def advance(self, inbox: Mapping[str, Mapping[str, Array]]) -> Array | None:
         """See ``Rounds``."""

@@ -1,4 +1,4 @@
-"""With the first fit all samples come again: each of them counts once in the end, with poses that were not too rough."""
+"""With the first fit all samples come again: each counts once in the end, with poses that were not too rough."""
 
 from __future__ import annotations
 

@@ -109,6 +109,8 @@ def test_good_scenario_is_good() -> None:
         ("duration = 12.0", "sensors.noise.gyro = -1.0", "sensors.noise.gyro", "-1.0", "> 0"),
         ("duration = 12.0", "sensors.noise.torque = 0", "sensors.noise.torque", "0", "> 0"),
         ("duration = 12.0", "sensors.noise_scale = 0", "sensors.noise_scale", "0", "> 0"),
+        ("duration = 12.0", "sensors.noise_scale = 1e-4", "sensors.noise.gyro", "0.005, times", "at least 5e-06"),
+        ("duration = 12.0", "sensors.noise.torque = 1e-6", "sensors.noise.torque", "1e-06, times", "at least 3e-05"),
         ("duration = 12.0", "sensors = 3", "sensors", "3", "`object`"),
         ("mass = 1.0", "", "load_changes[0]", "neither 'mass' nor 'remove'", "exactly one"),
         ("mass = 1.0", "mass = 1.0\nremove = 1", "load_changes[0]", "both", "exactly one"),

@@ -8,11 +8,11 @@ Think of every sensor as a particle that is fixed to the body and weighs ``1 / s
   spatial inertia. The best ``(a, alpha)`` is the forward dynamics of this "rigid body", centripetal term included.
 
 So what the robots sum are wrenches and momenta, which ``Pose.adjoint`` carries exactly, and spatial inertias ``M``,
-carried by ``Ad M Ad^T``; the covariance of the total wrench is carried in the same way. Nobody has to know anyone's
-place but its neighbours'.
+carried by ``Ad M Ad^T``; the covariance of the total wrench is carried in the same way.
 
-Of each sample the network sums ``CHANNELS`` = 18 numbers (``summands``), once per geometry three 6x6 matrices
-(``robot_constants``). In these sums linear quantities come first: ``(f, t)``, ``(v, w)``, ``(a, alpha)``.
+Of each sample the network sums ``CHANNELS`` = 18 numbers (``summands``). What does not change from sample to sample,
+three 6x6 matrices (``robot_constants``), everybody adds up by itself from the poses of all. In these sums linear
+quantities come first: ``(f, t)``, ``(v, w)``, ``(a, alpha)``.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def summands(samples: Array, noise: SensorNoise) -> Array:
 
 
 def robot_constants(noise: SensorNoise) -> Array:
-    """What one robot adds to the network's sum of constants, in its own frame.
+    """What one robot adds to the sum of the team's constants, in its own frame.
 
     Returns:
         Shape (3, 6, 6), in the order of ``summands``: covariance of its wrench, its information about ``(a, alpha)``
@@ -139,7 +139,7 @@ class MotionFusion:
 
     @staticmethod
     def of(constants: Array, kernel: Array) -> MotionFusion:
-        """From the network's sum of ``robot_constants`` (3, 6, 6) in ``F_i``.
+        """From the sum of ``robot_constants`` (3, 6, 6) over all robots, carried to one frame.
 
         Args:
             constants: Sum over all robots.

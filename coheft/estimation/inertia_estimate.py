@@ -33,7 +33,7 @@ class Unseen:
 
     Attributes:
         quantity: It is part of this.
-        what: In words, axes in the coordinates of ``F_i``.
+        what: In words, axes in the coordinates of the estimate's frame.
         remedy: A motion that would show it.
     """
 
@@ -44,7 +44,7 @@ class Unseen:
 
 @dataclass(frozen=True, eq=False)
 class InertiaEstimate:
-    """An estimate in ``F_i``.
+    """An estimate, in the frame of the information that it follows from.
 
     Attributes:
         inertia: Always physically possible. Where something is unseen it holds the guess.

@@ -21,7 +21,6 @@ import numpy.typing as npt
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.inertia import GRAM_SIZE, INERTIA_SIZE, InertiaInformation, InertiaModel
 from coheft.estimation.load_comparison import KnownLoad, compare_despite_offset, compare_loads, compare_with_load
-from coheft.estimation.load_samples import LoadChange
 from coheft.estimation.spatial import Array
 from coheft.estimation.stretches import Stretches
 
@@ -95,7 +94,6 @@ class LoadWindow:
         # Estimate before the last change, and how far it was from the one before.
         self._last: Array | None = None
         self._moved: Array = np.zeros(0)
-        self._last_block = -1
         # Everything has to be tested: samples have come early, or are seen otherwise than before.
         self._is_due = False
         self._doubts: deque[float] = deque(maxlen=stride)  # of the last tests, which all borders had a part in
@@ -138,13 +136,12 @@ class LoadWindow:
     def push(self, block: int, gram: Array) -> None:
         """See ``Memory``."""
         self._stretches.push(block, gram)
-        self._last_block = block
 
     def push_early(self, block: int, gram: Array) -> None:
         """See ``Memory``."""
         self._is_due |= self._stretches.push_early(block, gram)
 
-    def review(self, model: InertiaModel, is_coherent: bool = False) -> LoadChange | None:
+    def review(self, model: InertiaModel, is_coherent: bool = False) -> int | None:
         """Test whether the load changed at one of the borders; if so, forget all that is older than the likeliest one,
         until what is left is of one load.
 
@@ -154,6 +151,9 @@ class LoadWindow:
         Args:
             model: The weights.
             is_coherent: Whether disturbances now keep their direction all along.
+
+        Returns:
+            See ``Memory``.
         """
         self._reviews += 1
         turn, rest = divmod(self._reviews, self._every)
@@ -172,9 +172,9 @@ class LoadWindow:
         at_border = size > 1.0
         if not at_border and test_between and not is_coherent:
             found, size = self._test_between(model)
-        change: LoadChange | None = None
+        change: int | None = None
         while size > 1.0:
-            change = LoadChange(int(self._stretches.firsts[found]), self._last_block, size)
+            change = int(self._stretches.firsts[found])
             if at_border:
                 self._remember(self._stretches.total - self._stretches.sums[found], model)
             self._begin(found, size, model)

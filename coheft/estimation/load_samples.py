@@ -3,26 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
 from coheft.estimation.inertia import InertiaInformation, InertiaModel
 from coheft.estimation.spatial import Array
-
-
-@dataclass(frozen=True)
-class LoadChange:
-    """A change of the load that was found.
-
-    Attributes:
-        first_block: The first block with the new load; everything before it was forgotten.
-        last_block: The newest block when the change was found.
-        size: Twice the logarithm of the likelihood ratio, over what it hardly ever exceeds by chance.
-    """
-
-    first_block: int
-    last_block: int
-    size: float
 
 
 class Memory(Protocol):
@@ -57,8 +41,12 @@ class Memory(Protocol):
     def revise(self, update: Callable[[Array], Array]) -> None:
         """Change what was summed: ``update`` takes sums (k, 190 + riders) to their new values."""
 
-    def review(self, model: InertiaModel, is_coherent: bool = False) -> LoadChange | None:
-        """Look at what is remembered, and forget what belongs to another load."""
+    def review(self, model: InertiaModel, is_coherent: bool = False) -> int | None:
+        """Look at what is remembered, and forget what belongs to another load.
+
+        Returns:
+            The first block of the present load, if a change was found.
+        """
 
     def accept(self, block: int, model: InertiaModel) -> None:
         """Forget all blocks with smaller numbers: somebody else found a change."""

@@ -95,13 +95,17 @@ _OWN_AXES = np.eye(9)
 @lru_cache(maxsize=_POSES)
 def residual_operator(pose: Pose) -> Array:
     """Matrix (9, 28) from a sample's features to its residuals of gyro, velocity and accelerometer; read only."""
-    p, to_i = pose.translation, pose.rotation.T
+    operator = _residual_operator(pose.rotation.T, pose.translation)
+    operator.flags.writeable = False
+    return operator
+
+
+def _residual_operator(to_i: Array, p: Array) -> Array:
     operator = np.zeros((9, FEATURES))
     operator[:, OWN] = _OWN_AXES
     operator[0:3, _W] = operator[3:6, _V] = operator[6:9, _A] = -to_i
     operator[3:6, _W] = operator[6:9, ALPHA] = to_i @ skew(p)
     operator[6:9, PRODUCTS] = -to_i @ centripetal_operator(p)
-    operator.flags.writeable = False
     return operator
 
 
@@ -120,7 +124,7 @@ def residual_derivative(pose: Pose) -> Array:
     """Derivatives of ``residual_operator`` by the pose's perturbation, shape (6, 9, 28), the perturbation first."""
     p, to_i = pose.translation, pose.rotation.T
     derivative = np.zeros((6, 9, FEATURES))
-    in_body_axes = residual_operator(Pose(np.eye(3), p))[:, MOTION.start :].reshape(3, 3, -1)
+    in_body_axes = _residual_operator(np.eye(3), p)[:, MOTION.start :].reshape(3, 3, -1)
     turned = to_i @ CROSS_OF_AXES
     derivative[:3, :, MOTION.start :] = (-turned[:, None] @ in_body_axes).reshape(3, 9, -1)
     derivative[3:, 3:6, _W] = derivative[3:, 6:9, ALPHA] = turned

@@ -1,8 +1,8 @@
 """Poses of a whole team at the joint optimum, from what single robots know of themselves.
 
 Every robot keeps ``RegistrationMoments``: its own samples against the body's motion that the network found. From time
-to time all robots tell their pose and their score, 6 numbers each. As all of them see the same body motion, any of them
-can then compute the **joint** information of all poses, with every sample's body motion eliminated, take the joint
+to time all robots tell their score at the poses in use, 6 numbers each. As all of them see the same body motion, any of
+them can then compute the **joint** information of all poses, with every sample's body motion eliminated, take the joint
 Gauss-Newton step, and state the covariance of any relative pose.
 
 The samples had been summed with the poses of their time. ``refit_map`` is what the new poses would have made of them:

@@ -121,7 +121,7 @@ class Sensors(Section, frozen=True):
         rate: Samples per second; must divide 1000.
         block: Samples that travel in one message.
         noise: Standard deviations per sample.
-        noise_scale: Multiplies all of ``noise``. A file cannot say 0: estimators weigh samples by their noise.
+        noise_scale: Multiplies all of ``noise``. Not 0: estimators weigh samples by their noise.
         offset: Constant errors.
         encoders: How exactly recordings tell the wrists' poses and forces. Without it they hold the sensors' samples.
     """

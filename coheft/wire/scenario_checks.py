@@ -9,9 +9,13 @@ import msgspec
 import numpy as np
 
 from coheft.errors import ScenarioError, one_line
+from coheft.estimation.measurement import SensorNoise
 from coheft.wire.message_size import LARGEST, largest_message
 from coheft.wire.plugins import Kind, available, is_available
 from coheft.wire.scenario import Scenario
+
+_LEAST_NOISE = 1e-3
+"""In units of the nominal noise."""
 
 
 def check_scenario(scenario: Scenario, origin: str) -> None:
@@ -61,9 +65,26 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
                 f"{origin}: key 'load_changes[{number}].leak': found {change.leak} without 'mass', "
                 f"expected it for a new load only"
             )
+    check_noise(scenario, origin)
     check_carry(scenario, origin)
     check_loads(scenario, origin)
     check_message_size(scenario, origin)
+
+
+def check_noise(scenario: Scenario, origin: str) -> None:
+    """Check that sensors are not so good that nothing else is.
+
+    Raises:
+        ScenarioError: They are.
+    """
+    for name in SensorNoise.__struct_fields__:
+        least = _LEAST_NOISE * getattr(SensorNoise(), name)
+        if getattr(scenario.noise, name) < least:
+            raise ScenarioError(
+                f"{origin}: key 'sensors.noise.{name}': found {getattr(scenario.sensors.noise, name):g}, times "
+                f"'sensors.noise_scale' = {scenario.sensors.noise_scale:g}, expected at least {least:g} in all: with "
+                f"less, rounding and the time between samples would count for more than the noise"
+            )
 
 
 def check_carry(scenario: Scenario, origin: str) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.bounds import wrench_regressor
 from coheft.estimation.inertia import InertiaModel, features, packed_gram
-from coheft.estimation.load_samples import LoadChange, Memory
+from coheft.estimation.load_samples import Memory
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
 from tests.estimation.fusion import fusion_of
@@ -15,6 +17,13 @@ from tests.estimation.team import Team, make_team
 
 RATE, BLOCK = 100, 5
 """Samples per second, and per block: 20 blocks a second."""
+
+
+class Found(NamedTuple):
+    """A change: the first block of the new load, and the newest one when it was found."""
+
+    first_block: int
+    last_block: int
 
 
 class Run:
@@ -61,13 +70,13 @@ class Run:
         rows_with = features(self.motion, wrench).reshape(-1, BLOCK, 19)
         return np.array([packed_gram(b) - packed_gram(a) for a, b in zip(rows, rows_with, strict=True)])
 
-    def feed(self, memory: Memory, grams: Array, first: int = 0) -> list[LoadChange]:
+    def feed(self, memory: Memory, grams: Array, first: int = 0) -> list[Found]:
         found = []
         for block, gram in enumerate(grams, start=first):
             memory.push(block, gram)
             change = memory.review(self.model)
             if change is not None:
-                found.append(change)
+                found.append(Found(change, block))
         return found
 
     def estimate(self, memory: Memory) -> Array:
