@@ -66,6 +66,14 @@ def beam(**changes: object) -> Scenario:
     return msgspec.structs.replace(base, robots=msgspec.structs.replace(base.robots, perimeter=None, grasps=grasps))
 
 
+def held_at_one_end(**changes: object) -> Scenario:
+    """A load that is much larger than the place where it is held, so that grasps do not tell its size."""
+    payload = Payload(boxes=(Box(mass=6.0, size=(0.8, 0.3, 0.1)),))
+    grasps = tuple(Grasp(position=(-0.4, y, z)) for y, z in ((0.0, 0.0), (0.05, 0.0), (0.0, 0.05)))
+    base = scenario(payload=payload, **changes)
+    return msgspec.structs.replace(base, robots=msgspec.structs.replace(base.robots, perimeter=None, grasps=grasps))
+
+
 def random_graph(**changes: object) -> Scenario:
     return scenario("ring6", graph=Graph(kind="random", seed=5), **changes)
 
@@ -122,8 +130,9 @@ def changes(recording: Recording) -> dict[str, list[float]]:
         (random_graph(duration=7.0), 0.03),
         (bracket(duration=8.0, seed=1), 0.03),
         (bracket(duration=8.0, seed=4), 0.03),
+        (held_at_one_end(duration=15.0, seed=1), 0.001),
     ],
-    ids=["ring of 3 with a change", "line of 4", "pair", "random graph of 6", "bracket", "the same"],
+    ids=["ring of 3 with a change", "line of 4", "pair", "random graph of 6", "bracket", "the same", "held at one end"],
 )
 def test_what_is_found_is_right_within_its_own_deviation(what: Scenario, deviation: float) -> None:
     recording = run_with_faults(what)

@@ -20,6 +20,8 @@ _SEEN = 0.3
 _SIGNAL = 0.3
 """Data are trusted only in directions where at least this share of the information is motion, and not its noise."""
 
+_SMALLEST = 0.25
+"""No load is guessed to be smaller [m]."""
 _GUESSES = 3
 _GOOD_GUESS = 1e-3
 """A mass that was guessed so well need not be guessed again."""
@@ -64,10 +66,14 @@ class InertiaEstimate:
 
 
 def middle_and_size(poses: Sequence[Pose]) -> tuple[Array, float]:
-    """Middle (3,) of the grasps and their root mean square distance from it [m]: about where the load is, how large."""
+    """About where the load is, and how large [m]: middle (3,) of the grasps, and their root mean square distance from it.
+
+    A large load may be held in one place: what is guessed too small would be trusted too much, and one that is guessed
+    too large only costs time until all is seen.
+    """
     places = np.array([pose.translation for pose in poses])
     middle: Array = places.mean(axis=0)
-    return middle, float(np.sqrt(np.square(places - middle).sum(axis=1).mean()))
+    return middle, max(float(np.sqrt(np.square(places - middle).sum(axis=1).mean())), _SMALLEST)
 
 
 @dataclass(frozen=True, eq=False)
