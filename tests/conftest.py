@@ -1,9 +1,11 @@
-"""Settings that all tests share."""
+"""Settings and fixtures that all tests share."""
 
 from __future__ import annotations
 
 import signal
+from pathlib import Path
 
+import pytest
 from hypothesis import settings
 
 # Always the same examples, so a test that passed once passes everywhere; no deadline, because machines differ.
@@ -13,3 +15,10 @@ settings.load_profile("coheft")
 
 # Started in the background by a shell, tests would ignore Ctrl-C, and so would all runs that they start and interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture
+def own_state_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The test does not see the runs of the user who runs it."""
+    for name in ("XDG_STATE_HOME", "LOCALAPPDATA", "HOME"):
+        monkeypatch.setenv(name, str(tmp_path / "state"))

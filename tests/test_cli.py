@@ -28,17 +28,12 @@ from coheft.wire.scenario_file import available_scenarios, load_scenario
 
 ROOT = Path(__file__).parents[1]
 
+pytestmark = pytest.mark.usefixtures("own_state_folder")
+
 
 @pytest.fixture
 def ring6() -> Scenario:
     return load_scenario("ring6")
-
-
-@pytest.fixture(autouse=True)
-def own_state_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No test sees the runs of the user who runs it."""
-    for name in ("XDG_STATE_HOME", "LOCALAPPDATA", "HOME"):
-        monkeypatch.setenv(name, str(tmp_path / "state"))
 
 
 def test_overrides_change_what_they_name_and_nothing_else(ring6: Scenario) -> None:
@@ -173,6 +168,18 @@ def test_bash_completes_commands_and_options(capfd: pytest.CaptureFixture[str], 
         ask = f"source {script}; COMP_WORDS=({words}); COMP_CWORD={last}; _coheft; echo ${{COMPREPLY[@]}}"
         done = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=True)
         assert done.stdout.split() == [expected]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the home folder as on POSIX")
+def test_completion_is_installed_where_bash_finds_it(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "coheft", "completion", "bash", "--install"]
+    home = {**os.environ, "HOME": str(tmp_path)}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=home)
+    assert done.returncode == EXIT_CONVERGED, done.stderr
+    path = done.stdout.removeprefix("installed ").partition(";")[0]
+    assert "--sensor-rate" in Path(path).read_text()
+    assert Path(path).is_relative_to(tmp_path)
+    assert path in (tmp_path / ".bashrc").read_text()
 
 
 @pytest.mark.parametrize("shell", ["zsh", "fish"])

@@ -11,11 +11,9 @@ import pytest
 from coheft.app.final_table import sentences
 from coheft.app.pairing import REMEMBERED
 from coheft.app.record import SILENT, EstimatorUse, Record
-from coheft.app.report import RunInfo, build_report
+from coheft.app.report import build_report
 from coheft.wire.messages import LoadChangeNotice
-from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, changing_run, estimate, recorded, truth
-
-INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, real_time_factor=1.0)
+from tests.synthetic_run import BLOCK, HEAVY, INFO, LIGHT, ROBOTS, SCENE, changing_run, estimate, recorded, truth
 
 
 def test_the_order_of_arrival_does_not_matter() -> None:

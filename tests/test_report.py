@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.report import RunInfo, build_report
+from coheft.app.report import build_report
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Pose
 from coheft.wire.messages import Truth
@@ -16,6 +16,7 @@ from tests.synthetic_run import (
     BLOCK,
     GRASPS,
     HEAVY,
+    INFO,
     LIGHT,
     LOAD,
     ROBOTS,
@@ -25,8 +26,6 @@ from tests.synthetic_run import (
     recorded,
     truth,
 )
-
-INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, real_time_factor=1.0)
 
 
 def test_a_perfect_run_has_no_errors() -> None:

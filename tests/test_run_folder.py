@@ -12,12 +12,7 @@ from coheft.app.hosts import free_ports
 from coheft.app.run_folder import RunFile, announced, make_run_folder, runs_folder, split_endpoint
 from coheft.errors import CoheftError
 
-
-@pytest.fixture(autouse=True)
-def own_state_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No test sees the runs of the user who runs it."""
-    for name in ("XDG_STATE_HOME", "LOCALAPPDATA", "HOME"):
-        monkeypatch.setenv(name, str(tmp_path / "state"))
+pytestmark = pytest.mark.usefixtures("own_state_folder")
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,14 +14,12 @@ from rich.console import Console
 from coheft.app.digits import error_and_std, value_and_std
 from coheft.app.final_table import print_report, robot_rows, sentences
 from coheft.app.record import Record
-from coheft.app.report import RunInfo, build_report
+from coheft.app.report import build_report
 from coheft.app.terminal import LineDisplay, LiveDisplay, QuietDisplay, make_display
 from coheft.estimation.rigid_body import Inertia
 from coheft.wire.messages import Estimate, Problem
-from tests.synthetic_run import BLOCK, GRASPS, HEAVY, SCENE, changing_run, estimate, recorded, truth
-
-INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, real_time_factor=1.0)
-ESCAPE = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
+from tests.escapes import COLOUR, SEQUENCE
+from tests.synthetic_run import GRASPS, HEAVY, INFO, SCENE, changing_run, estimate, recorded, truth
 
 
 @pytest.fixture
@@ -47,7 +44,7 @@ def test_a_terminal_shows_every_robot_in_80_columns(record: Record) -> None:
     console = terminal(is_terminal=True)
     with LiveDisplay(console) as display:
         display.update(record)
-    text = ESCAPE.sub("", drawn(console))
+    text = SEQUENCE.sub("", drawn(console))
     for words in ("4.0 of 4 s", "true mass 13.00 kg", "finding neighbours", "13.000 ± 0.100 kg", "10.000 ± 0.100 kg"):
         assert words in text
     assert max(len(line) for line in text.splitlines()) <= 80
@@ -58,7 +55,7 @@ def test_a_problem_stands_above_the_table(record: Record) -> None:
     with LiveDisplay(console) as display:
         display.update(record)
         display.problem(Problem(source="r2", text="refused [nonsense]"))
-    assert "r2: refused [nonsense]" in ESCAPE.sub("", drawn(console))
+    assert "r2: refused [nonsense]" in SEQUENCE.sub("", drawn(console))
 
 
 def test_without_a_terminal_there_are_plain_lines(record: Record) -> None:
@@ -81,7 +78,7 @@ def test_a_terminal_shows_who_is_stale_and_why(record: Record) -> None:
     console = terminal(is_terminal=True)
     with LiveDisplay(console) as display:
         display.update(record)
-    lines = ESCAPE.sub("", drawn(console)).splitlines()
+    lines = SEQUENCE.sub("", drawn(console)).splitlines()
     for start in ("r1     stale", "r2     stale"):
         assert any(line.startswith(start) for line in lines)
     assert any(line.startswith("stale r1, r2: r3 is silent since 3.98 s, and !!!") for line in lines)
@@ -195,8 +192,14 @@ def test_the_display_fits(is_terminal: bool, quiet: bool, kind: Callable[..., ob
 
 
 def test_no_color_is_honoured(record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
+    def text() -> str:
+        console = terminal(is_terminal=True)
+        with LiveDisplay(console) as display:
+            display.update(record)
+        return drawn(console)
+
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert COLOUR.search(text())
     monkeypatch.setenv("NO_COLOR", "1")
-    console = terminal(is_terminal=True)
-    with LiveDisplay(console) as display:
-        display.update(record)
-    assert not re.search(r"\x1b\[3[0-9]m", drawn(console))
+    assert not COLOUR.search(text())

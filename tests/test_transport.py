@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import secrets
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -14,13 +13,12 @@ import zenoh
 from coheft.app.hosts import free_ports
 from coheft.errors import CoheftError, LinkError
 from coheft.wire.codec import encode
-from coheft.wire.inbox import Event, Inbox, LinkChange, Question, Received, Refused
+from coheft.wire.inbox import Inbox, LinkChange, Question, Received, Refused
 from coheft.wire.messages import PROTOCOL_VERSION, Hello, Measurements, Ready
 from coheft.wire.messages import Scene as SceneMessage
 from coheft.wire.requests import InjectRequest, Refusal, Status, StatusRequest
 from coheft.wire.transport import Keys, Sender, ask, check_name, open_session
-
-LIMIT = 20.0
+from tests.waiting import next_event, wait_until
 
 
 @pytest.fixture
@@ -37,19 +35,6 @@ def keys() -> Keys:
 def pair(endpoint: str) -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
     with open_session(listen=[endpoint]) as near, open_session(connect=[endpoint]) as far:
         yield near, far
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + LIMIT
-    while not condition():
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.005)
-
-
-def next_event(inbox: Inbox) -> Event:
-    event = inbox.receive(LIMIT)
-    assert event is not None, "waited in vain"
-    return event
 
 
 def test_messages_arrive_in_order_decoded_and_with_their_source(pair, keys):

@@ -16,17 +16,14 @@ from coheft.app.heard import News, check_news
 from coheft.app.record import Record
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.writer import RunWriter
-from coheft.app.report import RunInfo, build_report
+from coheft.app.report import build_report
 from coheft.app.terminal import LineDisplay, LiveDisplay
 from coheft.errors import MessageError
 from coheft.wire.codec import decode, encode, seal
 from coheft.wire.messages import Estimate, LoadChangeNotice, Message, Problem, Truth
 from tests.fuzz.any_message import KEY, altered, array_extensions, trees, values, with_a_part_replaced
 from tests.recording.runs import BEGIN, SCENARIO
-from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, estimate, truth
-
-INFO = RunInfo(scenario="test", seed=1, estimator="seed", block_duration=BLOCK, real_time_factor=1.0)
-
+from tests.synthetic_run import HEAVY, INFO, LIGHT, ROBOTS, SCENE, estimate, truth
 
 SOUND: list[Message] = [
     truth(11, HEAVY),

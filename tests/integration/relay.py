@@ -1,4 +1,4 @@
-"""A link that can be cut, frozen, delayed and throttled: a relay of TCP connections between two endpoints."""
+"""A link that can be cut, frozen and throttled: a relay of TCP connections between two endpoints."""
 
 from __future__ import annotations
 
@@ -18,12 +18,10 @@ class Relay:
     """Accepts at an endpoint of its own whoever dials, and dials the target in turn.
 
     Attributes:
-        delay: Of everything, both ways [s].
         rate: Most bytes a second in one direction of one connection.
     """
 
     def __init__(self, endpoint: str, target: str) -> None:
-        self.delay = 0.0
         self.rate = float("inf")
         self._target = split_endpoint(target)
         self._flows = threading.Event()
@@ -77,7 +75,7 @@ class Relay:
             for end in (near, far):
                 end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             for source, target in ((near, far), (far, near)):
-                waiting: SimpleQueue[tuple[float, bytes]] = SimpleQueue()
+                waiting: SimpleQueue[bytes] = SimpleQueue()
                 self._start(self._read, source, waiting)
                 self._start(self._write, target, waiting)
 
@@ -87,8 +85,8 @@ class Relay:
         except OSError:
             return None
 
-    def _read(self, source: socket.socket, waiting: SimpleQueue[tuple[float, bytes]]) -> None:
-        """Take in what comes, with the time at which it may leave; nothing marks the end."""
+    def _read(self, source: socket.socket, waiting: SimpleQueue[bytes]) -> None:
+        """Take in what comes; nothing marks the end."""
         data = b"-"
         while data:
             try:
@@ -96,15 +94,14 @@ class Relay:
             except OSError:
                 data = b""
             self._flows.wait()
-            waiting.put((time.monotonic() + self.delay, data))
+            waiting.put(data)
             time.sleep(len(data) / self.rate)  # who sends faster has to wait in turn
 
-    def _write(self, target: socket.socket, waiting: SimpleQueue[tuple[float, bytes]]) -> None:
-        """Hand on what may leave, until the end."""
+    def _write(self, target: socket.socket, waiting: SimpleQueue[bytes]) -> None:
+        """Hand it on, until the end."""
         with contextlib.suppress(OSError):
             while True:
-                due, data = waiting.get()
-                time.sleep(max(0.0, due - time.monotonic()))
+                data = waiting.get()
                 self._flows.wait()
                 if not data:
                     break

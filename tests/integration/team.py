@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -23,12 +22,11 @@ from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import parse_scenario
 from coheft.wire.security import credentials_in
 from coheft.wire.transport import Keys, ask, open_session
+from tests.waiting import LIMIT, wait_until
 
 ROOT = Path(__file__).parents[2]
 AGENT = ("-m", "agents.process")
 SERVER = ("-m", "physics_server.server")
-LIMIT = 60.0
-"""Nothing takes so long unless it is broken [s]."""
 
 
 def small_scenario(count: int, kind: str = "ring", duration: float = 1e4, block: int = 10) -> Scenario:
@@ -42,14 +40,6 @@ def small_scenario(count: int, kind: str = "ring", duration: float = 1e4, block:
         sensors = {{ block = {block} }}
     """
     return parse_scenario(text, "small_scenario")
-
-
-def wait_until(condition: Callable[[], bool], what: str) -> None:
-    """Poll a condition that comes true unless something is broken."""
-    deadline = time.monotonic() + LIMIT
-    while not condition():
-        assert time.monotonic() < deadline, f"waited {LIMIT:g} s for {what}"
-        time.sleep(0.01)
 
 
 @dataclass

@@ -171,9 +171,10 @@ class Reader:
         expected = STOPPED if how.until else (how.exit,)
         while True:
             status, printed = self._run_once(text, number, how.until)
-            if status in expected:
+            if status in expected and how.until in printed:
                 return printed
-            what = f"{self._place(number)}: {text} ended with exit status {status}:\n{printed}"
+            missing = "" if how.until in printed else f" and has not printed {how.until!r}"
+            what = f"{self._place(number)}: {text} ended with exit status {status}{missing}:\n{printed}"
             assert how.patient, what
             assert time.monotonic() < deadline, what
             time.sleep(0.5)

@@ -11,8 +11,7 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from agents.agent import Agent
-from coheft.estimation.measurement import MeasurementBlock
+from coheft.app.inprocess import run_in_process
 from coheft.estimation.spatial import Array
 from coheft.wire.codec import encode
 from coheft.wire.inbox import Inbox, Received
@@ -28,37 +27,12 @@ from coheft.wire.messages import (
     Truth,
 )
 from coheft.wire.requests import InjectRequest, PauseRequest, RemoveRequest, StatusRequest, StopRequest
-from coheft.wire.scenario import Scenario
 from coheft.wire.supervised import TERMINATED
 from coheft.wire.transport import Sender, open_session
-from physics_server.simulation import Simulation
 
 from .team import LIMIT, ROOT, Team, running_team, small_scenario, wait_until
 
 GENTLE = {"mass": 0.5, "position": (0.1, 0.0, 0.1)}
-
-
-def run_in_this_process(scenario: Scenario, team: Team) -> tuple[list[Truth], dict[str, list[Estimate]]]:
-    """The same run without links: blocks, messages and references with the same delays."""
-    simulation = Simulation(scenario)
-    agents = {name: Agent(config.agent) for name, config in team.plan.agents.items()}
-    references: dict[int, dict[str, Reference]] = {}
-    messages: dict[str, NeighbourMessage] = {}
-    truths: list[Truth] = []
-    estimates: dict[str, list[Estimate]] = {name: [] for name in agents}
-    for block in range(scenario.blocks):
-        result = simulation.advance(references.pop(block, {}))
-        truths.append(result.truth)
-        sent = {}
-        for name, agent in agents.items():
-            inbox = [messages[other] for other in agent.config.neighbours] if block else []
-            outbox = agent.step(block, MeasurementBlock(block, result.measurements[name].samples), inbox)
-            sent[name] = outbox.message
-            references.setdefault(outbox.reference.block, {})[name] = outbox.reference
-            if outbox.estimate is not None:
-                estimates[name].append(outbox.estimate)
-        messages = sent
-    return truths, estimates
 
 
 def test_processes_give_the_same_numbers_as_the_pure_parts_bit_for_bit(tmp_path):
@@ -71,17 +45,17 @@ def test_processes_give_the_same_numbers_as_the_pure_parts_bit_for_bit(tmp_path)
         with open_session(connect=agents_observed) as other:
             for name in team.plan.agents:
                 inbox.listen(other, name, {at_agent(name, "estimate"): Estimate, at_agent(name, "problem"): Problem})
-            truths, estimates = run_in_this_process(scenario, team)
-            last = truths[-1].block
+            records = list(run_in_process(scenario))
+            last = records[-1].truth.block
             heard: dict[str, dict[int, bytes]] = {name: {} for name in ("server", *team.plan.agents)}
             while any(last not in blocks for blocks in heard.values()):
                 event = inbox.receive(LIMIT)
                 assert isinstance(event, Received), event
                 assert isinstance(event.message, Truth | Estimate), event
                 heard[event.source][event.message.block] = encode(event.message, event.source)
-    expected = {"server": truths, **estimates}
-    for source, messages in expected.items():
-        encoded = {message.block: encode(message, source) for message in messages}
+    for source in heard:
+        said = [record.truth if source == "server" else record.estimates.get(source) for record in records]
+        encoded = {message.block: encode(message, source) for message in said if message is not None}
         # Nothing can be said of what was published before this test's link stood.
         assert heard[source] == {block: encoded[block] for block in heard[source]}, source
         assert len(heard[source]) > len(encoded) // 2

@@ -1,4 +1,4 @@
-"""Attacks on guarded sessions. Each is tried on the open profile first, where it works: so the tests can fail."""
+"""Attacks on guarded sessions. Each is also tried where it works, in the open profile or with the right certificate."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ import zenoh
 
 from coheft.app.hosts import free_ports
 from coheft.app.keys import Authority, make_keys
-from coheft.wire.inbox import Event, Inbox, LinkChange, Refused
+from coheft.errors import CoheftError
+from coheft.wire.inbox import Inbox, LinkChange, Refused
 from coheft.wire.planes import (
     guard_agent_for_observers,
     guard_neighbours,
@@ -24,9 +25,10 @@ from coheft.wire.planes import (
 )
 from coheft.wire.security import Credentials, Guard, credentials_in
 from coheft.wire.transport import Keys, open_session
+from tests.waiting import next_event, wait_until
 
 from .attacker import PUSHING, Busybody, Crossing, Profile, let_act, raw_session, tls_settings
-from .team import LIMIT, small_scenario, wait_until
+from .team import small_scenario
 
 OPEN = Profile(None)
 KEYS = Keys(f"test-{secrets.token_hex(4)}")
@@ -116,7 +118,6 @@ def _spoken_to(place: str) -> tuple[str, ...]:
     }.get(place, ())
 
 
-ROBOT = KEYS.robot("r1", "*")
 MAY_HEAR: dict[tuple[str, str], set[str]] = {
     ("neighbour plane of r1", "r2"): {KEYS.agent("r1", "block")},
     ("neighbour plane of r1", "r3"): {KEYS.agent("r1", "block")},
@@ -178,10 +179,8 @@ def test_nobody_does_more_than_is_his_to_do(secure, place, attacker):
 @pytest.mark.parametrize("place", PLACES)
 def test_who_listens_to_everything_hears_nothing(secure, place):
     insider = {"neighbour plane of r1": "r2", "server's link with r1": "r1"}.get(place, "observer")
-    heard, _ = attack(OPEN, place, insider, ("**",))
-    assert heard.heard >= set(PLACES[place][1])
-    heard, _ = attack(secure, place, insider, ("**",))
-    assert heard.heard == set()
+    assert attack(OPEN, place, insider, ("**",))[0].heard >= set(PLACES[place][1])
+    assert attack(secure, place, insider, ("**",))[0].heard == set()
 
 
 @pytest.mark.parametrize(("mode", "settings"), [("client", PUSHING), ("router", {}), ("router", PUSHING)])
@@ -268,20 +267,25 @@ def test_nobody_is_dialled_without_a_valid_certificate(secure, tmp_path, certifi
             wait_until(lambda: len(session.info.links()) == 1, "the real one")
 
 
-def test_who_listens_at_a_neighbours_port_does_not_become_that_neighbour(secure):
+@pytest.mark.parametrize("name", ["r2", "r3"])
+def test_who_listens_at_a_neighbours_port_does_not_become_that_neighbour(secure, name):
     """r3's certificate is valid for the host, but its name is not r2: nothing of r2's is taken from it."""
     endpoint = secure.endpoint(free_ports(1)[0])
     guard = guard_neighbours(secure.credentials("r1"), KEYS, "r1", ["r2"])
     with (
         open_session(connect=[endpoint], guard=guard) as session,
-        raw_session(listen=[endpoint], tls=tls_settings(secure.credentials("r3"))) as impostor,
+        raw_session(listen=[endpoint], tls=tls_settings(secure.credentials(name))) as listener,
     ):
-        wait_until(lambda: len(impostor.info.links()) == 1, "the link")
-        target = Busybody(session, [KEYS.agent("r1", "block")])
-        enemy = Busybody(impostor, EVERYTHING, REQUESTS, ("**", f"{KEYS.run}/agent/r1/*"))
-        let_act(target, enemy)
-        assert target.came.is_empty
-        assert enemy.came.is_empty
+        wait_until(lambda: len(listener.info.links()) == 1, "the link")
+        target = Busybody(session, [KEYS.agent("r1", "block")], listens=("**", f"{KEYS.run}/agent/r2/*"))
+        other = Busybody(listener, EVERYTHING, REQUESTS, ("**", f"{KEYS.run}/agent/r1/*"))
+        let_act(target, other)
+        if name == "r2":
+            assert target.came.heard == MAY_SAY["neighbour plane of r1", "r2"]
+            assert other.came.heard == {KEYS.agent("r1", "block")}
+        else:
+            assert target.came.is_empty
+            assert other.came.is_empty
 
 
 def test_no_agent_passes_for_another_one_or_for_the_server_at_an_observer(secure):
@@ -301,14 +305,11 @@ def test_no_agent_passes_for_another_one_or_for_the_server_at_an_observer(secure
 
 
 def test_a_link_does_not_outlive_its_certificate(secure, tmp_path):
-    good = secure.credentials("r2")
-    Authority.load(secure.keys).issue(tmp_path, "r2", lifetime=timedelta(seconds=2))
-    with (
-        victim(secure, "neighbour plane of r1") as (endpoint, session),
-        raw_session([endpoint], tls=tls_settings(_with_authority_of(tmp_path, good))),
-    ):
-        assert len(session.info.links()) == 1
-        wait_until(lambda: session.info.links() == [], "the end of the certificate")
+    with victim(secure, "neighbour plane of r1") as (endpoint, session):
+        Authority.load(secure.keys).issue(tmp_path, "r2", lifetime=timedelta(seconds=8))
+        with raw_session([endpoint], tls=tls_settings(_with_authority_of(tmp_path, secure.credentials("r2")))):
+            assert len(session.info.links()) == 1
+            wait_until(lambda: session.info.links() == [], "the end of the certificate")
 
 
 def test_messages_of_an_old_run_do_not_arrive(secure):
@@ -342,12 +343,6 @@ def test_links_of_those_who_have_no_business_here_are_told_but_not_counted(secur
         assert next_event(inbox) == LinkChange("r1", links=0)
 
 
-def next_event(inbox: Inbox) -> Event:
-    event = inbox.receive(LIMIT)
-    assert event is not None, "waited in vain"
-    return event
-
-
-def test_a_missing_certificate_is_named(secure, tmp_path):
-    with pytest.raises(Exception, match=r"there is no r9.crt and no r9.key in .*: nobody can be r9 without"):
+def test_a_missing_certificate_is_named(secure):
+    with pytest.raises(CoheftError, match=r"there is no r9.crt and no r9.key in .*: nobody can be r9 without"):
         credentials_in(secure.keys, "r9")

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.escapes import COLOUR, SEQUENCE
+
 COHEFT = [sys.executable, "-m", "coheft"]
-SEQUENCE = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
-COLOUR = re.compile(r"\x1b\[[0-9;]*\b(3[0-7]|9[0-7])m")
 LIMIT = 110.0
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="terminals as on POSIX")
@@ -52,18 +52,22 @@ def lines_of(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "arguments", [["help"], ["help", "run"], ["scenarios"], ["run", "ring5"], ["inject", "--mass", "3"]]
+    ("arguments", "status"),
+    [(["help"], 0), (["help", "run"], 0), (["scenarios"], 0), (["run", "ring5"], 2), (["inject", "--mass", "3"], 2)],
 )
-def test_what_is_said_fits_80_columns(arguments: list[str]) -> None:
-    _, text = in_terminal(*arguments)
+def test_what_is_said_fits_80_columns(arguments: list[str], status: int) -> None:
+    ended, text = in_terminal(*arguments)
+    assert ended == status, text
     assert text
+    assert "Traceback" not in text
     assert max(map(len, lines_of(text))) <= 80
 
 
-def test_a_run_fits_80_columns_and_has_no_colours_if_so_asked() -> None:
-    status, text = in_terminal("run", "ring3", "--duration", "2", NO_COLOR="1")
+@pytest.mark.parametrize(("asked", "has_colours"), [({}, True), ({"NO_COLOR": "1"}, False)])
+def test_a_run_fits_80_columns_and_has_no_colours_if_so_asked(asked: dict[str, str], has_colours: bool) -> None:
+    status, text = in_terminal("run", "ring3", "--duration", "2", **asked)
     assert status in (0, 3), text
-    assert not COLOUR.search(text)
+    assert bool(COLOUR.search(text)) == has_colours
     lines = lines_of(text)
     assert max(len(line) for line in lines if "Logs of all processes" not in line) <= 80
     assert any("of 2 s" in line for line in lines)

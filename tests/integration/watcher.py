@@ -13,8 +13,9 @@ from coheft.wire.messages import Estimate, Problem
 from coheft.wire.planes import guard_observer
 from coheft.wire.security import credentials_in
 from coheft.wire.transport import open_session
+from tests.waiting import LIMIT
 
-from .team import LIMIT, Team
+from .team import Team
 
 
 @dataclass(frozen=True)
