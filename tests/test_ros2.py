@@ -122,6 +122,15 @@ def test_numbers_that_are_not_finite_are_refused(stream: str) -> None:
         read(stream, message(stream, EPOCH, np.full(15, np.inf)))
 
 
+@pytest.mark.parametrize("stream", STREAMS)
+def test_messages_that_are_cut_short_are_refused(stream: str) -> None:
+    data = message(stream, EPOCH, np.ones(15))
+    read(stream, data)
+    for length in range(len(data)):
+        with pytest.raises(MessageError, match="not a geometry_msgs"):
+            read(stream, data[:length])
+
+
 @given(st.sampled_from(list(STREAMS)), st.binary(max_size=8), st.integers(0, 100), st.integers(0, 120))
 def test_bytes_that_are_no_message_are_refused(stream: str, damage: bytes, at: int, length: int) -> None:
     data = bytearray(message(stream, EPOCH, np.ones(15)))

@@ -90,25 +90,24 @@ def test_an_agent_that_starts_again_with_an_empty_memory_is_taken_in(robot: str)
 
 
 def test_a_pose_from_a_former_team_that_is_wrong_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[KnownPose] = []
+
     def with_one_wrong(poses: Sequence[Pose], fitted: TeamPoses) -> list[KnownPose]:
         known = passed_on(poses, fitted)
         pose, deviations = known[2].pose, known[2].deviations
         assert deviations is not None
         known[2] = KnownPose(perturbed(pose, 20.0 * deviations * [0, 0, 0, 1, 1, 1]), deviations)
+        told.append(known[2])
         return known
 
     monkeypatch.setattr(team, "passed_on", with_one_wrong)
-    back = FROM + 0.5
-    scenario = changed("line4", duration=back + SOON, load_changes=(), seed=1)
-    schedule = FaultSchedule(seed=1, scenario=scenario, faults=(Crash(robot="r2", start=FROM, end=back),))
-    run = FaultyRun(schedule)
-    watch = Watch(schedule, run.scene)
-    for block in run:
-        watch.look(block)
-    assert watch.violations == []
-    for outbox in block.outboxes.values():
-        assert outbox.estimate is not None
-        assert outbox.estimate.status == "valid"
+    story = started_again("r2")
+    assert told
+    for estimates in story.estimates.values():
+        reasons = {reason for estimate in estimates for reason in estimate.reasons}
+        assert any("contradicts how the load moves" in reason for reason in reasons)
+    assert story.statuses(FROM + 0.5 + AT_ONCE) != {"valid"}  # as they are with the right one
+    assert story.statuses(FROM + 0.5 + SOON) == {"valid"}
 
 
 @pytest.mark.parametrize(

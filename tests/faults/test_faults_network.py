@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import msgspec
 import numpy as np
 import pytest
@@ -16,13 +18,14 @@ from coheft.app.faults.schedule import (
     Duplication,
     FaultSchedule,
     Lie,
+    LieKind,
     Loss,
     Malformed,
     Partition,
     Reordering,
     Replay,
 )
-from coheft.wire.messages import NeighbourMessage
+from coheft.wire.messages import LinkState, NeighbourMessage
 
 GRAPH = {"r1": ("r2", "r3"), "r2": ("r1", "r3"), "r3": ("r1", "r2")}
 END = 1000.0
@@ -34,8 +37,9 @@ def schedule(*faults: AnyFault) -> FaultSchedule:
 
 def said(block: int, sender: str = "r1", incarnation: int = 0) -> NeighbourMessage:
     samples = np.arange(12.0).reshape(3, 4) + block
+    gossip = [LinkState(sender, block, ("r2",))]
     return NeighbourMessage(
-        sender=sender, block=block, gossip=[], channels={"samples": samples}, incarnation=incarnation
+        sender=sender, block=block, gossip=gossip, channels={"samples": samples}, incarnation=incarnation
     )
 
 
@@ -138,14 +142,24 @@ def test_flipped_bits_are_refused_unless_they_flip_before_the_checksum():
     assert len(changed) > 100
 
 
-def test_a_liar_changes_samples_but_not_what_others_are_told_of_the_graph():
-    lie = Lie(start=0.0, end=END, robot="r1", how="scaled", size=2.0)
-    network = Network(schedule(lie), GRAPH)
+@pytest.mark.parametrize("how", get_args(LieKind))
+def test_a_liar_changes_samples_but_not_what_others_are_told_of_the_graph(how: LieKind):
+    network = Network(schedule(Lie(start=0.0, end=END, robot="r1", how=how, size=2.0)), GRAPH)
     network.post(0, said(0, "r1"))
     network.post(0, said(0, "r3"))
     heard = {message.sender: message for message in network.collect(1, "r2")}
-    np.testing.assert_array_equal(heard["r1"].channels["samples"], 2.0 * said(0).channels["samples"])
-    np.testing.assert_array_equal(heard["r3"].channels["samples"], said(0).channels["samples"])
+    true = said(0).channels["samples"]
+    np.testing.assert_array_equal(heard["r3"].channels["samples"], true)
+    for sender, message in heard.items():
+        assert msgspec.structs.replace(message, channels={}) == msgspec.structs.replace(said(0, sender), channels={})
+    lied = heard["r1"].channels["samples"]
+    assert lied.shape == true.shape
+    assert not np.isclose(lied, true).any(where=true != 0.0)
+    match how:
+        case "scaled":
+            np.testing.assert_array_equal(lied, 2.0 * true)
+        case "offset":
+            np.testing.assert_allclose(lied - true, 2.0 * np.sqrt(np.square(true).mean()))
 
 
 def test_a_fresh_agent_gets_nothing_from_before():

@@ -9,7 +9,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -19,15 +19,18 @@ from rosbags.highlevel import AnyReader
 
 import coheft
 from coheft.app.cli import EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.heard import News
 from coheft.app.judge import Judge
 from coheft.app.recording.reader import read_recording
 from coheft.app.recording.recorder import Recorder
 from coheft.errors import RecordingError
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
+from coheft.estimation.spatial import Pose, rotation_exp
 from coheft.wire.messages import Estimate, Truth
 from coheft.wire.scenario import Scenario
+from tests import synthetic_run
 from tests.recording.runs import BEGIN, SCENARIO, news_of_a_run, record, same
-from tests.synthetic_run import BLOCK, GRASPS, HEAVY, ROBOTS, STD
+from tests.synthetic_run import BLOCK, GRASPS, HEAVY, LIGHT, ROBOTS, STD
 
 NEWS = news_of_a_run()
 LAYOUT = Path(__file__).parents[2] / "docs" / "foxglove-layout.json"
@@ -119,15 +122,16 @@ def test_the_true_payload_and_where_it_is(topics: Mapping[str, list[tuple[int, A
         assert transform.header.frame_id == "payload"
         assert numbers(transform.transform.translation) == GRASPS[transform.child_frame_id].translation.tolist()
     truths = [news for news in NEWS if isinstance(news, Truth)]
-    for truth, (_, tf), (_, pose), (_, inertia) in zip(
-        truths, topics["/tf"], topics["/payload/pose"], topics["/payload/inertia"], strict=True
-    ):
+    rows = [topics[topic] for topic in ("/tf", "/payload/pose", "/payload/inertia", "/payload/total_wrench")]
+    for truth, (_, tf), (_, pose), (_, inertia), (_, total) in zip(truths, *rows, strict=True):
         (moving,) = tf.transforms
         assert (moving.header.frame_id, moving.child_frame_id) == ("world", "payload")
         w, x, y, z = truth.quaternion.tolist()
         assert numbers(moving.transform) == numbers(pose.pose) == [*truth.position.tolist(), x, y, z, w]
         tensor = truth.payload.tensor[np.triu_indices(3)].tolist()
         assert numbers(inertia.inertia) == [truth.payload.mass, *truth.payload.com.tolist(), *tensor]
+        assert numbers(total.wrench) == truth.total_wrench.tolist()
+        assert total.header.frame_id == "payload"
     assert [len(message.markers) for _, message in topics["/payload/markers"]] == [
         1 + len(SCENARIO.payload.boxes), 2 + len(SCENARIO.payload.boxes),
     ]  # fmt: skip
@@ -185,6 +189,31 @@ def test_covariance_of_a_pose_is_in_the_order_of_ros(tmp_path: Path) -> None:
         message: Any = reader.deserialize(data, wanted[0].msgtype)
     assert np.diag(message.pose.covariance.reshape(6, 6)).tolist() == [4.0, 5.0, 6.0, 1.0, 2.0, 3.0]
     assert numbers(message.pose.pose.position) == pose.translation.tolist()
+
+
+def test_a_settled_pose_is_there_with_how_far_it_is_off_and_how_far_its_robot_expects(tmp_path: Path) -> None:
+    off = Pose(rotation_exp(np.array([0.0, 0.1, 0.0])), np.array([0.012, 0.0, 0.016]))
+    news: list[News] = []
+    for block in (0, 1):
+        phase: Literal["poses", "inertia"] = "inertia" if block else "poses"
+        believed = synthetic_run.estimate("r1", block, LIGHT, pose_error=off, phase=phase)
+        pose = msgspec.structs.replace(believed.poses["r2"], covariance=np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]))
+        news += [synthetic_run.truth(block, LIGHT), msgspec.structs.replace(believed, poses={"r2": pose})]
+    found = {}
+    with AnyReader([record(tmp_path / "run.mcap", news)]) as reader:
+        for connection, time, data in reader.messages():
+            if connection.msgtype == "std_msgs/msg/Float64":
+                message: Any = reader.deserialize(data, connection.msgtype)
+                assert time == round(2 * BLOCK * 1e9), "before, the pose was not settled"
+                found[connection.topic] = message.data
+    assert found == pytest.approx(
+        {
+            "/r1/error/poses/r2/rotation_deg": np.degrees(0.1),
+            "/r1/error/poses/r2/translation_mm": 20.0,
+            "/r1/three_sigma/poses/r2/rotation_deg": 3.0 * np.degrees(np.sqrt(6.0)),
+            "/r1/three_sigma/poses/r2/translation_mm": 3e3 * np.sqrt(15.0),
+        }
+    )
 
 
 def test_the_log_and_diagnostics_tell_what_happened(topics: Mapping[str, list[tuple[int, Any]]]) -> None:

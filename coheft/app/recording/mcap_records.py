@@ -16,7 +16,7 @@ from coheft.errors import RecordingError
 
 MAGIC = b"\x89MCAP0\r\n"
 """With this an MCAP file begins, and ends if it was finished."""
-_DAMAGE = (McapError, zstandard.ZstdError, ValueError, struct.error)
+_DAMAGE = (McapError, zstandard.ZstdError, ValueError, struct.error, OverflowError, MemoryError)
 """What the library raises for a file that is cut or damaged."""
 
 

@@ -111,8 +111,12 @@ def of_bytes(data: bytes) -> RosMessage:
 
 
 def bytes_in(cdr: bytes) -> bytes:
-    """The bytes that ``of_bytes`` was given."""
-    data: bytes = _STORE.deserialize_cdr(cdr, BYTES_TYPE).data.tobytes()
+    """The bytes that ``of_bytes`` was given.
+
+    Raises:
+        MessageError: They are not there.
+    """
+    data: bytes = from_cdr(cdr, BYTES_TYPE).data.tobytes()
     return data
 
 

@@ -1,0 +1,133 @@
+"""The command that breaks things: what it says, and how it ends, when a promise was broken."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from coheft.app.cli import EXIT_CONVERGED, run_command_line
+from coheft.app.cli_base import EXIT_BROKEN_PROMISE
+from coheft.app.faults import campaign
+from coheft.app.faults.draw import draw_schedule
+from coheft.app.faults.invariants import Violation
+from coheft.app.faults.recovery import latest_recovery
+from coheft.app.faults.schedule import Loss, read_schedule, write_schedule
+from coheft.app.faults.trial import Outcome
+from coheft.wire.scenario import Graph
+
+MUTANT = "no-lever-arm"
+"""With it no team agrees, whatever else happens."""
+_replace = msgspec.structs.replace
+
+
+@pytest.fixture
+def made_up(monkeypatch: pytest.MonkeyPatch) -> set[int]:
+    """Seeds whose schedules break two promises each, without running them; the others break none."""
+    broken: set[int] = set()
+
+    def try_seed(seed: int, mutant: str = "") -> Outcome:
+        return Outcome(
+            seed=seed,
+            faults=("lie (scaled)",),
+            last="lie (scaled)",
+            simulated=9.0,
+            violations=[Violation(f"P{k}", k, "r2", f"mass of [load] {k} off") for k in (1, 3) if seed in broken],
+            first_valid=2.0,
+            recovered=0.5 * seed,
+            stale=0.1,
+            refused=0,
+            lied=2,
+            named=1,
+        )
+
+    monkeypatch.setattr(campaign, "try_seed", try_seed)
+    return broken
+
+
+def test_a_campaign_in_which_all_is_kept_ends_well(made_up: set[int], capfd: pytest.CaptureFixture[str]) -> None:
+    assert not made_up
+    assert run_command_line(["faults", "--seeds", "2", "--jobs", "1"]) == EXIT_CONVERGED
+    out = capfd.readouterr().out
+    assert "violations: 0, in 0 schedules" in out
+    assert "--replay" not in out
+
+
+def test_the_last_line_shows_the_first_broken_promise_again(
+    made_up: set[int], capfd: pytest.CaptureFixture[str]
+) -> None:
+    made_up |= {6, 8}
+    arguments = ["faults", "--first-seed", "5", "--seeds", "4", "--jobs", "1"]
+    assert run_command_line(arguments) == EXIT_BROKEN_PROMISE
+    lines = capfd.readouterr().out.splitlines()
+    assert lines[-4:] == [
+        "violations: 4, in 2 schedules",
+        "6: P1 at 1.00 s, r2 mass of [load] 1 off",
+        "8: P1 at 1.00 s, r2 mass of [load] 1 off",
+        "coheft faults --replay 6",
+    ]
+    assert "4 of 8 agents that lied were named by others" in lines
+    assert run_command_line([*arguments, "--quiet"]) == EXIT_BROKEN_PROMISE
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_summary_goes_to_standard_output_and_all_else_does_not(
+    made_up: set[int], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    made_up |= {1}
+    table = tmp_path / "table.md"
+    arguments = ["faults", "--seeds", "3", "--jobs", "1", "--json", "-", "--table", str(table)]
+    assert run_command_line(arguments) == EXIT_BROKEN_PROMISE
+    out, err = capfd.readouterr()
+    summary = json.loads(out)
+    assert (summary["schedules"], summary["violations"], summary["failed"]) == (3, 2, [1])
+    assert err.splitlines()[-1] == "coheft faults --replay 1"
+    head, *rows = table.read_text().splitlines()
+    assert head == "3 schedules (seeds 0 to 2), 0.0 simulated hours: 2 violations."
+    assert rows[-1] == "| lie (scaled) | 3 | 3 of 3 | 2 | 0.50 s | 0.95 s | 1.00 s |"
+
+
+@pytest.mark.timeout(600)
+def test_what_a_campaign_finds_is_shown_again_by_its_last_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    report, table = tmp_path / "summary.json", tmp_path / "table.md"
+    arguments = ["faults", "--seeds", "1", "--mutant", MUTANT, "--jobs", "1", "--json", str(report)]
+    assert run_command_line([*arguments, "--table", str(table)]) == EXIT_BROKEN_PROMISE
+    last = capfd.readouterr().out.splitlines()[-1]
+    assert last == f"coheft faults --replay 0 --mutant {MUTANT}"
+    assert json.loads(report.read_bytes())["failed"] == [0]
+    assert "\n| crash | 1 | " in table.read_text()
+
+    assert run_command_line(shlex.split(last)[1:]) == EXIT_BROKEN_PROMISE
+    out = capfd.readouterr().out
+    assert out.startswith("seed 0: ")
+    assert "crash: robot " in out
+    assert "P3 at " in out
+
+
+@pytest.mark.timeout(600)
+def test_a_schedule_that_was_simplified_breaks_the_promise_still(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The loss has nothing to do with it."""
+    monkeypatch.chdir(tmp_path)
+    drawn = draw_schedule(0)
+    perimeter = drawn.scenario.robots.perimeter
+    assert perimeter is not None
+    three = _replace(drawn.scenario.robots, perimeter=_replace(perimeter, count=3))
+    scenario = _replace(drawn.scenario, robots=three, graph=Graph(kind="ring"), lookahead=1, load_changes=())
+    schedule = _replace(drawn, scenario=scenario, faults=(Loss(start=0.0, end=0.1, probability=0.5),))
+    scenario = _replace(scenario, duration=latest_recovery(schedule) + scenario.block_duration)
+    write_schedule(_replace(schedule, scenario=scenario), Path("drawn.json"))
+    replay = ["faults", "--replay"]
+    assert run_command_line([*replay, "drawn.json", "--mutant", MUTANT, "--shrink"]) == EXIT_BROKEN_PROMISE
+    assert "written to faults-0.json" in capfd.readouterr().out
+    assert read_schedule(Path("faults-0.json")).faults == ()
+    assert run_command_line([*replay, "faults-0.json", "--mutant", MUTANT]) == EXIT_BROKEN_PROMISE
+    # Nothing goes wrong in it any more: agents without the bug keep all promises.
+    assert run_command_line([*replay, "faults-0.json"]) == EXIT_CONVERGED
+    assert "violations: 0" in capfd.readouterr().out
