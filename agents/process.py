@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 import time
 from collections import deque
 from typing import NoReturn
@@ -32,6 +33,8 @@ _BACKLOG = 64
 """Blocks of measurements that may wait; an agent that is slower for longer than that skips the oldest."""
 _ASK_AGAIN = 1.0
 """After so long without measurements it asks again [s]: the server may have noticed a lost link that we have not."""
+_COMMENT_AFTER = 5.0
+"""A server that has not been met after so long may never come [s]: it is said where it is waited for."""
 _AT_ONCE = 256
 """So much is read between two steps at most: somebody may speak faster than can be read."""
 
@@ -60,6 +63,7 @@ class AgentProcess:
         self._attempt = time.time_ns()
         self._is_fed = False
         self._server_lost_at: float | None = None
+        self._comment_at = now + _COMMENT_AFTER
         self._said_hello_at = -math.inf
         self._block = -1
         self._start_agent(config.agent.estimator)
@@ -114,6 +118,9 @@ class AgentProcess:
                 f"{self._name} lost its link with {SERVER} at block {self._block}, and it did not come back "
                 f"within {self._config.server_limit:g} s"
             )
+        if time.monotonic() > self._comment_at:
+            self._comment_at = math.inf
+            print(f"waiting for {SERVER} at {self._config.server}", file=sys.stderr, flush=True)
         self._say_hello()
         missing = [name for name, link in self._links.items() if not link.hears_us]
         self._outside.ready.send(Ready(robot=self._name, missing=missing, attempt=self._attempt))
@@ -255,6 +262,7 @@ class AgentProcess:
     def _note_server_links(self, count: int) -> None:
         """A lost server is told to observers, and asked again as soon as it is back."""
         if count > 0:
+            self._comment_at = math.inf
             self._server_lost_at = None
         elif self._server_lost_at is None:
             self._server_lost_at = time.monotonic()

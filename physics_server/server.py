@@ -76,6 +76,7 @@ class Server:
         self._state: Literal["waiting", "running", "paused", "finished"] = "waiting"
         self._save_data = config.save_data
         self._unsaved = ""
+        self._failure = ""
         self._recorder = DataRecorder(scenario, self._simulation.scene) if config.save_data is not None else None
         self._stop_asked = False
         self._inbox = Inbox()
@@ -111,21 +112,26 @@ class Server:
             LinkError: All robots are lost.
             SimulationError: The simulation cannot go on.
         """
-        reason = _OVER
         try:
             self._wait_for_robots()
             self._run_blocks()
             self._wait_for_last_answers()
         except CoheftError as error:
-            reason = str(error)
-            self._problems.tell_observers(reason)
+            self._failure = str(error)
+            self._problems.tell_observers(self._failure)
+            raise
+        except BaseException as error:  # told to end, or not foreseen
+            self._failure = repr(error)
             raise
         finally:
             self._stopwatch.stop()
             self._state = "finished"
-            self._robots.send_stop(reason)
+            self._robots.send_stop(self._failure or _OVER)
             try:
                 self._write_data()
+            except BaseException as error:
+                self._failure = repr(error)
+                raise
             finally:
                 self._end.send(self._status())  # whoever hears it may end this process
 
@@ -283,6 +289,7 @@ class Server:
             estimators=self._estimators.available,
             scene=self._simulation.scene,
             unsaved=self._unsaved,
+            failure=self._failure,
         )
 
 

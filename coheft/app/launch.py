@@ -132,7 +132,8 @@ def _follow(audience: Audience, observer: Observer, processes: Processes, again:
     """Collect what the processes say until the agents have gone; return the server's last word.
 
     Raises:
-        ProcessError: A process failed, or an agent does not go though the run is over.
+        ProcessError: A process failed, the server after the agents perhaps; or an agent does not go though the run is
+            over.
         LinkError: The server has no last word.
     """
     news = time.monotonic()
@@ -151,10 +152,12 @@ def _follow(audience: Audience, observer: Observer, processes: Processes, again:
     while time.monotonic() < deadline and not audience.record.complete:
         audience.collect(observer)
     deadline += _WRITING_LIMIT
-    while (status := observer.status()) is None:
+    while (status := observer.status()) is None or status.failure:  # one that has failed is about to end: see how
+        has_ended = processes.ended("server")
         processes.check()
-        if processes.ended("server") or time.monotonic() > deadline:
-            raise LinkError("the server did not say how the run ended")
+        if has_ended or time.monotonic() > deadline:
+            raise LinkError("the server did not say how the run ended" if status is None else status.failure)
+        time.sleep(_POLL)
     return status
 
 

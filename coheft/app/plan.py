@@ -69,6 +69,19 @@ class Plan:
         return paths
 
 
+def check_no_parts(folder: Path, scenario: Scenario) -> None:
+    """Check that no configuration would be overwritten: parts of two runs in one folder do not find each other.
+
+    Raises:
+        CoheftError: There is one.
+    """
+    for name in (RUN_FILE, *(f"{part}.json" for part in (SERVER, *scenario.robot_names))):
+        if (folder / name).exists():
+            raise CoheftError(
+                f"{folder / name} is there already: configurations are never overwritten; name another folder"
+            )
+
+
 def make_plan(
     scenario: Scenario,
     clock: Clock = "lockstep",

@@ -32,6 +32,12 @@ _GO_WHEN_ASKED = 0.4
 _OTHERS_FAIL = 0.5
 """Time after the first failure in which others show theirs, the cause perhaps among them [s]."""
 _LOG_LINES = 12
+_BY_HAND = {
+    "scenario": ("physics_server.server", "a server's configuration: start it with 'coheft server'"),
+    "agent": ("agents.process", "an agent's configuration: start it with 'coheft agent'"),
+    "agents": ("", "no configuration, but tells other commands where the run is: start the parts beside it"),
+}
+"""By a key that no other file of a run's parts has: what runs with it, and what it is."""
 
 
 class ProcessError(CoheftError):
@@ -226,9 +232,10 @@ def run_in_foreground(module: str, config: Path) -> int:
     """Run one part of a team by hand until it ends; its output is ours. Return its exit status.
 
     Raises:
-        CoheftError: The configuration cannot be read.
+        CoheftError: The configuration cannot be read, or is another part's.
     """
     line = read_config(config)
+    _check_part(module, config, line)
     process = subprocess.Popen(
         [sys.executable, "-m", module], stdin=subprocess.PIPE, env={**os.environ, **ENVIRONMENT}, start_new_session=True
     )
@@ -243,6 +250,18 @@ def run_in_foreground(module: str, config: Path) -> int:
             process.wait(_GO_BY_THEMSELVES)
         except subprocess.TimeoutExpired:
             process.kill()
+
+
+def _check_part(module: str, config: Path, line: bytes) -> None:
+    """Check that a configuration is none for something else. All the rest is for the part itself to check.
+
+    Raises:
+        CoheftError: It is; the message says for what.
+    """
+    found = msgspec.json.decode(line)
+    for key, (part, what) in _BY_HAND.items():
+        if part != module and isinstance(found, dict) and key in found:
+            raise CoheftError(f"{config} is {what}")
 
 
 def _with_paths_from(folder: Path, config: Any) -> Any:

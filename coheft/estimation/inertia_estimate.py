@@ -66,7 +66,7 @@ class InertiaEstimate:
 
 
 def middle_and_size(poses: Sequence[Pose]) -> tuple[Array, float]:
-    """About where the load is, and how large [m]: middle (3,) of the grasps, and their root mean square distance from it.
+    """About where the load is, and how large [m]: middle (3,) of the grasps, and their root mean square distance to it.
 
     A large load may be held in one place: what is guessed too small would be trusted too much, and one that is guessed
     too large only costs time until all is seen.

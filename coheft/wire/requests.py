@@ -71,6 +71,7 @@ class Status(Message, frozen=True):
         estimators: Which ones may be chosen.
         scene: What does not change.
         unsaved: Why the data file that was asked for is not there; empty if it is, or none was asked for.
+        failure: Why the run broke off; empty if it did not.
     """
 
     scenario: str
@@ -87,6 +88,7 @@ class Status(Message, frozen=True):
     estimators: list[str]
     scene: Scene
     unsaved: str = ""
+    failure: str = ""
 
 
 class Refusal(Message, frozen=True):

@@ -30,7 +30,7 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     try:
         config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind)
     except msgspec.DecodeError as error:
-        print(f"expected a {kind.__name__} as one line of JSON on stdin: {error}", file=sys.stderr)
+        print(f"expected {kind.__name__} as one line of JSON on stdin: {error}", file=sys.stderr)
         sys.exit(2)
     threading.Thread(target=_leave_with_stdin, daemon=True).start()
     give_back_memory()

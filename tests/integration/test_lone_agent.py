@@ -123,6 +123,21 @@ def lone_agent(folder: Path, patience: float = LIMIT, agent: int = 0) -> Iterato
         yield surroundings
 
 
+def test_an_agent_says_once_where_it_waits_for_its_server_and_goes_on_waiting(tmp_path):
+    plan = make_plan(small_scenario(2, "line"))
+    with ExitStack() as stack:
+        team = Team(plan, Keys(plan.run), tmp_path, None, {})
+        name, config = next(iter(plan.agents.items()))
+        team.start(name, AGENT, config)
+        stack.callback(team.end, name)
+        wait_until(lambda: team.log(name) != "", "the agent to say something")
+        around = Surroundings(team, stack, 0)
+        around.meet()
+        around.measure(0)
+        assert around.answers(1) == [0]
+        assert around.finish() == f"waiting for the server at {config.server}\n"
+
+
 def test_channels_that_come_before_their_shape_is_known_do_no_harm(tmp_path):
     with lone_agent(tmp_path) as around:
         around.say(0, WRONG_SHAPES)

@@ -164,13 +164,18 @@ def test_an_agent_that_is_told_to_end_has_failed_and_is_started_again(start: Cal
     assert "Traceback" not in run.text
 
 
-def test_a_server_that_is_killed_ends_the_run_and_is_named(start: Callable[..., Run]) -> None:
+@pytest.mark.parametrize(
+    ("sign", "how"), [(signal.SIGKILL, "was killed by signal 9"), (signal.SIGTERM, "was told to end by SIGTERM")]
+)
+def test_a_server_that_is_killed_ends_the_run_and_is_named(
+    sign: signal.Signals, how: str, start: Callable[..., Run]
+) -> None:
     run = start("--duration", "10000")
     run.wait_until_under_way()
-    os.kill(run.pids["server"], signal.SIGKILL)
+    os.kill(run.pids["server"], sign)
     assert run.wait() == 1
     assert run.left() == []
-    assert run.text.endswith("The run is over, because server was killed by signal 9.\n")
+    assert run.text.endswith(f"The run is over, because server {how}.\n")
 
 
 def test_a_frozen_process_does_not_outlive_its_supervisor(start: Callable[..., Run]) -> None:

@@ -83,7 +83,8 @@ def run_in_processes(
         for name, agent in agents.items():
             processes.start(name, "agents.cart_process", agent)
         news = time.monotonic()
-        while not processes.all_done_but("server"):
+        # A server that fails stops its agents, and ends after them.
+        while not (processes.all_done_but("server") and processes.ended("server")):
             processes.check()
             if _collect(inbox, run, on_problem, _POLL):
                 news = time.monotonic()

@@ -1,0 +1,15 @@
+"""The cart's physics server as it is on a busy machine when a run has failed: its agents have ended long before it."""
+
+from __future__ import annotations
+
+import time
+
+from physics_server import cart, cart_server
+from tests.integration.slow_to_end_server import LATER
+
+if __name__ == "__main__":
+    cart._FARTHEST = 0.0  # out of sight at once
+    try:
+        cart_server.main()
+    finally:
+        time.sleep(LATER)

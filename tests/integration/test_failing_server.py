@@ -1,0 +1,53 @@
+"""A run whose server fails has failed, whoever of its processes ends first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import pytest
+from rich.console import Console
+
+from coheft.app.cart.launch import run_in_processes
+from coheft.app.cart.table_one import table_one
+from coheft.app.launch import launch
+from coheft.app.overrides import override
+from coheft.app.plan import make_plan
+from coheft.app.processes import Child, ProcessError, Processes
+from coheft.app.terminal import make_display
+from coheft.wire.scenario_file import load_scenario
+
+from .team import ROOT
+
+
+@pytest.fixture
+def use_server(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Lets runs have another server."""
+    start = Processes.start
+
+    def use(server: str) -> None:
+        def start_another_server(processes: Processes, name: str, module: str, config: msgspec.Struct) -> Child:
+            return start(processes, name, server if name == "server" else module, config)
+
+        monkeypatch.setattr(Processes, "start", start_another_server)
+        monkeypatch.setenv("PYTHONPATH", str(ROOT))
+
+    return use
+
+
+def test_a_server_that_fails_and_ends_after_its_agents_ends_the_run_with_an_error(
+    use_server: Callable[[str], None], tmp_path: Path
+) -> None:
+    use_server("tests.integration.slow_to_end_server")
+    scenario = override(load_scenario("ring3"), duration=4.0, changes=["t=2,mass=1e6,at=0,0,0"])
+    expected = r"the robots have lost the payload(?s:.)*\nThe run is over, because server ended with status 1\.$"
+    with pytest.raises(ProcessError, match=expected):
+        launch(make_plan(scenario), tmp_path, make_display(Console(), quiet=True))
+
+
+def test_so_does_the_server_of_a_cart(use_server: Callable[[str], None], tmp_path: Path) -> None:
+    use_server("tests.integration.slow_to_end_cart_server")
+    expected = r"the cart has gone out of sight(?s:.)*\nThe run is over, because server ended with status 1\.$"
+    with pytest.raises(ProcessError, match=expected):
+        run_in_processes(table_one(6, pushers=1), lambda _: tmp_path, lambda _: None)
