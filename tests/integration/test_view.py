@@ -95,6 +95,16 @@ def text_of(page: Any) -> str:
     return str(page.evaluate("document.body.innerText"))
 
 
+def centre_rows(robot: Any) -> list[str]:
+    """What the page shows of a centre of mass: the truth, the estimate, its deviation; dashes for what is not known."""
+    com = robot["com"]
+    columns = [com["truth"], com["estimate"], com["std"]]
+    return [
+        "\t".join([f"{axis} mm", *("–" if values is None else f"{1e3 * values[row]:.1f}" for values in columns)])
+        for row, axis in enumerate("xyz")
+    ]
+
+
 def inputs(page: Any) -> list[str]:
     """What all fields and lists say."""
     values: list[str] = page.locator("input").evaluate_all("fields => fields.map(field => field.value)")
@@ -164,7 +174,7 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
         robot = told["robots"]["r1"]
         assert [change["truth"]["mass"] for change in told["load_changes"]][-1] == pytest.approx(robot["mass"]["truth"])
         numbers = [f"{told['duration_s']:.1f} of 1000 s", f"{robot['mass']['truth']:.3f}"]
-        numbers += [f"{1e3 * number:.1f}" for number in robot["com"]["estimate"] or []]
+        numbers += centre_rows(robot)
         wait_for(lambda: all(number in text_of(page) for number in numbers), f"{numbers}")
 
 
@@ -181,8 +191,9 @@ def test_a_recording_plays_to_its_end_with_the_numbers_of_the_report(tmp_path, b
             wait_for(lambda: "a recording: run.mcap" in text_of(page), "the recording")
             wait_for(lambda: "6.0 of 6 s" in text_of(page), "the end")
             wait_for(lambda: "finished" in text_of(page), "the player to stop")
-            numbers = [f"{told['robots']['r1']['mass']['truth']:.3f}"]
-            numbers += [f"{1e3 * number:.1f}" for number in told["robots"]["r1"]["com"]["estimate"] or []]
+            robot = told["robots"]["r1"]
+            assert robot["com"]["estimate"] is not None
+            numbers = [f"{robot['mass']['truth']:.3f}", *centre_rows(robot)]
             wait_for(lambda: all(number in text_of(page) for number in numbers), f"{numbers}")
 
 

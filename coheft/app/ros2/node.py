@@ -82,7 +82,7 @@ class Publisher:
     """
 
     def __init__(self, session: zenoh.Session, key: str, *, latched: bool) -> None:
-        options: dict[str, Any] = {"congestion_control": zenoh.CongestionControl.DROP, "express": True}
+        options: dict[str, Any] = {"congestion_control": zenoh.CongestionControl.DROP}
         self._latched = latched
         self._publisher: Any
         if latched:
