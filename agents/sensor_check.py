@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from agents.outliers import outliers
 from coheft.estimation.measurement import SensorNoise
@@ -28,6 +29,7 @@ class SensorCheck:
     def __init__(self, noise: SensorNoise) -> None:
         self._deviations = noise.per_column()
         self._last = np.empty((0, len(self._deviations)))
+        self._frozen = np.zeros(len(_SENSORS), dtype=np.bool_)
         self._before = True
         self.fault: str | None = None
 
@@ -42,27 +44,32 @@ class SensorCheck:
 
     def _find(self, samples: Array) -> str | None:
         """What is wrong with samples (n, 15), the last one of the block before first."""
+        frozen, self._frozen = self._frozen, np.zeros_like(self._frozen)
         if not np.abs(samples).max() <= _LARGEST:  # false for what is not a number, too
             if not np.isfinite(samples).all():
                 return _in_words("is not a finite number", ~np.isfinite(samples).all(axis=0))
             return _in_words("is out of range", np.abs(samples).max(axis=0) > _LARGEST)
         steps = (samples[1:] - samples[:-1]) / self._deviations
-        stuck = None if steps.all() else _stuck(samples, steps)
-        if stuck is not None:
-            return stuck
+        if not steps.all():
+            self._frozen = _frozen(samples, steps, frozen)
+            if self._frozen.any():
+                return _in_words("is frozen", np.repeat(self._frozen, 3))
+            limits = np.stack([samples.min(axis=0), samples.max(axis=0)])
+            at_limit = (2 * (samples == limits[:, None]).sum(axis=1) > len(samples)) & (limits != 0.0)
+            if at_limit.any():
+                return _in_words("is saturated", np.any(at_limit, axis=0))
         far = outliers(steps)
         return _in_words("has outliers", far) if far.any() else None
 
 
-def _stuck(samples: Array, steps: Array) -> str | None:
-    """Noise does not repeat: what stays as it is, or at its largest value, for half of the samples does not measure."""
-    still = 2 * (~steps.reshape(len(steps), -1, 3).any(axis=2)).sum(axis=0) >= len(steps)
-    still &= samples.reshape(len(samples), -1, 3).any(axis=(0, 2))
-    if still.any():
-        return _in_words("is frozen", np.repeat(still, 3))
-    limits = np.stack([samples.min(axis=0), samples.max(axis=0)])
-    at_limit = (2 * (samples == limits[:, None]).sum(axis=1) > len(samples)) & (limits != 0.0)
-    return _in_words("is saturated", np.any(at_limit, axis=0)) if at_limit.any() else None
+def _frozen(samples: Array, steps: Array, before: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Which sensors do not measure, shape (5,): as noise does not repeat, nothing stays as it is for half of a block.
+
+    Nor does a sensor measure yet that was frozen ``before``, in the last block, and begins with the same numbers.
+    """
+    still = (steps.reshape(len(steps), -1, 3) == 0.0).all(axis=2)
+    is_frozen: npt.NDArray[np.bool_] = (2 * still.sum(axis=0) >= len(steps)) | (before & still[0])
+    return is_frozen & samples.reshape(len(samples), -1, 3).any(axis=(0, 2))
 
 
 def _in_words(what: str, columns: Any) -> str:

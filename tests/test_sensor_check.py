@@ -72,6 +72,15 @@ def test_what_no_sensor_can_read_is_found(column: int, factor: float) -> None:
 
 
 @pytest.mark.parametrize("sensor", range(5), ids=SENSORS)
+@pytest.mark.parametrize("until", [1, 3])
+def test_a_sensor_that_is_frozen_for_a_few_samples_more_is_not_believed_yet(sensor: int, until: int) -> None:
+    blocks = samples(4)
+    axes = slice(3 * sensor, 3 * sensor + 3)
+    blocks[1, :, axes] = blocks[2, :until, axes] = blocks[1, 0, axes]
+    assert work(blocks) == [True, False, False, True]
+
+
+@pytest.mark.parametrize("sensor", range(5), ids=SENSORS)
 @pytest.mark.parametrize("since", [0, 4])
 def test_a_frozen_sensor_is_found_even_if_it_froze_within_the_block(sensor: int, since: int) -> None:
     blocks = samples(4)
