@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.inertia import FEATURES, InertiaInformation, InertiaModel, features
-from coheft.estimation.pose_sensitivity import MOTION_FEATURES
+from coheft.estimation.inertia import FEATURES, WRENCH_FEATURES, InertiaInformation, InertiaModel, features
 from coheft.estimation.spatial import Array
 
 _LOOK = 0.1
@@ -18,7 +17,6 @@ _GIVE_UP = 0.5
 """After so long a contradiction what is remembered is of another load [s]."""
 _SINGULAR = 1e-12
 """What is added to an information, relative to itself, so that it has an inverse."""
-_WRENCH = slice(MOTION_FEATURES.stop, FEATURES)
 
 
 class LateWrenches:
@@ -88,7 +86,7 @@ class LateWrenches:
         # Noise averages out, what poses add does not.
         count = self._sums[0]
         mean = self._sums / count
-        residual = mean[_WRENCH] - mean @ (model.regressor_coefficients @ self._unknowns)
+        residual = mean[WRENCH_FEATURES] - mean @ (model.regressor_coefficients @ self._unknowns)
         statistic = float(residual @ np.linalg.solve(model.residual_covariance / count + disturbance, residual))
         self._contradicted = 0 if statistic < _CONTRADICTION else self._contradicted + 1
 

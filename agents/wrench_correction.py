@@ -14,11 +14,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from agents.load_moments import CROSS_SHAPE, CROSS_SIZE, cross_moments, number_of_samples, sum_of_squares
-from coheft.estimation.inertia import FEATURES, GRAM_SIZE, repacked_gram, unpacked_gram
+from coheft.estimation.inertia import FEATURES, GRAM_SIZE, WRENCH_FEATURES, repacked_gram, unpacked_gram
 from coheft.estimation.pose_sensitivity import MOTION_FEATURES
 from coheft.estimation.spatial import Array, Pose
 
-_WRENCH_FEATURES = slice(MOTION_FEATURES.stop, FEATURES)
 _SINGULAR = 1e-12
 """Share of the largest singular value of the motions' moments below which a combination of them has not been seen."""
 _LOAD, _FIRST, _COUNT, _FORCE, _UNEXPLAINED, _BY_MOTION = range(6)
@@ -118,7 +117,7 @@ class WrenchCorrection:
         began_before = sums[:, 0] > self._since[0]
         corrections = np.zeros((len(sums), FEATURES, FEATURES))
         before = began_before[:, None] * (sums[:, :GRAM_SIZE] - self._since)
-        corrections[:, MOTION_FEATURES, _WRENCH_FEATURES] = motion_grams(before) @ by_motion
+        corrections[:, MOTION_FEATURES, WRENCH_FEATURES] = motion_grams(before) @ by_motion
         corrected = sums.copy()
         corrected[:, :GRAM_SIZE] += repacked_gram(corrections)
         return corrected

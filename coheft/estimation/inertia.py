@@ -30,12 +30,14 @@ from coheft.estimation.rigid_body import (
 from coheft.estimation.spatial import Array, skew
 
 FEATURES = 19
+WRENCH_FEATURES = slice(13, 19)
+"""Where the total wrench stands among them."""
 GRAM_SIZE = FEATURES * (FEATURES + 1) // 2
 INERTIA_SIZE = 10
 OFFSET_SIZE = 6
 TORQUE_OFFSET = slice(INERTIA_SIZE + 3, INERTIA_SIZE + OFFSET_SIZE)
 """Among the unknowns, where offsets are among them."""
-_ONE, _A, _ALPHA, _PRODUCTS, _WRENCH = 0, slice(1, 4), slice(4, 7), slice(7, 13), slice(13, 19)
+_ONE, _A, _ALPHA, _PRODUCTS = 0, slice(1, 4), slice(4, 7), slice(7, 13)
 _ACCELERATIONS = slice(_A.start, _ALPHA.stop)
 _ROWS, _COLUMNS = np.triu_indices(FEATURES)
 _IDENTITY = np.eye(6)
@@ -88,7 +90,7 @@ def features(motion: Array, wrench: Array) -> Array:
     result[:, _ONE] = 1.0
     result[:, _ACCELERATIONS] = motion[:, BODY_A.start : BODY_ALPHA.stop]
     result[:, _PRODUCTS] = symmetric_products(motion[:, BODY_W])
-    result[:, _WRENCH] = wrench
+    result[:, WRENCH_FEATURES] = wrench
     return result
 
 
@@ -278,7 +280,7 @@ def regressor_coefficients(with_offset: bool) -> Array:
     result[_ALPHA, :3, 1:4] = skew(axes)
     result[_ALPHA, 3:, 4:10] = inertia_operator(axes)
     result[_PRODUCTS, :, :INERTIA_SIZE] = _OF_PRODUCTS
-    result[_WRENCH, :, -1] = np.eye(6)
+    result[WRENCH_FEATURES, :, -1] = np.eye(6)
     if with_offset:
         result[_ONE, :, INERTIA_SIZE:-1] = np.eye(6)
     result.flags.writeable = False
