@@ -20,6 +20,10 @@ class CoheftError(Exception):
     """
 
 
+class UsageError(CoheftError):
+    """The arguments of a command contradict each other, or have no effect."""
+
+
 class ScenarioError(CoheftError):
     """A scenario file cannot be used as it is."""
 

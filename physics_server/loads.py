@@ -11,8 +11,10 @@ import numpy as np
 
 from coheft.errors import LoadError
 from coheft.estimation.rigid_body import Inertia, combined
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion
 from coheft.wire.messages import LoadState
+from coheft.wire.payload import MassProperties
+from coheft.wire.payload_extent import Extent, corners
 from coheft.wire.section import Vector
 
 _LOAD_COLOUR = (0.85, 0.35, 0.15, 1.0)
@@ -57,6 +59,7 @@ class Loads:
         self._data = data
         self._payload_body = payload_body
         self._payload = payload
+        self._extent = _extent(model, payload_body, payload)
         self._slots: list[LoadState | None] = [None] * slots
         self._next_id = 1
         self.inertia = payload
@@ -88,6 +91,9 @@ class Loads:
             LoadError: There can be no such load, or no slot is free.
         """
         _check(mass, position, size, leak)
+        complaint = self._extent.complaint(position)
+        if complaint:
+            raise LoadError(f"position of a load is {tuple(position)} m, which {complaint}")
         if not self.slots_free:
             raise LoadError(
                 f"all {len(self._slots)} load slots of the payload are taken: remove one of the loads "
@@ -172,6 +178,16 @@ class Loads:
 def _inertia_of(load: LoadState) -> Inertia:
     """Mass properties of a load in the payload's frame."""
     return Inertia.of_box(load.mass, load.size, Pose(np.eye(3), np.array(load.position)))
+
+
+def _extent(model: mujoco.MjModel, body: int, payload: Inertia) -> Extent:
+    """Of the boxes that a payload is made of, or else of a box with its mass properties, as scenarios are checked."""
+    geoms = np.flatnonzero(model.geom_bodyid == body)
+    if not geoms.size:
+        return Extent.like(MassProperties.of(payload))
+    poses = (Pose(rotation_from_quaternion(model.geom_quat[geom]), model.geom_pos[geom]) for geom in geoms)
+    boxes = zip(poses, 2.0 * model.geom_size[geoms], strict=True)
+    return Extent.around(np.concatenate([corners(pose, size) for pose, size in boxes]))
 
 
 def _check(mass: float, position: Vector, size: Vector, leak: float) -> None:

@@ -84,6 +84,10 @@ def test_a_change_that_makes_no_sense_is_explained(ring6: Scenario, text: str, c
         ({"changes": ["t=-1,mass=3"]}, "--change t=-1,mass=3: key 't': expected .* >= 0.0; found -1.0"),
         ({"changes": ["t=9,remove=3"]}, "command line: key 'load_changes.0..remove': found 3 at 9.0 s, .* none"),
         ({"changes": ["t=99,mass=3"]}, "command line: key 'load_changes.0..at': found 99.0 s, .* = 35.0 s"),
+        (
+            {"changes": ["t=9,mass=3"], "duration": 5.0},
+            "command line: key 'load_changes.0..at': found 9.0 s, .* = 5.0 s",
+        ),
     ],
 )
 def test_overrides_that_cannot_be_are_explained(ring6: Scenario, given: dict[str, Any], message: str) -> None:
@@ -91,9 +95,8 @@ def test_overrides_that_cannot_be_are_explained(ring6: Scenario, given: dict[str
         override(ring6, **given)
 
 
-def test_a_run_may_end_before_its_load_changes_come(ring6: Scenario) -> None:
+def test_a_shorter_run_may_end_before_the_load_changes_of_its_scenario_come(ring6: Scenario) -> None:
     assert override(ring6, duration=5.0).load_changes == ring6.load_changes
-    assert override(ring6, duration=5.0, changes=["t=9,mass=1"]).load_changes == (LoadChange(at=9.0, mass=1.0),)
 
 
 @pytest.mark.parametrize(
@@ -145,7 +148,7 @@ def test_wrong_arguments_are_explained_in_one_sentence(
 def test_help_can_be_asked_for_by_name(capfd: pytest.CaptureFixture[str]) -> None:
     assert run_command_line(["help", "inject"]) == EXIT_CONVERGED
     assert "--mass" in capfd.readouterr().out
-    assert run_command_line(["help", "injekt"]) == EXIT_ERROR
+    assert run_command_line(["help", "injekt"]) == EXIT_USAGE
     assert "there is no command 'injekt'" in capfd.readouterr().err
 
 
@@ -249,6 +252,35 @@ def test_written_configs_are_what_the_processes_read(tmp_path: Path) -> None:
         agent = msgspec.json.decode((tmp_path / f"{name}.json").read_bytes(), type=AgentProcessConfig)
         assert agent.agent.name == name
         assert agent.server == server.robots[name]
+
+
+@pytest.mark.parametrize("more", [(), ("--secure",)])
+def test_configs_of_another_run_are_not_overwritten(
+    more: tuple[str, ...], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run_command_line(["run", "ring6", "--write-configs", str(tmp_path)]) == EXIT_CONVERGED
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert run_command_line(["run", "ring3", "--write-configs", str(tmp_path), *more]) == EXIT_ERROR
+    complaint = "run.json is there already: configurations are never overwritten; name another folder"
+    assert complaint in " ".join(capfd.readouterr().err.split())
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("command", "part", "complaint"),
+    [
+        ("agent", "server", "server.json is a server's configuration: start it with 'coheft server'"),
+        ("server", "r1", "r1.json is an agent's configuration: start it with 'coheft agent'"),
+        ("agent", "run", "run.json is no configuration, but tells other commands where the run is: start the parts"),
+        ("server", "run", "run.json is no configuration, but tells other commands where the run is: start the parts"),
+    ],
+)
+def test_a_part_that_is_started_with_the_file_of_another_one_is_told_so(
+    command: str, part: str, complaint: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run_command_line(["run", "ring3", "--write-configs", str(tmp_path)]) == EXIT_CONVERGED
+    assert run_command_line([command, str(tmp_path / f"{part}.json")]) == EXIT_ERROR
+    assert complaint in " ".join(capfd.readouterr().err.split())
 
 
 def test_an_agents_config_tells_nothing_about_the_team(ring6: Scenario) -> None:

@@ -282,6 +282,32 @@ def test_what_is_not_there_or_no_recording_is_refused(tmp_path: Path) -> None:
         write_recording(example(), tmp_path / "no" / "such" / "x.npz")
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("run.mcap", b"\x89MCAP0\r\n", "a recording by '--record' is for 'coheft view'; identify reads what"),
+        (
+            "keep.json",
+            b"{}",
+            "not an .npz file; expected what 'coheft run --save-data' or np.savez writes, or a folder",
+        ),
+        ("PK.npz", b"PKPKPKPK", "not an .npz file; expected"),
+        ("empty.npz", b"", "not an .npz file; expected"),
+    ],
+)
+def test_nobody_is_told_to_trust_files_of_other_kinds(tmp_path: Path, name: str, content: bytes, message: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(RecordingError, match=message) as error:
+        read_recording(tmp_path / name)
+    assert "pickle" not in str(error.value)
+
+
+def test_no_other_files_than_npz_are_written(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"x\.csv: expected a file that ends with \.npz, or a folder"):
+        write_recording(example(), tmp_path / "x.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_other_files_of_numpy_and_damaged_ones_are_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "one.npy", np.zeros((10, 6)))
     with pytest.raises(RecordingError, match=r"a single array of shape \(10, 6\), expected an \.npz file"):

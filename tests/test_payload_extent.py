@@ -63,6 +63,17 @@ def test_a_rim_far_outside_is_refused() -> None:
         parse(BOX, "perimeter = { count = 3, extent = [1.0, 300.0] }")
 
 
+@pytest.mark.parametrize(("payload", "near", "far"), [(BOX, 0.6, 0.8), (PLATE, 3.0, 400.0)])
+def test_loads_are_put_where_hands_may_be(payload: str, near: float, far: float) -> None:
+    robots = GRASPS % "0.1"
+    change = "[[load_changes]]\nat = 1.0\nmass = 1.0\nposition = [%s, 0.0, 0.0]"
+    parse(payload, f"{robots}\n{change % near}")
+    message = rf"'load_changes\[1\].position': found \[{far}, 0.0, 0.0\], which is .* m outside the payload, which is"
+    with pytest.raises(ScenarioError, match=message):
+        parse(payload, f"{robots}\n{change % near}\n{change % far}")
+    parse(payload, f"{robots}\n{change % near}\n[[load_changes]]\nat = 2.0\nremove = 1")
+
+
 @pytest.mark.parametrize(
     ("payload", "message"),
     [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import msgspec
 import mujoco
@@ -14,7 +15,9 @@ from coheft.estimation.measurement import ACCELERATION, GYRO
 from coheft.estimation.rigid_body import Inertia, combined
 from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion
 from coheft.wire.messages import Reference
+from coheft.wire.payload_extent import check_load_places
 from coheft.wire.scenario import LoadChange, Scenario
+from coheft.wire.section import Vector
 from physics_server.reach import Reach
 from physics_server.simulation import Simulation
 from tests.physics_run import excitation, reference, run, scenario
@@ -169,7 +172,14 @@ def test_loads_can_be_seen_only_while_they_are_there():
         (1.0, (0.0, math.nan, 0.0), (0.1, 0.1, 0.1), r"position of a load is \(0.0, nan, 0.0\) m"),
         (1.0, (0.0, 0.0), (0.1, 0.1, 0.1), r"position of a load is \(0.0, 0.0\) m but expected three"),
         (1.0, (0.0, 0.0, 0.0), (0.1, 0.0, 0.1), r"size of a load is \(0.1, 0.0, 0.1\) m"),
-        (1e300, (1e10, 0.0, 0.0), (0.1, 0.1, 0.1), r"inertia of a load .* overflows"),
+        (
+            1.0,
+            (400.0, 0.0, 0.0),
+            (0.1, 0.1, 0.1),
+            r"\(400.0, 0.0, 0.0\) m, which is 400 m outside the payload, which",
+        ),
+        (1.0, (1e300, 0.0, 0.0), (0.1, 0.1, 0.1), r"inf m outside .* positions are in metres, in the payload's frame"),
+        (1e300, (0.0, 0.0, 0.0), (1e10, 0.1, 0.1), r"inertia of a load .* overflows"),
     ],
 )
 def test_impossible_loads_are_refused_and_change_nothing(mass, position, size, message):
@@ -180,6 +190,34 @@ def test_impossible_loads_are_refused_and_change_nothing(mass, position, size, m
     assert simulation.loads == []
     np.testing.assert_array_equal(simulation.data.qvel, twist)
     assert simulation.inject(1.0, (0.0, 0.0, 0.0)).id == 1
+
+
+@pytest.mark.parametrize("name", ["ring3", "crate4"])
+def test_loads_may_lie_where_the_scenario_itself_may_put_them(name):
+    """On boxes, and on what is known by its mass properties only."""
+    chosen = scenario(name, load_changes=())
+    simulation = Simulation(chosen)
+
+    def by_scenario(place: Vector) -> None:
+        change = LoadChange(at=1.0, mass=1.0, position=place)
+        check_load_places(msgspec.structs.replace(chosen, load_changes=(change,)), "x")
+
+    def by_request(place: Vector) -> None:
+        simulation.remove(simulation.inject(1.0, place).id)
+
+    places = [(-x, 0.2, 0.1) for x in np.geomspace(0.5, 50.0, 40).tolist()]
+    complaints = [complaint(by_request, place) for place in places]
+    assert complaints == [complaint(by_scenario, place) for place in places]
+    assert (complaints[0], complaints[-1][-7:]) == ("", "s frame")
+
+
+def complaint(put: Callable[[Vector], None], place: Vector) -> str:
+    """What is wrong with a place; empty if nothing is."""
+    try:
+        put(place)
+    except (LoadError, ScenarioError) as error:
+        return str(error).partition(" which is ")[2]
+    return ""
 
 
 @pytest.mark.parametrize("leak", [-0.1, math.nan, math.inf])

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from coheft.app.hosts import free_ports
-from coheft.app.run_folder import RunFile, announced, make_run_folder, runs_folder, split_endpoint
+from coheft.app.run_folder import RUN_FILE, RunFile, announced, find_run, make_run_folder, runs_folder, split_endpoint
 from coheft.errors import CoheftError
 
 pytestmark = pytest.mark.usefixtures("own_state_folder")
@@ -41,9 +41,28 @@ def test_two_runs_have_no_folder_in_common(endpoint: str, tmp_path: Path) -> Non
     assert make_run_folder("coheft-new", tmp_path) == tmp_path.resolve()
 
 
+@pytest.mark.parametrize("name", ["r1.log", RUN_FILE])
+def test_what_is_in_a_folder_is_not_overwritten(name: str, tmp_path: Path) -> None:
+    (tmp_path / "report.json").write_text("no log")
+    assert make_run_folder("coheft-new", tmp_path) == tmp_path.resolve()
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(CoheftError, match=f"{name} is there already: .* name another folder: --logs DIR"):
+        make_run_folder("coheft-new", tmp_path)
+    assert (tmp_path / name).read_text() == "mine"
+
+
 @pytest.mark.parametrize(("host", "written"), [("127.0.0.1", "127.0.0.1"), ("::1", "[::1]"), ("arm", "arm")])
 def test_an_endpoint_names_a_host_and_a_port(host: str, written: str) -> None:
     assert split_endpoint(f"tcp/{written}:20000") == (host, 20000)
+
+
+def test_whoever_names_a_file_is_told_what_was_expected(tmp_path: Path) -> None:
+    (tmp_path / "keep.json").write_text("{}")
+    expected = "keep.json: expected the folder of a run, or, for 'coheft view', a recording that ends with .mcap"
+    with pytest.raises(CoheftError, match=expected):
+        find_run(tmp_path / "keep.json")
+    with pytest.raises(CoheftError, match=rf"no run goes on in {tmp_path}$"):
+        find_run(tmp_path)
 
 
 def test_a_folder_of_the_users_own_choice_removes_none(tmp_path: Path) -> None:

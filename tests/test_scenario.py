@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from coheft.app.hosts import load_hosts
 from coheft.errors import ScenarioError
 from coheft.wire.config import agent_config
 from coheft.wire.scenario_file import available_scenarios, load_scenario, parse_scenario
@@ -178,6 +179,15 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     binary.write_bytes(b"\xff\xfe")
     with pytest.raises(ScenarioError, match=r"binary.toml: not UTF-8"):
         load_scenario(binary)
+
+
+def test_a_file_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    path = tmp_path / "windows.toml"
+    path.write_text(GOOD, encoding="utf-8-sig")
+    assert load_scenario(path).name == "two"
+    hosts = tmp_path / "hosts.toml"
+    hosts.write_text('[hosts]\nserver = "localhost"\n', encoding="utf-8-sig")
+    assert load_hosts(hosts, load_scenario(path)).of("server") == "localhost"
 
 
 def test_the_reference_is_up_to_date_and_its_example_is_a_scenario() -> None:

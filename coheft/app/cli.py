@@ -35,7 +35,7 @@ from coheft.app.cli_base import (
     app,
 )
 from coheft.app.cli_errors import complain, explain_usage
-from coheft.errors import CoheftError, ScenarioError
+from coheft.errors import CoheftError, ScenarioError, UsageError
 
 _WIDTH = 80
 """Of a terminal, in columns."""
@@ -48,7 +48,7 @@ def run_command_line(arguments: Sequence[str]) -> int:
         sys.stdout.flush()
     except cyclopts.CycloptsError as error:
         return _fail(explain_usage(error), EXIT_USAGE)
-    except ScenarioError as error:
+    except (ScenarioError, UsageError) as error:
         return _fail(str(error), EXIT_USAGE)
     except CoheftError as error:
         return _fail(str(error), EXIT_ERROR)

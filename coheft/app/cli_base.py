@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import coheft
+from coheft.errors import CoheftError, UsageError
 
 EXIT_CONVERGED = 0
 EXIT_ERROR = 1
@@ -48,36 +50,126 @@ RunFolder = Annotated[Path | None, Parameter(name="--run", help="Folder of the r
 Flag = Annotated[bool, Parameter(negative=(), show_default=False)]
 
 
+def _whole(_: object, tokens: Sequence[cyclopts.Token]) -> int:
+    """Cyclopts would round 1.9 to 2."""
+    try:
+        return int(tokens[0].value)
+    except ValueError:
+        raise cyclopts.CoercionError(token=tokens[0], target_type=int) from None
+
+
+def _path(_: object, tokens: Sequence[cyclopts.Token]) -> Path:
+    """An empty name, as of a variable that is not set, would be that of the current folder."""
+    if not tokens[0].value:
+        raise ValueError("expected the name of a file or folder; found ''")
+    return Path(tokens[0].value)
+
+
 def _is_target(_: object, value: str | None) -> None:
     if value is None or value == "-":
         return
-    if value.startswith("-"):
+    if not value or value.startswith("-"):
         raise ValueError(f"expected a file, or - for standard output; found {value!r}")
-    if not Path(value).absolute().parent.is_dir():
-        raise ValueError(f"there is no folder {str(Path(value).parent)!r} to write {value!r} into")
+    _check_file(Path(value))
 
 
-def _has_folder(_: object, value: Path | None) -> None:
-    if value is not None and not value.absolute().parent.is_dir():
-        raise ValueError(f"there is no folder {str(value.parent)!r} to write {str(value)!r} into")
-    if value is not None and not os.access(value if value.is_dir() else value.absolute().parent, os.W_OK):
+def _is_file(_: object, value: Path | None) -> None:
+    if value is not None:
+        _check_file(value)
+
+
+def _check_file(value: Path) -> None:
+    """Check, before anything that takes long, that a file can be written there."""
+    if value.is_dir():
+        raise ValueError(f"expected a file; found the folder {str(value)!r}")
+    _check_parent(value)
+    if not (os.access(value, os.W_OK) if value.exists() else _takes_files(value.absolute().parent)):
         raise ValueError(f"may not write {str(value)!r}")
 
 
+def _check_parent(value: Path) -> None:
+    if not value.absolute().parent.is_dir():
+        raise ValueError(f"there is no folder {str(value.parent)!r} to write {str(value)!r} into")
+
+
+def _is_folder(_: object, value: Path | None) -> None:
+    if value is None:
+        return
+    if value.exists() and not value.is_dir():
+        raise ValueError(f"expected a folder; found the file {str(value)!r}")
+    there = next(folder for folder in (value.absolute(), *value.absolute().parents) if folder.exists())
+    if not _takes_files(there):
+        raise ValueError(f"may not write into {str(value)!r}")
+
+
+def _takes_files(folder: Path) -> bool:
+    """Tried out: permissions alone do not tell it of file systems that are read-only or special."""
+    from tempfile import TemporaryFile
+
+    try:
+        TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    return True
+
+
+def _is_data_target(kind: object, value: Path | None) -> None:
+    if value is None:
+        return
+    if value.suffix == ".npz":
+        _check_file(value)
+        if not _takes_files(Path(os.path.realpath(value)).parent):  # what is there is replaced, not written to
+            raise ValueError(f"may not replace {str(value)!r}")
+        return
+    if value.suffix:
+        raise ValueError(f"expected a file that ends with .npz, or a folder, without suffix; found {str(value)!r}")
+    _check_parent(value)
+    _is_folder(kind, value)
+    if value.is_dir():
+        from coheft.wire.data_folder import check_folder
+
+        try:
+            check_folder(value)
+        except CoheftError as error:
+            raise ValueError(str(error)) from error
+
+
 def _is_new_recording(kind: object, value: Path | None) -> None:
-    _has_folder(kind, value)
     if value is None:
         return
     if value.suffix != ".mcap":
         raise ValueError(f"expected a file that ends with .mcap; found {str(value)!r}")
+    _is_file(kind, value)
     if value.exists():
         raise ValueError(f"{str(value)!r} is there already: give another name, or remove it")
 
 
-Count = Annotated[int, Parameter(validator=Number(gte=1))]
-NotNegative = Annotated[int, Parameter(validator=Number(gte=0))]
+def check_outputs(**targets: str | Path | None) -> None:
+    """Check that no two outputs of a command go to the same place.
+
+    Args:
+        targets: Where they go, by the names of their options; None: nowhere; - is standard output.
+
+    Raises:
+        UsageError: Two do.
+    """
+    options: dict[str, str] = {}
+    for name, target in targets.items():
+        if target is None or target == "-":
+            continue
+        option = f"--{name.replace('_', '-')}"
+        other = options.setdefault(os.path.realpath(target), option)
+        if other != option:
+            raise UsageError(f"{other} and {option} both name {str(target)!r}: give each a place of its own")
+
+
+Whole = Annotated[int, Parameter(converter=_whole)]
+Count = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1))]
+NotNegative = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0))]
 Positive = Annotated[float, Parameter(validator=Number(gt=0))]
-Port = Annotated[int | None, Parameter(validator=Number(gte=1, lte=65535))]
+Port = Annotated[int | None, Parameter(converter=_whole, validator=Number(gte=1, lte=65535))]
 ReportTarget = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_is_target)]
-DataTarget = Annotated[Path | None, Parameter(validator=_has_folder)]
-RecordingTarget = Annotated[Path | None, Parameter(validator=_is_new_recording)]
+FileTarget = Annotated[Path | None, Parameter(converter=_path, validator=_is_file)]
+FolderTarget = Annotated[Path | None, Parameter(converter=_path, validator=_is_folder)]
+DataTarget = Annotated[Path | None, Parameter(converter=_path, validator=_is_data_target)]
+RecordingTarget = Annotated[Path | None, Parameter(converter=_path, validator=_is_new_recording)]

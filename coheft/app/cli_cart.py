@@ -3,28 +3,41 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from coheft.app.cli_base import EVALUATE, EXIT_CONVERGED, EXIT_NOT_CONVERGED, Count, Flag, Positive, ReportTarget, app
+from coheft.app.cli_base import (
+    EVALUATE,
+    EXIT_CONVERGED,
+    EXIT_NOT_CONVERGED,
+    Count,
+    Flag,
+    FolderTarget,
+    NotNegative,
+    Positive,
+    ReportTarget,
+    Whole,
+    app,
+    check_outputs,
+)
+from coheft.errors import UsageError
 
 
 @app.command(group=EVALUATE)
 def cart(
     *,
-    test: Annotated[int | None, Parameter(validator=Number(gte=1, lte=12))] = None,
+    test: Annotated[Whole | None, Parameter(validator=Number(gte=1, lte=12))] = None,
     all_tests: Annotated[bool, Parameter(name="--all", negative=(), show_default=False)] = False,
     seeds: Count = 1,
-    first_seed: Annotated[int, Parameter(validator=Number(gte=0))] = 1,
+    first_seed: NotNegative = 1,
     pushers: Count = 1,
     friction_guess: Positive | None = None,
     processes: Flag = False,
     jobs: Count | None = None,
     json: ReportTarget = None,
-    figures: Path | None = None,
+    figures: FolderTarget = None,
     quiet: Flag = False,
 ) -> int:
     """Push a cart of unknown mass along a trajectory, with and without learning what it is.
@@ -62,7 +75,7 @@ def cart(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from coheft.app.cart.campaign import Case, run_cases, usual_jobs
-    from coheft.app.cart.figures import draw
+    from coheft.app.cart.figures import draw, make_folder
     from coheft.app.cart.inprocess import run_in_process
     from coheft.app.cart.launch import run_in_processes
     from coheft.app.cart.table import CartStudy, missed
@@ -71,6 +84,13 @@ def cart(
     from coheft.app.report import write_report
     from coheft.app.run_folder import make_run_folder
 
+    if all_tests and test is not None:
+        raise UsageError(f"--all runs all tests of Table I, --test {test} only one: leave one of the two out")
+    if processes and jobs is not None:
+        raise UsageError("--jobs is for runs side by side, but with --processes they come one after the other")
+    check_outputs(json=json, figures=figures)
+    if figures is not None:
+        make_folder(figures)
     chosen = TESTS if all_tests or test is None else (test,)
     cases = [
         Case(number, seed, pushers=pushers, friction_guess=friction_guess)
@@ -92,10 +112,12 @@ def cart(
         )
     reports = [outcome.report for outcome in outcomes]
     study = CartStudy(reports, missed(reports))
-    if json is not None:
-        write_report(study, json)
-    if figures is not None:
-        draw(outcomes, figures)
     if not quiet:
         print_study(console, study)
+    try:
+        if json is not None:
+            write_report(study, json)
+    finally:  # if one of them cannot be written, the other may
+        if figures is not None:
+            draw(outcomes, figures)
     return EXIT_NOT_CONVERGED if study.missed else EXIT_CONVERGED

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from coheft.app.cli_base import CONTROL, RunFolder, Vector, app
+from coheft.app.cli_base import CONTROL, RunFolder, Vector, Whole, app
 
 
 @app.command(group=CONTROL)
@@ -28,7 +28,7 @@ def inject(*, mass: float, at: Vector, size: Vector = (0.1, 0.1, 0.1), run: RunF
 
 
 @app.command(group=CONTROL)
-def remove(load: int, *, run: RunFolder = None) -> None:
+def remove(load: Whole, *, run: RunFolder = None) -> None:
     """Take a load off the payload of a run that goes on.
 
     Parameters

@@ -6,27 +6,48 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
-from cyclopts.validators import Number
 
-from coheft.app.cli_base import EVALUATE, EXIT_BROKEN_PROMISE, EXIT_CONVERGED, Count, Flag, ReportTarget, app
-from coheft.errors import CoheftError
+from coheft.app.cli_base import (
+    EVALUATE,
+    EXIT_BROKEN_PROMISE,
+    EXIT_CONVERGED,
+    Count,
+    FileTarget,
+    Flag,
+    NotNegative,
+    ReportTarget,
+    app,
+    check_outputs,
+)
+from coheft.errors import CoheftError, UsageError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from coheft.app.faults.schedule import FaultSchedule
 
+_SEEDS = 100
+
+
+def _is_mutant(_: object, name: str) -> None:
+    from coheft.app.faults.mutants import check_mutant
+
+    try:
+        check_mutant(name)
+    except CoheftError as error:
+        raise ValueError(str(error)) from error
+
 
 @app.command(group=EVALUATE)
 def faults(
     *,
-    seeds: Count = 100,
-    first_seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
+    seeds: Count = _SEEDS,
+    first_seed: NotNegative = 0,
     jobs: Count | None = None,
     json: ReportTarget = None,
-    table: Path | None = None,
-    kept: Path | None = None,
-    mutant: str = "",
+    table: FileTarget = None,
+    kept: FileTarget = None,
+    mutant: Annotated[str, Parameter(validator=_is_mutant)] = "",
     replay: str | None = None,
     shrink: Flag = False,
     quiet: Flag = False,
@@ -62,12 +83,20 @@ def faults(
     from rich.console import Console
 
     from coheft.app.faults.campaign import run_campaign
-    from coheft.app.faults.mutants import check_mutant
     from coheft.app.faults.output import campaign_progress, markdown, print_campaign
     from coheft.app.faults.summary import summarise
     from coheft.app.report import write_report
 
-    check_mutant(mutant)
+    of_a_campaign = {
+        **{"--seeds": seeds != _SEEDS, "--first-seed": first_seed != 0, "--jobs": jobs is not None},
+        **{"--json": json is not None, "--table": table is not None, "--kept": kept is not None},
+    }
+    unusable = [option for option, is_given in of_a_campaign.items() if is_given and replay is not None]
+    if unusable:
+        raise UsageError(f"{unusable[0]} is for a campaign, but --replay runs one schedule only")
+    if shrink and replay is None:
+        raise UsageError("--shrink simplifies one schedule: say which with --replay SEED or --replay FILE")
+    check_outputs(json=json, table=table, kept=kept)
     console = Console(stderr=json == "-", quiet=quiet)
     if replay is not None:
         return _replay(console, _schedule_of(replay), mutant, is_shrunk=shrink)
@@ -75,11 +104,13 @@ def faults(
     with campaign_progress(console, len(chosen), quiet=quiet) as on_outcome:
         outcomes = run_campaign(chosen, jobs=jobs, kept=kept, mutant=mutant, on_outcome=on_outcome)
     summary = summarise(outcomes)
-    if json is not None:
-        write_report(summary, json)
-    if table is not None:
-        _write(table, markdown(summary))
     print_campaign(console, summary, outcomes, mutant)
+    try:
+        if json is not None:
+            write_report(summary, json)
+    finally:  # if one of them cannot be written, the other may
+        if table is not None:
+            _write(table, markdown(summary))
     return EXIT_BROKEN_PROMISE if summary.violations else EXIT_CONVERGED
 
 

@@ -7,7 +7,17 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from coheft.app.cli_base import EVALUATE, EXIT_CONVERGED, EXIT_NOT_CONVERGED, Flag, Positive, ReportTarget, app
+from coheft.app.cli_base import (
+    EVALUATE,
+    EXIT_CONVERGED,
+    EXIT_NOT_CONVERGED,
+    Flag,
+    FolderTarget,
+    Positive,
+    ReportTarget,
+    app,
+    check_outputs,
+)
 from coheft.app.identify.choices import Bounds, Method
 
 
@@ -22,7 +32,7 @@ def identify(
     to: float | None = None,
     cutoff: Positive | None = None,
     json: ReportTarget = None,
-    report: Path | None = None,
+    report: FolderTarget = None,
     quiet: Flag = False,
 ) -> int:
     """Find out from a recording where the robots held the load, and its mass, centre of mass and inertia.
@@ -61,16 +71,17 @@ def identify(
     from coheft.app.report import write_report
     from coheft.wire.data_file import read_recording
 
+    check_outputs(json=json, report=report)
     recorded = read_recording(recording)
     if from_ is not None or to is not None:
         start = recorded.time[0] if from_ is None else from_
         recorded = recorded.between(float(start), float(recorded.time[-1] if to is None else to))
     found = find(recorded, method, (bounds or Bounds()) if calibrate else None, cutoff)
     result = make_report(str(recording), recorded, found)
+    if not quiet:
+        print_identification(Console(stderr=json == "-"), result)
     if json is not None:
         write_report(result, json)
     if report is not None:
         write_identification(report, recorded, found, result)
-    if not quiet:
-        print_identification(Console(stderr=json == "-"), result)
     return EXIT_NOT_CONVERGED if result.not_observable else EXIT_CONVERGED

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from coheft.app.cli_base import EVALUATE, EXIT_CONVERGED, Count, DataTarget, Flag, ReportTarget, app
+from coheft.app.cli_base import EVALUATE, EXIT_CONVERGED, Count, FileTarget, Flag, ReportTarget, app, check_outputs
 
 
 def _are_configurations(_: object, text: str) -> None:
@@ -22,7 +22,7 @@ def mocobots(
     configurations: Annotated[str, Parameter(validator=_are_configurations)] = "abcd",
     jobs: Count | None = None,
     json: ReportTarget = None,
-    markdown: DataTarget = None,
+    markdown: FileTarget = None,
     quiet: Flag = False,
 ) -> int:
     """Redo the experiments of Zhang et al. (2025) in simulation, and put their tables beside ours.
@@ -53,18 +53,21 @@ def mocobots(
     from coheft.app.mocobots.tables import worse_than_paper
     from coheft.app.report import write_report
 
+    check_outputs(json=json, markdown=markdown)
     chosen = sorted(set(configurations))
     console = Console(stderr=json == "-")
     with Progress(console=console, disable=quiet) as progress:
         bar = progress.add_task("experiments", total=experiments_in(chosen, experiments))
         found = run_campaign(chosen, range(first, first + experiments), jobs, lambda: progress.advance(bar))
-    if json is not None:
-        write_report(found, json)
     text = tables(found)
-    if markdown is not None:
-        markdown.write_text(text)
     if not quiet:
         console.print(text, markup=False, soft_wrap=True)
         worse = worse_than_paper(found, "calibration", "pose")
         console.print(f"With calibration errors, worse than the paper: {'; '.join(worse) or 'no row'}.")
+    try:
+        if json is not None:
+            write_report(found, json)
+    finally:  # if one of them cannot be written, the other may
+        if markdown is not None:
+            markdown.write_text(text)
     return EXIT_CONVERGED

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from coheft.app.cli_base import EVALUATE, DataTarget, Flag, app
+from coheft.app.cli_base import EVALUATE, FileTarget, Flag, app
 
 
 @app.command(group=EVALUATE)
-def recover(recording: Path, *, output: DataTarget = None, overwrite: Flag = False) -> None:
+def recover(recording: Path, *, output: FileTarget = None, overwrite: Flag = False) -> None:
     """Save what there is of a recording whose run was killed.
 
     Parameters

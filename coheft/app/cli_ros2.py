@@ -8,11 +8,11 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from coheft.app.cli_base import PARTS, RunFolder, app
+from coheft.app.cli_base import PARTS, RunFolder, Whole, app
 
 ROUTER = "tcp/127.0.0.1:7447"
 Time = Annotated[float, Parameter(validator=Number(gte=0))]
-Domain = Annotated[int, Parameter(validator=Number(gte=0, lte=232))]
+Domain = Annotated[Whole, Parameter(validator=Number(gte=0, lte=232))]
 
 
 @app.command(group=PARTS)

@@ -13,12 +13,15 @@ from coheft.app.cli_base import (
     RUN,
     DataTarget,
     Flag,
+    FolderTarget,
     NotNegative,
     RecordingTarget,
     ReportTarget,
+    Whole,
     app,
+    check_outputs,
 )
-from coheft.errors import CoheftError, ScenarioError
+from coheft.errors import CoheftError, ScenarioError, UsageError
 
 if TYPE_CHECKING:  # each is loaded by the runs that need it
     from rich.console import Console
@@ -38,14 +41,14 @@ def run(
     *,
     change: Annotated[list[str] | None, Parameter(negative=())] = None,
     duration: float | None = None,
-    seed: int | None = None,
+    seed: Whole | None = None,
     estimator: str | None = None,
-    sensor_rate: int | None = None,
+    sensor_rate: Whole | None = None,
     realtime: Flag = False,
     restarts: NotNegative = 3,
     json: ReportTarget = None,
     history: Flag = False,
-    report: Path | None = None,
+    report: FolderTarget = None,
     quiet: Flag = False,
     save_data: DataTarget = None,
     record: RecordingTarget = None,
@@ -96,7 +99,7 @@ def run(
     view:
         Show the run in the browser, in real time; the last picture stays until Ctrl-C. See docs/view.md.
     logs:
-        Folder for the processes' logs, instead of a new one among your runs.
+        Folder for the processes' logs, with none in it yet, instead of a new one among your runs.
     secure:
         Let nobody join who has no certificate, and nobody speak for another.
     keys:
@@ -104,7 +107,7 @@ def run(
     hosts:
         File that tells where each part runs, see docs/deployment.md; with --write-configs.
     write_configs:
-        Do not run: write the processes' configurations into this folder, to start them by hand.
+        Do not run: write the processes' configurations into this folder, with none in it yet, to start them by hand.
     feedforward:
         Where robots carry the load along a common path: whether they push with what they know of it.
     """
@@ -118,11 +121,10 @@ def run(
     from coheft.app.follower import Follower
     from coheft.app.launch import launch
     from coheft.app.overrides import override
-    from coheft.app.plan import make_plan, new_run_name
+    from coheft.app.plan import check_no_parts, make_plan, new_run_name
     from coheft.app.report import write_report
     from coheft.app.run_folder import make_run_folder
     from coheft.app.terminal import make_display
-    from coheft.wire.data_folder import check_folder
     from coheft.wire.memory import give_back_memory
     from coheft.wire.scenario_file import load_scenario
 
@@ -141,11 +143,16 @@ def run(
         raise ScenarioError(f"--{unusable[0]} needs a run, but --write-configs makes none")
     if hosts is not None and write_configs is None:
         raise ScenarioError("--hosts needs --write-configs: each part is to be started on its own host")
-    if save_data is not None and save_data.is_dir():
-        check_folder(save_data)
+    if history and json is None and report is None:
+        raise UsageError("--history adds to the report, but none was asked for: add --json FILE or --report DIR")
+    check_outputs(json=json, report=report, save_data=save_data, record=record)
+    if keys is not None and not keys.is_dir():
+        raise UsageError(f"--keys: there is no folder {str(keys)!r}; 'coheft keys' makes one")
     page = _report_page(report)
     places = _places(hosts, chosen)
     name = new_run_name()
+    if write_configs is not None:
+        check_no_parts(write_configs, chosen)
     folder = write_configs if write_configs is not None else make_run_folder(name, logs)
     if secure or keys is not None:
         keys = _credentials(keys, folder, chosen, places)
@@ -171,14 +178,16 @@ def run(
             raise KeyboardInterrupt(broken_off.sentence()) from None
         if carried is not None:
             found = structs.replace(found, carry=carried.report())
-        if json is not None:
-            write_report(found, json)
         if not quiet:
             print_report(console, found, folder)
-        if page is not None:
-            written = page.write(chosen, clock, found)
-            if not quiet:
-                console.print(f"Report: {written}", markup=False, highlight=False, soft_wrap=True)
+        try:
+            if json is not None:
+                write_report(found, json)
+        finally:  # if one of them cannot be written, the other may
+            if page is not None:
+                written = page.write(chosen, clock, found)
+                if not quiet:
+                    console.print(f"Report: {written}", markup=False, highlight=False, soft_wrap=True)
         if viewer is not None and viewer.is_there:
             if not quiet:
                 console.print(f"The view stays at {viewer.url} until Ctrl-C.")

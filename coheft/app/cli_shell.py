@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from coheft.app.cli_base import SHELL, Flag, app
-from coheft.errors import CoheftError
+from coheft.errors import UsageError
 
 Shell = Literal["bash", "zsh", "fish"]
 
@@ -23,7 +23,7 @@ def help_(command: Annotated[str | None, Parameter(show_default=False)] = None) 
         Name of the command.
     """
     if command is not None and command not in list(app):
-        raise CoheftError(f"there is no command {command!r}; 'coheft help' lists all")
+        raise UsageError(f"there is no command {command!r}; 'coheft help' lists all")
     app.help_print([command] if command else [])
 
 

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from cyclopts.validators import Number
 
-from coheft.app.cli_base import EVALUATE, EXIT_CONVERGED, Count, Flag, Positive, ReportTarget, app
+from coheft.app.cli_base import (
+    EVALUATE,
+    EXIT_CONVERGED,
+    Count,
+    Flag,
+    FolderTarget,
+    NotNegative,
+    Positive,
+    ReportTarget,
+    app,
+    check_outputs,
+)
 
 
 def _words(text: str) -> list[str]:
@@ -42,11 +51,11 @@ def study(
     noise: Annotated[str, Parameter(validator=_are_factors)] = "1",
     at: Positive = 20.0,
     after: Positive = 1.0,
-    first_seed: Annotated[int, Parameter(validator=Number(gte=0))] = 1,
+    first_seed: NotNegative = 1,
     jobs: Count | None = None,
     dask: str | None = None,
     json: ReportTarget = None,
-    report: Path | None = None,
+    report: FolderTarget = None,
     quiet: Flag = False,
 ) -> int:
     """Measure the estimators against the Cramér-Rao bound, over many runs in this process's own simulated network.
@@ -105,6 +114,7 @@ def study(
         after=after,
         first_seed=first_seed,
     )
+    check_outputs(json=json, report=report)
     if report is not None:
         make_folder(report)
     console = Console(stderr=json == "-")
@@ -114,10 +124,12 @@ def study(
         found, trials = run_study(
             plan, jobs=jobs, dask=dask, on_progress=lambda done: progress.update(bar, completed=done)
         )
-    if json is not None:
-        write_report(found, json)
-    if report is not None:
-        write_folder(found, trials, report)
     if not quiet:
         print_study(console, found)
+    try:
+        if json is not None:
+            write_report(found, json)
+    finally:  # if one of them cannot be written, the other may
+        if report is not None:
+            write_folder(found, trials, report)
     return EXIT_CONVERGED

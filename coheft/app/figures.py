@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
 
@@ -58,6 +59,16 @@ DARK = Theme(
     warning="#f0914a",
     series=("#5cadf0", "#f0914a", "#4cc38a", "#e07bcb", "#e3c04b", "#6fd3ee", "#a993f5", "#c99a8c"),
 )
+
+
+def check_can_draw() -> None:
+    """Check that there is what draws, before anything that takes long.
+
+    Raises:
+        MissingPackageError: It is not installed.
+    """
+    if find_spec("matplotlib") is None:
+        raise MissingPackageError("matplotlib", "study")
 
 
 @contextmanager

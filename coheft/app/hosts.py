@@ -96,7 +96,7 @@ def load_hosts(path: Path, scenario: Scenario) -> Hosts:
         ScenarioError: The file cannot be used.
     """
     try:
-        hosts = msgspec.convert(tomllib.loads(path.read_text()), Hosts)
+        hosts = msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8-sig")), Hosts)
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -57,12 +57,16 @@ def make_run_folder(run: str, logs: Path | None = None) -> Path:
     """Make the folder of a new run: ``logs``, or a new one among the user's runs, of which the oldest are removed.
 
     Raises:
-        CoheftError: It cannot be made, or is that of a run that goes on.
+        CoheftError: It cannot be made, or is that of a run that goes on, or holds logs already.
     """
     if logs is None:
         _remove_old_folders(_KEPT - 1)
     elif _goes_on(logs):
         raise CoheftError(f"a run goes on in {logs}: name another folder with --logs DIR, or end it: coheft stop")
+    elif found := sorted(logs.glob("*.log")) + sorted(logs.glob(RUN_FILE)):
+        raise CoheftError(
+            f"{found[0]} is there already: the files of a run are never overwritten; name another folder: --logs DIR"
+        )
     folder = logs if logs is not None else runs_folder() / f"{time.strftime('%Y%m%d-%H%M%S')}-{run}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -115,7 +119,8 @@ def locate_run(folder: Path | None = None) -> tuple[Path, RunFile]:
     if folder is not None:
         run_file = _read(folder)
         if run_file is None or not _answers(run_file.server):
-            raise CoheftError(f"no run goes on in {folder}")
+            expected = ": expected the folder of a run, or, for 'coheft view', a recording that ends with .mcap"
+            raise CoheftError(f"no run goes on in {folder}{expected if folder.is_file() else ''}")
         return folder, run_file
     places = [path.parent for path in runs_folder().glob(f"*/{RUN_FILE}")]
     found = [(place, run_file) for place in places if (run_file := _read(place)) is not None]

@@ -19,6 +19,9 @@ from coheft.wire.data_folder import read_folder, write_folder
 from coheft.wire.data_replace import replace_files
 
 _SHARED = ("gravity", "holds", "noise")
+_BEGINNINGS = (b"PK\x03\x04", b"PK\x05\x06", b"\x93NUMPY")
+"""Of zip archives, as ``.npz`` files are, full and empty, and of single arrays; numpy takes all else for pickles."""
+_EXPECTED = "expected what 'coheft run --save-data' or np.savez writes, or a folder of CSV files"
 _NUMBERS = "biuf"
 """Kinds of numpy's types that are real numbers."""
 _DAMAGED = (
@@ -45,13 +48,15 @@ def read_recording(path: Path) -> Recording:
 
 
 def write_recording(recording: Recording, path: Path) -> None:
-    """Write a recording, to a folder of CSV files if the path has no suffix, else to an ``.npz`` file.
+    """Write a recording, to an ``.npz`` file, or to a folder of CSV files if the path has no suffix.
 
     CSV files hold samples and holds only. What was there is replaced when the new recording is complete, not before.
 
     Raises:
         RecordingError: It cannot be written, or the folder has CSV files that are of no recording.
     """
+    if path.suffix not in ("", ".npz"):
+        raise RecordingError(f"{path}: expected a file that ends with .npz, or a folder, without suffix")
     try:
         if path.suffix:
             arrays = _arrays(recording)
@@ -112,6 +117,8 @@ def _load(path: Path) -> dict[str, Array]:
     """All arrays of an ``.npz`` file, by their keys."""
     try:
         with path.open("rb") as file:  # numpy itself leaves damaged ones open
+            _check_beginning(file.read(max(map(len, _BEGINNINGS))), path)
+            file.seek(0)
             loaded = np.load(file, allow_pickle=False)
             if not isinstance(loaded, np.lib.npyio.NpzFile):
                 raise RecordingError(
@@ -121,13 +128,21 @@ def _load(path: Path) -> dict[str, Array]:
             keys = loaded.files
             arrays = {key: np.asarray(loaded[key]) for key in keys}
     except _DAMAGED as error:
-        raise RecordingError(
-            f"not an .npz file of numbers: {one_line(str(error))}; expected what np.savez writes, or a folder of CSV "
-            f"files"
-        ) from error
+        raise RecordingError(f"not an .npz file of numbers: {one_line(str(error))}; {_EXPECTED}") from error
     if len(arrays) < len(keys):
         raise RecordingError("an array is there more than once, expected each key once: write the file again")
     for key, array in arrays.items():
         if array.dtype.kind not in _NUMBERS:
             raise RecordingError(f"not an .npz file of numbers: '{one_line(key)}' holds values of type {array.dtype}")
     return {key: array.astype(np.float64) for key, array in arrays.items()}
+
+
+def _check_beginning(start: bytes, path: Path) -> None:
+    """Check that numpy can be asked to read a file."""
+    if start.startswith(_BEGINNINGS):
+        return
+    if path.suffix == ".mcap":
+        raise RecordingError(
+            "a recording by '--record' is for 'coheft view'; identify reads what 'coheft run --save-data' writes"
+        )
+    raise RecordingError(f"not an .npz file; {_EXPECTED}")

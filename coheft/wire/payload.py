@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
 from msgspec import Meta
 
 from coheft.estimation.measurement import Positive
 from coheft.estimation.rigid_body import Inertia, combined
-from coheft.estimation.spatial import Pose
+from coheft.estimation.spatial import Array, Pose, rotation_log
 from coheft.wire.section import Lengths, Section, Vector, pose_of
 
 
@@ -52,6 +52,18 @@ class MassProperties(Section, frozen=True):
     principal: Lengths
     axes_deg: Vector = (0.0, 0.0, 0.0)
 
+    @classmethod
+    def of(cls, inertia: Inertia) -> Self:
+        """The ones of a body whose tensor and centre of mass are known in the payload's frame."""
+        principal, axes = np.linalg.eigh(inertia.tensor)
+        axes *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
+        return cls(
+            mass=inertia.mass,
+            com=_vector(inertia.com),
+            principal=_vector(principal),
+            axes_deg=_vector(np.degrees(rotation_log(axes))),
+        )
+
     def inertia(self) -> Inertia:
         """The same in the payload's frame."""
         at_com = Inertia(self.mass, np.zeros(3), np.diag(np.array(self.principal, dtype=np.float64)))
@@ -90,3 +102,8 @@ class Payload(Section, frozen=True):
     def inertia(self) -> Inertia:
         """Mass properties in the payload's frame, without loads."""
         return self.properties.inertia() if self.properties else combined(box.inertia() for box in self.boxes)
+
+
+def _vector(values: Array) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z

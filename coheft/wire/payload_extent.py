@@ -1,4 +1,4 @@
-"""How large a payload is, and whether hands that are to hold it can be meant to be where they are.
+"""How large a payload is, and whether hands that are to hold it, and loads on it, can be meant to be where they are.
 
 Lengths in millimetres, where metres are expected, are the commonest mistake in files: a run with them goes on for long
 before it fails in some other way.
@@ -15,14 +15,14 @@ import numpy as np
 
 from coheft.errors import ScenarioError
 from coheft.estimation.spatial import Array, Pose
-from coheft.wire.payload import MassProperties
+from coheft.wire.payload import MassProperties, Payload
 from coheft.wire.scenario import Scenario
 from coheft.wire.section import pose_of
 
 LARGEST = 20.0
 """Length of the largest payload [m]."""
 ARM_ROOM = 0.3
-"""A grasp may be so far outside of however small a payload [m]: frames of wrists lie behind the hand."""
+"""Grasps and loads may be so far outside of however small a payload [m]: frames of wrists lie behind the hand."""
 _UNSEEN = 10.0
 """Mass properties tell less than a shape does: light parts may reach so many times as far."""
 
@@ -34,7 +34,7 @@ class Extent:
     Attributes:
         lower: Its smallest coordinates, shape (3,) [m].
         upper: Its largest ones.
-        margin: So far outside of it a grasp may be [m].
+        margin: So far outside of it a grasp or a load may be [m].
     """
 
     lower: Array
@@ -80,23 +80,31 @@ class Extent:
         if not self.length <= LARGEST:
             raise ScenarioError(f"{place}: {what} is {self.length:g} m long, expected at most {LARGEST:g} m: {advice}")
 
-    def check_hold(self, place: str, what: str, position: Iterable[float]) -> None:
-        """Check that a grasp is not too far outside.
+    def check_position(self, place: str, what: str, position: Iterable[float]) -> None:
+        """Check that a grasp or a load is not too far outside.
 
         Args:
             place: Where the scenario says it.
             what: Names it.
-            position: Of the grasp in the payload's frame [m].
+            position: In the payload's frame [m].
 
         Raises:
             ScenarioError: It is.
         """
-        distance = self.distance(position)
-        if not distance <= self.margin:
-            raise ScenarioError(
-                f"{place}: {what} is {distance:.3g} m outside the payload, which is {self.length:.2g} m long; expected "
-                f"at most {self.margin:.2g} m: positions are in metres, in the payload's frame"
-            )
+        complaint = self.complaint(position)
+        if complaint:
+            raise ScenarioError(f"{place}: {what} {complaint}")
+
+    def complaint(self, position: Iterable[float]) -> str:
+        """What is wrong with a position of a grasp or a load [m], to go on with after its name; empty if nothing is."""
+        with np.errstate(over="ignore"):
+            distance = self.distance(position)
+        if distance <= self.margin:
+            return ""
+        return (
+            f"is {distance:.3g} m outside the payload, which is {self.length:.2g} m long; expected at most "
+            f"{self.margin:.2g} m: positions are in metres, in the payload's frame"
+        )
 
 
 def corners(pose: Pose, edges: Iterable[float]) -> Array:
@@ -114,16 +122,37 @@ def check_places(scenario: Scenario, origin: str) -> None:
     """
     payload = scenario.payload
     with np.errstate(all="ignore"):
+        extent = _extent_of(payload)
+        if extent is None:
+            return
         if payload.properties is not None:
-            extent = Extent.like(payload.properties)
             what, advice = "a box with such mass properties", "masses are in kg, moments of inertia in kg·m²"
             extent.check_size(f"{origin}: key 'payload.properties'", what, advice)
-        elif payload.boxes:
-            extent = Extent.around(np.concatenate([corners(box.pose(), box.size) for box in payload.boxes]))
-            extent.check_size(f"{origin}: key 'payload.boxes'", "the payload", "sizes and positions are in metres")
         else:
-            return
+            extent.check_size(f"{origin}: key 'payload.boxes'", "the payload", "sizes and positions are in metres")
         check_holds(scenario, extent, origin)
+
+
+def check_load_places(scenario: Scenario, origin: str) -> None:
+    """Check where the load changes of a scenario put loads.
+
+    Raises:
+        ScenarioError: One is too far outside of the payload.
+    """
+    extent = _extent_of(scenario.payload)
+    for number, change in enumerate(scenario.load_changes):
+        if change.mass is not None and extent is not None:
+            place, what = f"{origin}: key 'load_changes[{number}].position'", f"found {list(change.position)}, which"
+            extent.check_position(place, what, change.position)
+
+
+def _extent_of(payload: Payload) -> Extent | None:
+    """Of boxes or mere mass properties; None while it is to be read from a file."""
+    if payload.properties is not None:
+        return Extent.like(payload.properties)
+    if payload.boxes:
+        return Extent.around(np.concatenate([corners(box.pose(), box.size) for box in payload.boxes]))
+    return None
 
 
 def check_holds(scenario: Scenario, extent: Extent, origin: str) -> None:
@@ -133,7 +162,7 @@ def check_holds(scenario: Scenario, extent: Extent, origin: str) -> None:
         ScenarioError: One is too far outside of the payload.
     """
     for key, what, position in _holds(scenario):
-        extent.check_hold(f"{origin}: key '{key}'", what, position)
+        extent.check_position(f"{origin}: key '{key}'", what, position)
 
 
 def _holds(scenario: Scenario) -> Iterator[tuple[str, str, Iterable[float]]]:

@@ -60,7 +60,7 @@ def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
         place = f"{origin}: key 'robots.sites'"
         grasps = _grasps(model, root, robots.sites, place)
         for name, grasp in zip(robots.sites, grasps, strict=True):
-            extent.check_hold(place, f"site {name!r}", grasp.position)
+            extent.check_position(place, f"site {name!r}", grasp.position)
         robots = msgspec.structs.replace(robots, sites=(), grasps=grasps)
     held = Payload(properties=properties, load_slots=payload.load_slots)
     return msgspec.structs.replace(scenario, payload=held, robots=robots)
@@ -164,14 +164,7 @@ def _mass_properties(model: mujoco.MjModel, root: int, place: str) -> MassProper
         is_solid = np.all(np.isfinite(whole.tensor)) and np.all(np.linalg.eigvalsh(whole.pseudo_inertia()) > 0.0)
     if not is_solid:
         _refuse(place, f"a body of {whole.mass:g} kg with such moments of inertia has no extent in some direction")
-    principal, axes = np.linalg.eigh(whole.tensor)
-    axes *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
-    return MassProperties(
-        mass=whole.mass,
-        com=_vector(whole.com),
-        principal=_vector(principal),
-        axes_deg=_vector(np.degrees(rotation_log(axes))),
-    )
+    return MassProperties.of(whole)
 
 
 def _extent(model: mujoco.MjModel, root: int, properties: MassProperties) -> Extent:

@@ -52,7 +52,7 @@ def load_scenario(source: str | Path) -> Scenario:
     except ValueError as error:
         raise ScenarioError(f"{source!r}: no file can have this name: {error}") from error
     try:
-        text = data.decode()
+        text = data.decode("utf-8-sig")  # Windows puts a byte-order mark first
     except UnicodeDecodeError as error:
         raise ScenarioError(f"{path}: not UTF-8 text: {error}") from error
     return parse_scenario(text, str(path), path.parent)

@@ -7,11 +7,25 @@ from pathlib import Path
 from typing import Any
 
 from coheft.app.cart.campaign import Outcome
-from coheft.app.figures import figure_to
+from coheft.app.figures import check_can_draw, figure_to
 from coheft.errors import CoheftError
 
 _NOISELESS = range(1, 9)
 _SIZE = (7.0, 4.2)
+
+
+def make_folder(folder: Path) -> None:
+    """Make the folder for the figures, with all above it, before anything is run for them.
+
+    Raises:
+        CoheftError: It cannot be made.
+        MissingPackageError: The package that draws is not installed.
+    """
+    check_can_draw()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CoheftError(f"cannot make the folder {folder}: {error.strerror}") from error
 
 
 def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
@@ -21,10 +35,7 @@ def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
         CoheftError: The folder cannot be made.
         MissingPackageError: The package that draws is not installed.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CoheftError(f"cannot make the folder {folder}: {error.strerror}") from error
+    make_folder(folder)
     learned: dict[int, Outcome] = {}
     fixed: dict[int, Outcome] = {}
     for outcome in outcomes:

@@ -12,7 +12,7 @@ from coheft.app.processes import read_config
 from coheft.app.ros2.names import check_ros_names
 from coheft.app.ros2.node import open_node
 from coheft.app.ros2.team import Team
-from coheft.errors import CoheftError
+from coheft.errors import CoheftError, UsageError
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.inbox import Inbox
 from coheft.wire.planes import SERVER, guard_observer, guard_server_for_robot
@@ -26,10 +26,11 @@ def read_agents(paths: Sequence[Path]) -> list[AgentProcessConfig]:
     """The configurations of the agents to drive.
 
     Raises:
-        CoheftError: One cannot be read, or is no agent's; or they are not of one run; or there are none.
+        UsageError: There are none.
+        CoheftError: One cannot be read, or is no agent's; or they are not of one run.
     """
     if not paths:
-        raise CoheftError("expected the configuration of an agent, as 'coheft run --write-configs DIR' writes it")
+        raise UsageError("expected the configuration of an agent, as 'coheft run --write-configs DIR' writes it")
     configs = []
     for path in paths:
         try:

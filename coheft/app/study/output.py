@@ -9,6 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from coheft.app.figures import check_can_draw
 from coheft.app.report import write_report
 from coheft.app.study.plots import plot_curves, plot_ratios
 from coheft.app.study.report import StudyReport
@@ -34,7 +35,9 @@ def make_folder(folder: Path) -> None:
 
     Raises:
         CoheftError: It cannot be made.
+        MissingPackageError: The package that draws is not installed.
     """
+    check_can_draw()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

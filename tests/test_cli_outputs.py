@@ -1,0 +1,182 @@
+"""Where commands write, and options that contradict each other: what cannot be is refused before anything is run."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.report import Report, RunInfo, build_report
+from coheft.errors import CoheftError
+from tests.synthetic_run import BLOCK, HEAVY, ROBOTS, estimate, recorded, truth
+
+pytestmark = pytest.mark.usefixtures("own_state_folder")
+
+
+@pytest.fixture
+def nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        pytest.fail("it was run")
+
+    for what in (
+        "launch.launch",
+        "faults.campaign.run_campaign",
+        "cart.campaign.run_cases",
+        "study.campaign.run_study",
+    ):
+        monkeypatch.setattr(f"coheft.app.{what}", fail)
+    monkeypatch.setattr("coheft.app.mocobots.campaign.run_campaign", fail)
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The current folder, with some things in it."""
+    folder = tmp_path / "place"
+    for name in ("folder", "folder.npz", "foreign"):
+        (folder / name).mkdir(parents=True)
+    (folder / "file").write_text("text")
+    (folder / "foreign" / "results.csv").write_text("mass\n")
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def refused(line: str, complaint: str, capfd: pytest.CaptureFixture[str], place: Path) -> None:
+    before = sorted(place.rglob("*"))
+    assert run_command_line([word.removeprefix("''") for word in line.split()]) == EXIT_USAGE
+    assert complaint in capfd.readouterr().err
+    assert sorted(place.rglob("*")) == before
+
+
+@pytest.mark.usefixtures("nothing_runs")
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ("run ring3 --json folder", "for --json. expected a file; found the folder 'folder'"),
+        ("run ring3 --json ''", "for --json. expected a file, or - for standard output; found ''"),
+        ("run ring3 --report ''", "--report: expected the name of a file or folder; found ''"),
+        ("run ring3 --report file", "for --report. expected a folder; found the file 'file'"),
+        ("run ring3 --report file/below", "for --report. may not write into 'file/below'"),
+        ("run ring3 --save-data folder.npz", "for --save-data. expected a file; found the folder 'folder.npz'"),
+        ("run ring3 --save-data file", "for --save-data. expected a folder; found the file 'file'"),
+        (
+            "run ring3 --save-data x.csv",
+            "expected a file that ends with .npz, or a folder, without suffix; found 'x.csv'",
+        ),
+        ("run ring3 --save-data foreign", 'Invalid value "foreign" for --save-data. found files there that are of no'),
+        ("run ring3 --json x.npz --save-data ./x.npz", "--json and --save-data both name 'x.npz'"),
+        ("run ring3 --report folder --save-data folder", "--report and --save-data both name 'folder'"),
+        (
+            "run ring3 --history",
+            "--history adds to the report, but none was asked for: add --json FILE or --report DIR",
+        ),
+        ("run ring3 --keys nokeys", "--keys: there is no folder 'nokeys'"),
+        ("faults --table none/x.md", "for --table. there is no folder 'none'"),
+        ("faults --table folder", "for --table. expected a file; found the folder 'folder'"),
+        ("faults --kept none/x", "for --kept. there is no folder 'none'"),
+        ("faults --table x --kept x", "--table and --kept both name 'x'"),
+        ("faults --mutant foo", "there is no mutant 'foo': there are half-done-sum"),
+        ("faults --shrink", "--shrink simplifies one schedule: say which with --replay SEED"),
+        ("faults --replay 3 --json x.json", "--json is for a campaign, but --replay runs one schedule only"),
+        ("faults --replay 3 --seeds 5", "--seeds is for a campaign"),
+        ("cart --figures file", "for --figures. expected a folder; found the file 'file'"),
+        ("cart --test 1 --all", "--all runs all tests of Table I, --test 1 only one"),
+        ("cart --processes --jobs 2", "--jobs is for runs side by side, but with --processes"),
+        ("cart --json x --figures x", "--json and --figures both name 'x'"),
+        ("study --report file", "for --report. expected a folder; found the file 'file'"),
+        ("study --json x --report x", "--json and --report both name 'x'"),
+        ("identify folder --json x --report x", "--json and --report both name 'x'"),
+        ("mocobots --markdown folder", "for --markdown. expected a file; found the folder 'folder'"),
+        ("mocobots --json x --markdown x", "--json and --markdown both name 'x'"),
+        ("recover r.mcap --output folder", "for --output. expected a file; found the folder 'folder'"),
+        ("run --seed 1.9", "--seed: expected a whole number; found '1.9'"),
+        ("run --sensor-rate 1000.5", "--sensor-rate: expected a whole number; found '1000.5'"),
+        ("cart --test 1.5", "--test: expected a whole number; found '1.5'"),
+        ("faults --jobs 1.5", "--jobs: expected a whole number; found '1.5'"),
+        ("view --port 80.5", "--port: expected a whole number; found '80.5'"),
+        ("remove 1.5", "LOAD: expected a whole number; found '1.5'"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_run(
+    line: str, complaint: str, capfd: pytest.CaptureFixture[str], place: Path
+) -> None:
+    refused(line, complaint, capfd, place)
+
+
+@pytest.mark.usefixtures("nothing_runs")
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder that takes no files from anybody")
+@pytest.mark.parametrize("option", ["--json", "--report", "--save-data", "--record"])
+def test_folders_that_take_no_files_are_found_out(option: str, capfd: pytest.CaptureFixture[str], place: Path) -> None:
+    suffix = {"--json": ".json", "--save-data": ".npz", "--record": ".mcap"}.get(option, "")
+    refused(f"run ring3 {option} /proc/x{suffix}", f"for {option}. may not write", capfd, place)
+
+
+@pytest.mark.parametrize("command", ["cart --figures", "study --report"])
+@pytest.mark.usefixtures("nothing_runs")
+def test_pictures_are_not_asked_for_in_vain(
+    command: str, capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert run_command_line([*command.split(), str(tmp_path / "figures")]) == EXIT_ERROR
+    assert "this needs the package 'matplotlib'" in capfd.readouterr().err
+    assert not (tmp_path / "figures").exists()
+
+
+def test_outputs_may_be_there_already_and_be_no_files(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A report is written anew; a device is no folder that would take files."""
+    monkeypatch.setattr("coheft.app.launch.launch", lambda *_, **__: report())
+    for arguments in (["--json", "file"], ["--json", os.devnull], ["--save-data", "new"], ["--save-data", "new.npz"]):
+        assert run_command_line(["run", "ring3", "--quiet", *arguments]) == EXIT_CONVERGED
+
+
+def report() -> Report:
+    """Of a run that never was."""
+    info = RunInfo(
+        scenario="made up", seed=3, estimator="seed", block_duration=BLOCK, real_time_factor=2.0, late_blocks=0
+    )
+    truths = [truth(block, HEAVY) for block in range(10)]
+    return build_report(info, recorded(truths, {name: [estimate(name, 9, HEAVY)] for name in ROBOTS}))
+
+
+def test_a_report_that_cannot_be_written_takes_nothing_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+
+    def launch(*_: object, **__: object) -> Report:
+        shutil.rmtree(folder)
+        return report()
+
+    class Page:
+        def write(self, *_: object) -> str:
+            return "the page"
+
+    monkeypatch.setattr("coheft.app.launch.launch", launch)
+    monkeypatch.setattr("coheft.app.cli_run._report_page", lambda _: Page())
+    assert run_command_line(["run", "ring3", "--json", str(folder / "x.json")]) == EXIT_ERROR
+    said = capfd.readouterr()
+    assert "What each robot found out about the payload" in said.out
+    assert "Report: the page" in said.out
+    assert "cannot write the report to" in said.err
+
+
+def test_a_campaign_whose_summary_cannot_be_written_tells_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object) -> None:
+        raise CoheftError("cannot write")
+
+    monkeypatch.setattr("coheft.app.faults.campaign.run_campaign", lambda *_, **__: [])
+    monkeypatch.setattr("coheft.app.faults.summary.summarise", lambda _: None)
+    monkeypatch.setattr("coheft.app.faults.output.print_campaign", lambda *_: print("the summary"))
+    monkeypatch.setattr("coheft.app.faults.output.markdown", lambda _: "the table")
+    monkeypatch.setattr("coheft.app.report.write_report", fail)
+    table = tmp_path / "table.md"
+    arguments = ["faults", "--seeds", "1", "--json", str(tmp_path / "x.json"), "--table", str(table)]
+    assert run_command_line(arguments) == EXIT_ERROR
+    assert "the summary" in capfd.readouterr().out
+    assert table.read_text() == "the table"
