@@ -16,6 +16,8 @@ from consensus.flood import Flood
 
 _BLAMED = 0.6
 """After so long a contradiction a robot starts over [s]."""
+_ROUNDS = 2.0
+"""Where blame goes round it takes so many times as long."""
 _EXCUSED = 0.5
 """While nobody's pose is known well, a block without a contradiction makes up for so many with one: when all are wrong,
 blame comes and goes."""
@@ -101,6 +103,11 @@ class Contradictions:
         is known of others' misfits.
         """
         return self._is_wrong or self._blamed > self._patience
+
+    @property
+    def go_round(self) -> bool:
+        """Whether contradictions have come and gone for long, and it is this robot's turn to be blamed for them."""
+        return self.by == self._names[self._own] and self._anybody_blamed > _ROUNDS * self._patience
 
     @property
     def anybodys_have_lasted(self) -> bool:

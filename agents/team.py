@@ -223,9 +223,8 @@ class Team:
         Where poses in use may be spoilt, contradictions may be theirs: everybody is blamed in turn, and there are no
         samples to fit them anew to. Then it is up to the one that is blamed now; the others go on with better poses.
         """
-        is_own_turn = self._version <= self._fits.spoilt and self._contradictions.by == self._config.name
-        lasts = self._contradictions.have_lasted or (is_own_turn and self._contradictions.anybodys_have_lasted)
-        return lasts or self._fits.are_stuck
+        go_round = self._version <= self._fits.spoilt and self._contradictions.go_round
+        return self._contradictions.have_lasted or go_round or self._fits.are_stuck
 
     def _look_for_contradictions(self) -> None:
         """When there is one, what was learned while it went unnoticed does not count."""
