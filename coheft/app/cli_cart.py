@@ -75,12 +75,13 @@ def cart(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from coheft.app.cart.campaign import Case, run_cases, usual_jobs
-    from coheft.app.cart.figures import draw, make_folder
+    from coheft.app.cart.figures import draw
     from coheft.app.cart.inprocess import run_in_process
     from coheft.app.cart.launch import run_in_processes
     from coheft.app.cart.table import CartStudy, missed
     from coheft.app.cart.table_one import TESTS
     from coheft.app.cart.terminal import print_study
+    from coheft.app.figures import make_folder
     from coheft.app.report import write_report
     from coheft.app.run_folder import make_run_folder
 

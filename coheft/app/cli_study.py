@@ -100,9 +100,10 @@ def study(
         TimeRemainingColumn,
     )
 
+    from coheft.app.figures import make_folder
     from coheft.app.report import write_report
     from coheft.app.study.campaign import make_plan, run_study
-    from coheft.app.study.output import make_folder, print_study, write_folder
+    from coheft.app.study.output import print_study, write_folder
     from coheft.wire.scenario_file import load_scenario
 
     plan = make_plan(

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
 
-from coheft.errors import MissingPackageError
+from coheft.errors import CoheftError, MissingPackageError
 
 _DPI = 150
 
@@ -61,14 +61,19 @@ DARK = Theme(
 )
 
 
-def check_can_draw() -> None:
-    """Check that there is what draws, before anything that takes long.
+def make_folder(folder: Path) -> None:
+    """Make the folder for pictures, with all above it, before anything that takes long.
 
     Raises:
-        MissingPackageError: It is not installed.
+        CoheftError: It cannot be made.
+        MissingPackageError: The package that draws is not installed.
     """
     if find_spec("matplotlib") is None:
         raise MissingPackageError("matplotlib", "study")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CoheftError(f"cannot make the folder {folder}: {error.strerror}") from error
 
 
 @contextmanager

@@ -7,25 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from coheft.app.cart.campaign import Outcome
-from coheft.app.figures import check_can_draw, figure_to
-from coheft.errors import CoheftError
+from coheft.app.figures import figure_to, make_folder
 
 _NOISELESS = range(1, 9)
 _SIZE = (7.0, 4.2)
-
-
-def make_folder(folder: Path) -> None:
-    """Make the folder for the figures, with all above it, before anything is run for them.
-
-    Raises:
-        CoheftError: It cannot be made.
-        MissingPackageError: The package that draws is not installed.
-    """
-    check_can_draw()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CoheftError(f"cannot make the folder {folder}: {error.strerror}") from error
 
 
 def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:

@@ -9,7 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from coheft.app.figures import check_can_draw
+from coheft.app.figures import make_folder
 from coheft.app.report import write_report
 from coheft.app.study.plots import plot_curves, plot_ratios
 from coheft.app.study.report import StudyReport
@@ -28,20 +28,6 @@ from coheft.errors import CoheftError
 
 _WIDTH = 7
 """Number of columns that fit a terminal."""
-
-
-def make_folder(folder: Path) -> None:
-    """Make the folder for a report, with all above it.
-
-    Raises:
-        CoheftError: It cannot be made.
-        MissingPackageError: The package that draws is not installed.
-    """
-    check_can_draw()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CoheftError(f"cannot make the folder {folder}: {error.strerror}") from error
 
 
 def write_folder(report: StudyReport, trials: Sequence[Trial], folder: Path) -> None:
