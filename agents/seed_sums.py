@@ -89,8 +89,8 @@ class SeedSums:
     ) -> None:
         """Let block ``index - 1`` enter the sums, and take in the one that leaves them."""
         if self._next not in (None, index):
-            self._sums.clear()
-            self._parameters.clear()
+            self._sums.pipeline.clear()
+            self._parameters.pipeline.clear()
         self._next = index + 1
         self._inputs = self._inputs_of(index - 1, blocks, heard)
         finished = self._sums.step(self._inputs, self._stages(inbox, "sums", 0, self._rounds))

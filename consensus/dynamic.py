@@ -37,10 +37,6 @@ class DynamicConsensus:
         self.is_broken = False
         """Whether a value was lost, so that this agent no longer takes part."""
 
-    def clear(self) -> None:
-        """A block was missed: nothing that is under way can be completed."""
-        self.pipeline.valid[:] = False
-
     def step(self, inputs: Array, neighbours: Sequence[NeighbourStages]) -> Array | None:
         """One block.
 

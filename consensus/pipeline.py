@@ -81,6 +81,10 @@ class Pipeline:
         self.valid[1:] = valid[:-1]
         return finished
 
+    def clear(self) -> None:
+        """A block was missed: nothing that is under way can be completed."""
+        self.valid[:] = False
+
     def _fits(self, stages: Array, valid: npt.NDArray[np.bool_]) -> bool:
         return stages.shape == self.stages.shape and valid.shape == self.valid.shape
 

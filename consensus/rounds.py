@@ -92,7 +92,7 @@ class StageRounds:
 
     def clear(self) -> None:
         """See ``Rounds``."""
-        self._pipeline.valid[:] = False
+        self._pipeline.clear()
 
     def fit(self, channels: Mapping[str, Array]) -> bool:
         """See ``Rounds``."""

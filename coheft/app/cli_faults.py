@@ -88,8 +88,12 @@ def faults(
     from coheft.app.report import write_report
 
     of_a_campaign = {
-        **{"--seeds": seeds != _SEEDS, "--first-seed": first_seed != 0, "--jobs": jobs is not None},
-        **{"--json": json is not None, "--table": table is not None, "--kept": kept is not None},
+        "--seeds": seeds != _SEEDS,
+        "--first-seed": first_seed != 0,
+        "--jobs": jobs is not None,
+        "--json": json is not None,
+        "--table": table is not None,
+        "--kept": kept is not None,
     }
     unusable = [option for option, is_given in of_a_campaign.items() if is_given and replay is not None]
     if unusable:
