@@ -12,6 +12,7 @@ import pytest
 from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
 from coheft.app.report import Report, RunInfo, build_report
 from coheft.errors import CoheftError
+from coheft.wire.scenario_file import scenario_path
 from tests.synthetic_run import BLOCK, HEAVY, ROBOTS, estimate, recorded, truth
 
 pytestmark = pytest.mark.usefixtures("own_state_folder")
@@ -36,9 +37,11 @@ def nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The current folder, with some things in it."""
     folder = tmp_path / "place"
-    for name in ("folder", "folder.npz", "foreign"):
+    for name in ("folder", "folder.npz", "foreign", "samples"):
         (folder / name).mkdir(parents=True)
     (folder / "file").write_text("text")
+    shutil.copy(scenario_path("ring3"), folder / "mine.toml")
+    (folder / "samples" / "r1.csv").write_text("time\n")
     (folder / "foreign" / "results.csv").write_text("mass\n")
     monkeypatch.chdir(folder)
     return folder
@@ -91,6 +94,10 @@ def refused(line: str, complaint: str, capfd: pytest.CaptureFixture[str], place:
         ("identify folder --json x --report x", "--json and --report both name 'x'"),
         ("mocobots --markdown folder", "for --markdown. expected a file; found the folder 'folder'"),
         ("mocobots --json x --markdown x", "--json and --markdown both name 'x'"),
+        ("run mine.toml --json ./mine.toml", "--json names './mine.toml', which is read: give it a place of its own"),
+        ("study mine.toml --json mine.toml", "--json names 'mine.toml', which is read"),
+        ("identify file --json file", "--json names 'file', which is read"),
+        ("identify samples --json samples/r1.csv", "--json names 'samples/r1.csv', which is read"),
         ("recover r.mcap --output folder", "for --output. expected a file; found the folder 'folder'"),
         ("run --seed 1.9", "--seed: expected a whole number; found '1.9'"),
         ("run --sensor-rate 1000.5", "--sensor-rate: expected a whole number; found '1000.5'"),

@@ -144,21 +144,26 @@ def _is_new_recording(kind: object, value: Path | None) -> None:
         raise ValueError(f"{str(value)!r} is there already: give another name, or remove it")
 
 
-def check_outputs(**targets: str | Path | None) -> None:
-    """Check that no two outputs of a command go to the same place.
+def check_outputs(*inputs: Path, **targets: str | Path | None) -> None:
+    """Check that no two outputs of a command go to the same place, and none to where something is read.
 
     Args:
-        targets: Where they go, by the names of their options; None: nowhere; - is standard output.
+        inputs: Files that are read.
+        targets: Where outputs go, by the names of their options; None: nowhere; - is standard output.
 
     Raises:
-        UsageError: Two do.
+        UsageError: One does.
     """
+    read = {os.path.realpath(path) for path in inputs}
     options: dict[str, str] = {}
     for name, target in targets.items():
         if target is None or target == "-":
             continue
         option = f"--{name.replace('_', '-')}"
-        other = options.setdefault(os.path.realpath(target), option)
+        place = os.path.realpath(target)
+        if place in read:
+            raise UsageError(f"{option} names {str(target)!r}, which is read: give it a place of its own")
+        other = options.setdefault(place, option)
         if other != option:
             raise UsageError(f"{other} and {option} both name {str(target)!r}: give each a place of its own")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -125,6 +126,12 @@ def _write(path: Path, text: str) -> None:
         raise CoheftError(f"cannot write {path}: {error.strerror}") from error
 
 
+def _new_file(stem: str, suffix: str) -> Path:
+    """One that is not there: what is replayed may be a simpler schedule that was found before."""
+    names = (stem if number == 1 else f"{stem}-{number}" for number in count(1))
+    return next(path for name in names if not (path := Path(f"{name}{suffix}")).exists())
+
+
 def _schedule_of(text: str) -> FaultSchedule:
     from coheft.app.faults.draw import draw_schedule
     from coheft.app.faults.schedule import read_schedule
@@ -145,7 +152,7 @@ def _replay(console: Console, schedule: FaultSchedule, mutant: str, *, is_shrunk
             fails = breaks_same_promise(outcome)
             schedule = shrink(schedule, fails, lambda simpler: print_schedule(console, simpler))
             outcome = try_schedule(schedule)
-            path = Path(f"faults-{schedule.seed}.json")
+            path = _new_file(f"faults-{schedule.seed}", ".json")
             write_schedule(schedule, path)
             console.print(f"written to {path}")
     print_schedule(console, schedule)

@@ -71,7 +71,8 @@ def identify(
     from coheft.app.report import write_report
     from coheft.wire.data_file import read_recording
 
-    check_outputs(json=json, report=report)
+    files = recording.glob("*.csv") if recording.is_dir() else [recording]
+    check_outputs(*files, json=json, report=report)
     recorded = read_recording(recording)
     if from_ is not None or to is not None:
         start = recorded.time[0] if from_ is None else from_

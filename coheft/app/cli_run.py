@@ -126,7 +126,7 @@ def run(
     from coheft.app.run_folder import make_run_folder
     from coheft.app.terminal import make_display
     from coheft.wire.memory import give_back_memory
-    from coheft.wire.scenario_file import load_scenario
+    from coheft.wire.scenario_file import load_scenario, scenario_path
 
     chosen = override(
         load_scenario(scenario),
@@ -145,7 +145,7 @@ def run(
         raise ScenarioError("--hosts needs --write-configs: each part is to be started on its own host")
     if history and json is None and report is None:
         raise UsageError("--history adds to the report, but none was asked for: add --json FILE or --report DIR")
-    check_outputs(json=json, report=report, save_data=save_data, record=record)
+    check_outputs(scenario_path(scenario), json=json, report=report, save_data=save_data, record=record)
     if keys is not None and not keys.is_dir():
         raise UsageError(f"--keys: there is no folder {str(keys)!r}; 'coheft keys' makes one")
     page = _report_page(report)

@@ -104,7 +104,7 @@ def study(
     from coheft.app.report import write_report
     from coheft.app.study.campaign import make_plan, run_study
     from coheft.app.study.output import print_study, write_folder
-    from coheft.wire.scenario_file import load_scenario
+    from coheft.wire.scenario_file import load_scenario, scenario_path
 
     plan = make_plan(
         load_scenario(scenario),
@@ -115,7 +115,7 @@ def study(
         after=after,
         first_seed=first_seed,
     )
-    check_outputs(json=json, report=report)
+    check_outputs(scenario_path(scenario), json=json, report=report)
     if report is not None:
         make_folder(report)
     console = Console(stderr=json == "-")

@@ -31,18 +31,28 @@ def available_scenarios() -> dict[str, Path]:
     return {path.stem: path for path in sorted(CONFIG_FOLDER.glob("*.toml"))}
 
 
+def scenario_path(source: str | Path) -> Path:
+    """Where a scenario is read from: a TOML file, or a shipped one by its name.
+
+    Raises:
+        ScenarioError: There is no such name.
+    """
+    path = Path(source)
+    if path.suffix == ".toml":
+        return path
+    shipped = available_scenarios()
+    if str(source) not in shipped:
+        raise ScenarioError(_unknown_scenario(str(source), list(shipped)))
+    return shipped[str(source)]
+
+
 def load_scenario(source: str | Path) -> Scenario:
     """Read a scenario from a TOML file, or a shipped one by its name.
 
     Raises:
         ScenarioError: There is no such file or name, or its contents cannot be used.
     """
-    path = Path(source)
-    if path.suffix != ".toml":
-        shipped = available_scenarios()
-        if str(source) not in shipped:
-            raise ScenarioError(_unknown_scenario(str(source), list(shipped)))
-        path = shipped[str(source)]
+    path = scenario_path(source)
     try:
         data = path.read_bytes()
     except FileNotFoundError as error:

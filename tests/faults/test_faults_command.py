@@ -128,6 +128,8 @@ def test_a_schedule_that_was_simplified_breaks_the_promise_still(
     assert "written to faults-0.json" in capfd.readouterr().out
     assert read_schedule(Path("faults-0.json")).faults == ()
     assert run_command_line([*replay, "faults-0.json", "--mutant", MUTANT]) == EXIT_BROKEN_PROMISE
+    assert run_command_line([*replay, "faults-0.json", "--mutant", MUTANT, "--shrink"]) == EXIT_BROKEN_PROMISE
+    assert "written to faults-0-2.json" in capfd.readouterr().out  # what was found before stays
     # Nothing goes wrong in it any more: agents without the bug keep all promises.
     assert run_command_line([*replay, "faults-0.json"]) == EXIT_CONVERGED
     assert "violations: 0" in capfd.readouterr().out
