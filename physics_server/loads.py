@@ -94,6 +94,9 @@ class Loads:
         complaint = self._extent.complaint(position)
         if complaint:
             raise LoadError(f"position of a load is {tuple(position)} m, which {complaint}")
+        complaint = self._extent.size_complaint(size)
+        if complaint:
+            raise LoadError(f"size of a load is {tuple(size)} m, which {complaint}")
         if not self.slots_free:
             raise LoadError(
                 f"all {len(self._slots)} load slots of the payload are taken: remove one of the loads "

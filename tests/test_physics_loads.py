@@ -179,7 +179,8 @@ def test_loads_can_be_seen_only_while_they_are_there():
             r"\(400.0, 0.0, 0.0\) m, which is 400 m outside the payload, which",
         ),
         (1.0, (1e300, 0.0, 0.0), (0.1, 0.1, 0.1), r"inf m outside .* positions are in metres, in the payload's frame"),
-        (1e300, (0.0, 0.0, 0.0), (1e10, 0.1, 0.1), r"inertia of a load .* overflows"),
+        (1.0, (0.0, 0.0, 0.0), (0.1, 100.0, 0.1), r"\(0.1, 100.0, 0.1\) m, which is 100 m long; .* are in metres"),
+        (1.7e308, (0.8, 0.8, 0.0), (0.1, 0.1, 0.1), r"inertia of a load .* overflows"),
     ],
 )
 def test_impossible_loads_are_refused_and_change_nothing(mass, position, size, message):
@@ -194,27 +195,30 @@ def test_impossible_loads_are_refused_and_change_nothing(mass, position, size, m
 
 @pytest.mark.parametrize("name", ["ring3", "crate4"])
 def test_loads_may_lie_where_the_scenario_itself_may_put_them(name):
-    """On boxes, and on what is known by its mass properties only."""
+    """On boxes, and on what is known by its mass properties only; the same for how large they may be."""
     chosen = scenario(name, load_changes=())
     simulation = Simulation(chosen)
 
-    def by_scenario(place: Vector) -> None:
-        change = LoadChange(at=1.0, mass=1.0, position=place)
+    def by_scenario(place: Vector, size: Vector) -> None:
+        change = LoadChange(at=1.0, mass=1.0, position=place, size=size)
         check_load_places(msgspec.structs.replace(chosen, load_changes=(change,)), "x")
 
-    def by_request(place: Vector) -> None:
-        simulation.remove(simulation.inject(1.0, place).id)
+    def by_request(place: Vector, size: Vector) -> None:
+        simulation.remove(simulation.inject(1.0, place, size).id)
 
-    places = [(-x, 0.2, 0.1) for x in np.geomspace(0.5, 50.0, 40).tolist()]
-    complaints = [complaint(by_request, place) for place in places]
-    assert complaints == [complaint(by_scenario, place) for place in places]
-    assert (complaints[0], complaints[-1][-7:]) == ("", "s frame")
+    lengths = np.geomspace(0.5, 50.0, 40).tolist()
+    far = [((-x, 0.2, 0.1), (0.1, 0.1, 0.1)) for x in lengths]
+    large = [((0.0, 0.2, 0.1), (0.1, x, 0.1)) for x in lengths]
+    for boxes, end in ((far, "positions are in metres, in the payload's frame"), (large, "sizes are in metres")):
+        complaints = [complaint(by_request, *box) for box in boxes]
+        assert complaints == [complaint(by_scenario, *box) for box in boxes]
+        assert (complaints[0], complaints[-1].rpartition(": ")[2]) == ("", end)
 
 
-def complaint(put: Callable[[Vector], None], place: Vector) -> str:
-    """What is wrong with a place; empty if nothing is."""
+def complaint(put: Callable[[Vector, Vector], None], place: Vector, size: Vector) -> str:
+    """What is wrong with a load; empty if nothing is."""
     try:
-        put(place)
+        put(place, size)
     except (LoadError, ScenarioError) as error:
         return str(error).partition(" which is ")[2]
     return ""

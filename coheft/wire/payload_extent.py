@@ -106,6 +106,16 @@ class Extent:
             f"{self.margin:.2g} m: positions are in metres, in the payload's frame"
         )
 
+    def size_complaint(self, size: Iterable[float]) -> str:
+        """What is wrong with the edge lengths of a load [m], likewise: it may fill all places where it may be."""
+        longest, limit = max(size), self.length + 2.0 * self.margin
+        if longest <= limit:
+            return ""
+        return (
+            f"is {longest:.3g} m long; expected at most {limit:.2g} m on a payload that is {self.length:.2g} m long: "
+            f"sizes are in metres"
+        )
+
 
 def corners(pose: Pose, edges: Iterable[float]) -> Array:
     """Corners of a box, shape (8, 3), from the pose of its centre and its edge lengths [m]."""
@@ -134,16 +144,19 @@ def check_places(scenario: Scenario, origin: str) -> None:
 
 
 def check_load_places(scenario: Scenario, origin: str) -> None:
-    """Check where the load changes of a scenario put loads.
+    """Check where the load changes of a scenario put loads, and how large these are.
 
     Raises:
-        ScenarioError: One is too far outside of the payload.
+        ScenarioError: One is too far outside of the payload, or too large for it.
     """
     extent = _extent_of(scenario.payload)
     for number, change in enumerate(scenario.load_changes):
         if change.mass is not None and extent is not None:
-            place, what = f"{origin}: key 'load_changes[{number}].position'", f"found {list(change.position)}, which"
-            extent.check_position(place, what, change.position)
+            key = f"{origin}: key 'load_changes[{number}]"
+            extent.check_position(f"{key}.position'", f"found {list(change.position)}, which", change.position)
+            complaint = extent.size_complaint(change.size)
+            if complaint:
+                raise ScenarioError(f"{key}.size': found {list(change.size)}, which {complaint}")
 
 
 def _extent_of(payload: Payload) -> Extent | None:
