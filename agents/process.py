@@ -27,14 +27,12 @@ from coheft.wire.config import AgentProcessConfig
 from coheft.wire.inbox import Event, LinkChange, Presence
 from coheft.wire.messages import Estimate, Hello, Measurements, Message, NeighbourMessage, Ready
 from coheft.wire.plugins import usable_in_run
-from coheft.wire.supervised import supervised_main
+from coheft.wire.supervised import COMMENT_AFTER, supervised_main
 
 _BACKLOG = 64
 """Blocks of measurements that may wait; an agent that is slower for longer than that skips the oldest."""
 _ASK_AGAIN = 1.0
 """After so long without measurements it asks again [s]: the server may have noticed a lost link that we have not."""
-_COMMENT_AFTER = 5.0
-"""A server that has not been met after so long may never come [s]: it is said where it is waited for."""
 _AT_ONCE = 256
 """So much is read between two steps at most: somebody may speak faster than can be read."""
 
@@ -63,7 +61,7 @@ class AgentProcess:
         self._attempt = time.time_ns()
         self._is_fed = False
         self._server_lost_at: float | None = None
-        self._comment_at = now + _COMMENT_AFTER
+        self._comment_at = now + COMMENT_AFTER
         self._said_hello_at = -math.inf
         self._block = -1
         self._start_agent(config.agent.estimator)

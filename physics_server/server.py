@@ -36,7 +36,7 @@ from coheft.wire.requests import (
     StopRequest,
 )
 from coheft.wire.robot_link import RobotLink
-from coheft.wire.supervised import supervised_main
+from coheft.wire.supervised import COMMENT_AFTER, supervised_main
 from coheft.wire.transport import ROLES, Keys, Role, Sender, open_session
 from physics_server.clock import Stopwatch, make_clock
 from physics_server.data_recorder import DataRecorder
@@ -151,8 +151,12 @@ class Server:
             self._handle(self._inbox.receive(left))
 
     def _wait_for_robots(self) -> None:
+        comment_at = time.monotonic() + COMMENT_AFTER
         while self._robots.not_ready and not self._stop_asked:
             self._handle(self._inbox.receive(_TICK))
+            if time.monotonic() > comment_at:
+                comment_at = math.inf
+                print(f"waiting for {', '.join(self._robots.not_ready)}", file=sys.stderr, flush=True)
 
     def _run_blocks(self) -> None:
         self._go_on()

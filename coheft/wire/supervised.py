@@ -15,6 +15,8 @@ from coheft.errors import CoheftError
 from coheft.wire.memory import give_back_memory
 
 C = TypeVar("C", bound=msgspec.Struct)
+COMMENT_AFTER = 5.0
+"""Who has not been met after so long may never come [s]: it is said whom the process waits for."""
 TERMINATED = 128 + signal.SIGTERM
 """Exit status of a process that was told to end before it was done, as shells have it."""
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from coheft.app.inprocess import run_in_process
+from coheft.app.plan import make_plan
 from coheft.estimation.spatial import Array
 from coheft.wire.codec import encode
 from coheft.wire.inbox import Inbox, Received
@@ -28,7 +29,7 @@ from coheft.wire.messages import (
 )
 from coheft.wire.requests import InjectRequest, PauseRequest, RemoveRequest, StatusRequest, StopRequest
 from coheft.wire.supervised import TERMINATED
-from coheft.wire.transport import Sender, open_session
+from coheft.wire.transport import Keys, Sender, open_session
 
 from .team import LIMIT, ROOT, Team, running_team, small_scenario, wait_until
 
@@ -209,6 +210,18 @@ def test_a_request_to_terminate_is_obeyed_and_an_interrupt_is_left_to_the_superv
         assert team.exit_status("server") == TERMINATED
         for name in team.plan.agents:
             assert team.exit_status(name) == 0, team.log(name)
+
+
+def test_a_server_says_once_for_whom_it_waits_and_begins_when_all_are_there(tmp_path):
+    plan = make_plan(small_scenario(2, "line"))
+    with open_session(connect=[plan.server.observe]) as observer, ExitStack() as stack:
+        team = Team(plan, Keys(plan.run), tmp_path, observer, {})
+        for name in ("server", *plan.agents):
+            team.restart(name)
+            stack.callback(team.end, name)
+            wait_until(lambda: team.log("server") != "", "the server to say something")
+        team.wait_for_block(1)
+        assert team.log("server") == f"waiting for {', '.join(plan.agents)}\n"
 
 
 @pytest.mark.parametrize("module", ["agents.process", "physics_server.server"])
