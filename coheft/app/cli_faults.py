@@ -71,7 +71,8 @@ def faults(
     table:
         Write what was injected, and what came of it, to this file, in Markdown.
     kept:
-        Add every outcome to this file; a campaign that was cut off goes on where it was, if the code is the same.
+        Add every outcome to this file; a campaign that was cut off goes on where it was. Not with outcomes of other
+        code, or of another mutant.
     mutant:
         Put this deliberate bug into the agents: the campaign has to find it.
     replay:

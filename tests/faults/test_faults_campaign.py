@@ -17,6 +17,7 @@ from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, Replay, SensorFault
 from coheft.app.faults.summary import summarise
 from coheft.app.faults.trial import Outcome, try_schedule
+from coheft.errors import CoheftError
 from coheft.wire.codec import encode
 from coheft.wire.scenario import LoadChange
 
@@ -100,16 +101,31 @@ def test_a_campaign_goes_on_where_it_was_cut_off(tmp_path: Path, monkeypatch: py
     outcomes = run_campaign(range(5), jobs=1, kept=kept, on_outcome=lambda outcome: told.append(outcome.seed))
     assert tried == [0, 1, 2, 2, 3, 4]
     assert [outcome.seed for outcome in outcomes] == told == [0, 1, 2, 3, 4]
-    assert [outcome.seed for outcome in OutcomeFile(kept).read()] == [0, 1, 2, 3, 4]
+    assert [outcome.seed for outcome in OutcomeFile(kept).begin()] == [0, 1, 2, 3, 4]
+    assert [outcome.seed for outcome in run_campaign([4], jobs=1, kept=kept)] == [4]
+    assert [outcome.seed for outcome in OutcomeFile(kept).begin()] == [0, 1, 2, 3, 4]  # also those not asked for
 
 
-def test_what_other_code_or_a_mutant_has_left_does_not_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    file = OutcomeFile(tmp_path / "outcomes")
-    file.write([OUTCOME])
-    assert file.read() == [OUTCOME]
-    assert OutcomeFile(tmp_path / "outcomes", "wrong-tick").read() == []
+def test_what_other_code_a_mutant_or_somebody_else_has_left_stays_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    kept = tmp_path / "outcomes"
+    file = OutcomeFile(kept)
+    file.begin()
+    file.append(OUTCOME)
+    assert file.begin() == [OUTCOME]
+    content = kept.read_bytes()
+    with pytest.raises(CoheftError, match=r"outcomes holds outcomes of another mutant: name another file"):
+        run_campaign([1], kept=kept, mutant="wrong-tick")
     monkeypatch.setattr(campaign, "code_hash", lambda: "other")
-    assert OutcomeFile(tmp_path / "outcomes").read() == []
+    with pytest.raises(CoheftError, match=r"outcomes is of other code: name another file"):
+        run_campaign([1], kept=kept)
+    assert kept.read_bytes() == content
+    for foreign in ("text", '{"name": "r1"}'):
+        kept.write_text(foreign)
+        with pytest.raises(CoheftError, match=r"outcomes holds no outcomes: name another file"):
+            run_campaign([1], kept=kept)
+        assert kept.read_text() == foreign
 
 
 def test_a_summary_counts_what_happened():

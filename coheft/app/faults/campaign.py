@@ -29,7 +29,7 @@ class OutcomeFile:
     """Outcomes, one a line, in the order in which they came.
 
     Args:
-        path: The file. What other code has left there is thrown away.
+        path: The file.
         mutant: The deliberate bug, if any.
     """
 
@@ -37,33 +37,34 @@ class OutcomeFile:
         self._path = path
         self._header = Header(code_hash(), mutant)
 
-    def read(self) -> list[Outcome]:
-        """What has been kept so far by the same code.
+    def begin(self) -> list[Outcome]:
+        """What has been kept so far, of whatever seeds; a line that was not written to its end is cut off.
 
         Raises:
-            CoheftError: The file cannot be read.
+            CoheftError: The file cannot be read or written, or is of other code, or something else: it stays as it is.
         """
         try:
-            lines = self._path.read_bytes().splitlines() if self._path.exists() else []
-        except OSError as error:
-            raise CoheftError(f"cannot read {self._path}: {error.strerror}") from error
-        try:
-            if not lines or msgspec.json.decode(lines[0], type=Header) != self._header:
+            lines = self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else []
+            if not lines:
+                self._path.write_bytes(_line(self._header))
                 return []
-        except msgspec.DecodeError:
-            return []
-        return list(_decoded(lines[1:]))
-
-    def write(self, outcomes: Sequence[Outcome]) -> None:
-        """Start the file anew.
-
-        Raises:
-            CoheftError: It cannot be written.
-        """
-        try:
-            self._path.write_bytes(_line(self._header) + b"".join(map(_line, outcomes)))
+            self._check(lines[0])
+            outcomes = list(_decoded(lines[1:]))
+            os.truncate(self._path, sum(map(len, lines[: 1 + len(outcomes)])))
         except OSError as error:
-            raise CoheftError(f"cannot write {self._path}: {error.strerror}") from error
+            raise CoheftError(f"cannot keep outcomes in {self._path}: {error.strerror}") from error
+        return outcomes
+
+    def _check(self, first: bytes) -> None:
+        try:
+            header = msgspec.json.decode(first, type=Header)
+        except msgspec.DecodeError:
+            found = "holds no outcomes"
+        else:
+            if header == self._header:
+                return
+            found = "holds outcomes of another mutant" if header.code == self._header.code else "is of other code"
+        raise CoheftError(f"{self._path} {found}: name another file to keep outcomes in, or remove it")
 
     def append(self, outcome: Outcome) -> None:
         """Keep one more."""
@@ -78,6 +79,8 @@ def _line(part: Header | Outcome) -> bytes:
 def _decoded(lines: Sequence[bytes]) -> Iterator[Outcome]:
     """Outcomes up to the first line that was not written to its end."""
     for line in lines:
+        if not line.endswith(b"\n"):
+            return
         try:
             yield msgspec.json.decode(line, type=Outcome)
         except msgspec.DecodeError:
@@ -115,7 +118,7 @@ def run_campaign(
 
     Raises:
         MissingPackageError: A package that campaigns need is not installed.
-        CoheftError: The file cannot be read or written.
+        CoheftError: The file cannot be read or written, or holds something else.
     """
     try:
         import joblib
@@ -124,8 +127,7 @@ def run_campaign(
     file = None if kept is None else OutcomeFile(kept, mutant)
     outcomes: dict[int, Outcome] = {}
     if file is not None:
-        outcomes = {outcome.seed: outcome for outcome in file.read() if outcome.seed in set(seeds)}
-        file.write(list(outcomes.values()))
+        outcomes = {outcome.seed: outcome for outcome in file.begin() if outcome.seed in set(seeds)}
     for outcome in outcomes.values():
         on_outcome(outcome)
     left = [seed for seed in seeds if seed not in outcomes]
