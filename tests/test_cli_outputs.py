@@ -96,6 +96,7 @@ def refused(line: str, complaint: str, capfd: pytest.CaptureFixture[str], place:
         ("mocobots --json x --markdown x", "--json and --markdown both name 'x'"),
         ("run mine.toml --json ./mine.toml", "--json names './mine.toml', which is read: give it a place of its own"),
         ("study mine.toml --json mine.toml", "--json names 'mine.toml', which is read"),
+        ("identify file --force-scale 0.1", "bounds are of errors that --calibrate estimates: add it"),
         ("identify file --json file", "--json names 'file', which is read"),
         ("identify samples --json samples/r1.csv", "--json names 'samples/r1.csv', which is read"),
         ("recover r.mcap --output folder", "for --output. expected a file; found the folder 'folder'"),

@@ -162,6 +162,15 @@ def test_the_suitable_method_is_chosen(ring6: tuple[Recording, dict[str, Estimat
     assert identify(miscalibrated.between(0.0, 60.0)).method == "pose"
 
 
+def test_the_cutoff_is_that_of_the_filter(
+    ring6: tuple[Recording, dict[str, Estimate]], miscalibrated: Recording
+) -> None:
+    masses = [identify(miscalibrated, "batch", cutoff=cutoff).payload.inertia.mass for cutoff in (None, 5.0, 2.0)]
+    assert masses[0] == masses[1] != masses[2]
+    with pytest.raises(RecordingError, match="--method likelihood has no filter: leave --cutoff out"):
+        identify(ring6[0], cutoff=2.0)
+
+
 def test_without_holds_the_papers_method_says_what_is_missing(ring6: tuple[Recording, dict[str, Estimate]]) -> None:
     with pytest.raises(RecordingError, match=r"at least 2 orientations.*found 0 \(held: none\)"):
         identify(ring6[0], "batch")

@@ -19,6 +19,7 @@ from coheft.app.cli_base import (
     check_outputs,
 )
 from coheft.app.identify.choices import Bounds, Method
+from coheft.errors import UsageError
 
 
 @app.command(group=EVALUATE)
@@ -54,7 +55,7 @@ def identify(
     to:
         Leave out what came after [s].
     cutoff:
-        Of the low-pass filter [Hz]; 5 for batch, else 3.
+        Of the low-pass filter [Hz]; 5 for batch, else 3; likelihood has none.
     json:
         Write the report to this file; - for standard output.
     report:
@@ -71,6 +72,8 @@ def identify(
     from coheft.app.report import write_report
     from coheft.wire.data_file import read_recording
 
+    if bounds is not None and not calibrate:
+        raise UsageError("bounds are of errors that --calibrate estimates: add it, or leave them out")
     files = recording.glob("*.csv") if recording.is_dir() else [recording]
     check_outputs(*files, json=json, report=report)
     recorded = read_recording(recording)

@@ -31,8 +31,8 @@ class EfficientSettings(Section, frozen=True):
     """The method at the Cramér-Rao bound, see ``agents.efficient``.
 
     Attributes:
-        start_rotation_deg: The search for better poses starts when all poses on a spanning tree are known to this
-            [degrees]; what it sums is not kept.
+        start_rotation_deg: When as many relative poses as connect all robots are known to this [degrees], the team's
+            first sums begin. They only make poses better; then sums begin anew.
         start_translation_mm: And to this [mm].
         refit_share: Poses are fitted anew whenever the data have grown by this share.
         offsets: Whether force and torque sensors may have constant offsets; these are then estimated as well.

@@ -41,7 +41,7 @@ class MassProperties(Section, frozen=True):
     """A payload of which no more is known than how it moves.
 
     Attributes:
-        mass: [kg].
+        mass: Its mass [kg].
         com: Centre of mass in the payload's frame [m].
         principal: Principal moments of inertia at the centre of mass [kg·m²].
         axes_deg: Rotation vector from the payload's axes to the principal ones [degrees].

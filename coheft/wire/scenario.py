@@ -120,7 +120,7 @@ class Sensors(Section, frozen=True):
     Attributes:
         rate: Samples per second; must divide 1000.
         block: Samples that travel in one message.
-        noise: Standard deviations per sample.
+        noise: Standard deviations per sample, with ``noise_scale`` at least a thousandth of the default.
         noise_scale: Multiplies all of ``noise``. Not 0: estimators weigh samples by their noise.
         offset: Constant errors.
         encoders: How exactly recordings tell the wrists' poses and forces. Without it they hold the sensors' samples.
@@ -162,8 +162,9 @@ class LoadChange(Section, frozen=True):
     Attributes:
         at: Time [s]; takes effect at the next border of a block.
         mass: Of the new load [kg].
-        position: Of its centre in the payload's frame [m].
-        size: Its edge lengths [m].
+        position: Of its centre in the payload's frame [m]; no further outside of the payload than that is long, or
+            0.3 m (ten times as far if only its mass properties are known).
+        size: Its edge lengths [m]; no longer than the payload with that room on both sides.
         leak: What it loses from then on [kg/s], until nothing is left.
         remove: Instead: number of the load to take away; loads are numbered from 1 as they come.
     """

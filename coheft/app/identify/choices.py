@@ -13,11 +13,11 @@ class Bounds:
     """How wrong robots may be that are not calibrated: errors are anywhere within plus or minus these.
 
     Attributes:
-        misalignment_deg: Zero of the gimbal, about any axis [degrees].
-        angle_scale: Of each gimbal angle, relative.
-        position_scale: Of the position, relative.
-        force_scale: Of the force, relative.
-        force_offset: Of each axis of the force [N].
+        misalignment_deg: With --calibrate: how far the gimbal's zero may be off, about any axis [degrees].
+        angle_scale: With --calibrate: how far the scale of each gimbal angle may be off, as a share of it.
+        position_scale: With --calibrate: the same for the position.
+        force_scale: With --calibrate: the same for the force.
+        force_offset: With --calibrate: constant error of each axis of the force [N].
     """
 
     misalignment_deg: float = 1.0

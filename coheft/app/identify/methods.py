@@ -45,6 +45,8 @@ def identify(
         return identify_with_instruments(recording, cutoff or CUTOFF)
     if method == "pose":
         return identify_poses(recording, None if bounds is None else _tolerances(bounds), cutoff or CUTOFF)
+    if cutoff is not None:
+        raise RecordingError(f"--method {method} has no filter: leave --cutoff out, or choose another method")
     return identify_sensors(recording)
 
 

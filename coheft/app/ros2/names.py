@@ -104,5 +104,5 @@ def check_ros_names(robots: Iterable[str]) -> None:
         if not _TOKEN.fullmatch(name) or name.endswith("_"):
             raise CoheftError(
                 f"robot {name!r} cannot be in the name of a ROS topic: expected letters, digits and single '_', a "
-                "letter first and no '_' last; rename it in the scenario"
+                "letter first and no '_' last"
             )
