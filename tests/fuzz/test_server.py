@@ -50,6 +50,28 @@ def test_a_robot_link_refuses_what_does_not_fit(link: RobotLink, data: st.DataOb
     assert reference is None or np.isfinite(reference.motion).all()
 
 
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("robot", "r2"),
+        ("block", 10**6),
+        ("motion", np.zeros((SAMPLES, 6))),
+        ("motion", np.zeros((SAMPLES + 1, 12))),
+        ("motion", np.zeros(3)),
+        ("wrench", np.zeros(3)),
+        ("wrench", np.zeros((1, 6))),
+    ],
+)
+def test_a_robot_link_names_what_does_not_fit(link: RobotLink, field: str, value: object) -> None:
+    block = link.answered + 1
+    link.send_measurements(Measurements(robot="r1", block=block, samples=np.zeros((SAMPLES, 15))))
+    sound = Reference(robot="r1", block=block + LAG, answers=block, motion=np.zeros((SAMPLES, 12)), wrench=np.zeros(6))
+    with pytest.raises(MessageError, match=rf"^{field}.* is .* but expected"):
+        link.take(msgspec.structs.replace(sound, **{field: value}))
+    assert link.owes_answer
+    link.take(sound)
+
+
 def test_a_robot_link_takes_an_answer_once(link: RobotLink) -> None:
     block = link.answered + 1
     link.send_measurements(Measurements(robot="r1", block=block, samples=np.zeros((SAMPLES, 15))))

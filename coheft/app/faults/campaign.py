@@ -56,14 +56,13 @@ class OutcomeFile:
         return outcomes
 
     def _check(self, first: bytes) -> None:
+        if first == _line(self._header):
+            return
         try:
-            header = msgspec.json.decode(first, type=Header)
+            is_ours = msgspec.json.decode(first, type=Header).code == self._header.code
+            found = "holds outcomes of another mutant" if is_ours else "is of other code"
         except msgspec.DecodeError:
             found = "holds no outcomes"
-        else:
-            if header == self._header:
-                return
-            found = "holds outcomes of another mutant" if header.code == self._header.code else "is of other code"
         raise CoheftError(f"{self._path} {found}: name another file to keep outcomes in, or remove it")
 
     def append(self, outcome: Outcome) -> None:
@@ -127,7 +126,8 @@ def run_campaign(
     file = None if kept is None else OutcomeFile(kept, mutant)
     outcomes: dict[int, Outcome] = {}
     if file is not None:
-        outcomes = {outcome.seed: outcome for outcome in file.begin() if outcome.seed in set(seeds)}
+        wanted = set(seeds)
+        outcomes = {outcome.seed: outcome for outcome in file.begin() if outcome.seed in wanted}
     for outcome in outcomes.values():
         on_outcome(outcome)
     left = [seed for seed in seeds if seed not in outcomes]

@@ -1,0 +1,102 @@
+"""When blocks are simulated, and which answers come too late for theirs."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import msgspec
+import numpy as np
+import pytest
+
+from coheft.app.hosts import free_ports
+from coheft.app.plan import make_plan
+from coheft.wire.inbox import Inbox
+from coheft.wire.messages import Measurements, Reference
+from coheft.wire.problem_log import ProblemLog
+from coheft.wire.robot_link import RobotLink
+from coheft.wire.scenario_file import load_scenario
+from coheft.wire.transport import Keys, Sender, open_session
+from physics_server.clock import Lockstep, Realtime, Stopwatch
+from physics_server.robots import Robots
+
+DURATION = 0.02
+LAG = 2
+SAMPLES = 5
+
+
+@pytest.fixture
+def now(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """A clock on the wall that a test sets."""
+    wall = SimpleNamespace(time=100.0)
+    monkeypatch.setattr("physics_server.clock.time", SimpleNamespace(monotonic=lambda: wall.time))
+    return wall
+
+
+def test_in_real_time_a_block_is_simulated_when_it_has_ended(now: SimpleNamespace) -> None:
+    clock = Realtime(DURATION)
+    clock.start(0)
+    for block in range(3):
+        assert clock.delay(block, answered=-1) == pytest.approx((block + 1) * DURATION)
+    now.time += 1.5 * DURATION
+    assert clock.delay(0, answered=-1) == 0.0
+    assert clock.delay(1, answered=-1) == pytest.approx(0.5 * DURATION)
+
+
+def test_in_real_time_nothing_is_made_up_for_after_a_pause(now: SimpleNamespace) -> None:
+    clock = Realtime(DURATION)
+    clock.start(0)
+    now.time += 1000.0
+    clock.start(50)
+    assert clock.delay(50, answered=-1) == pytest.approx(DURATION)
+
+
+def test_in_lockstep_a_block_waits_for_the_answers_that_it_needs() -> None:
+    clock = Lockstep(LAG)
+    clock.start(0)
+    assert [clock.delay(block, answered=7) for block in (8, 9, 10)] == [0.0, 0.0, math.inf]
+
+
+def test_a_stopwatch_adds_up_the_time_for_which_it_runs(now: SimpleNamespace) -> None:
+    watch = Stopwatch()
+    for _ in range(2):
+        watch.start()
+        now.time += 3.0
+        watch.start()  # it runs already
+        watch.stop()
+        now.time += 10.0
+    assert watch.elapsed == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize("lookahead", [1, 4])
+def test_in_real_time_nobody_waits_for_longer_than_its_own_answer_can_take(lookahead: int) -> None:
+    scenario = msgspec.structs.replace(load_scenario("ring3"), lookahead=lookahead)
+    for robot in make_plan(scenario, "realtime").agents.values():
+        assert robot.patience == pytest.approx(lookahead * scenario.block_duration)
+    for robot in make_plan(scenario, "lockstep").agents.values():
+        assert robot.patience > 1.0
+
+
+def test_answers_that_are_not_there_when_their_block_begins_are_late(capfd: pytest.CaptureFixture[str]) -> None:
+    log = ProblemLog("server", Sender(None, "clock/observe/server/problem", may_drop=True))
+    names = ("r1", "r2")
+    with open_session(listen=[f"tcp/127.0.0.1:{free_ports(1)[0]}"]) as session:
+        links = [RobotLink(name, session, Inbox(), Keys("clock"), world=1, lag=LAG, block=SAMPLES) for name in names]
+        robots = Robots(links, log, return_limit=10.0)
+        for link in links:
+            link.is_ready = True
+        for block in range(10):
+            there = list(robots.take_references(block, block * DURATION))
+            assert there == ([] if block < LAG else ["r1"] if block == 7 else ["r1", "r2"])  # nobody can be sooner
+            sent = {name: Measurements(robot=name, block=block, samples=np.zeros((SAMPLES, 15))) for name in names}
+            robots.send_measurements(sent, block, "")
+            for name in names:
+                if (name, block + LAG) != ("r2", 7):
+                    robots.take(name, _answer(name, block))
+    assert robots.late_blocks == 1
+    assert capfd.readouterr().err == "r2 answered too late at 0.14 s; from here on this is counted\n"
+
+
+def _answer(name: str, block: int) -> Reference:
+    motion, wrench = np.zeros((SAMPLES, 12)), np.zeros(6)
+    return Reference(robot=name, block=block + LAG, answers=block, motion=motion, wrench=wrench)
