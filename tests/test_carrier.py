@@ -5,11 +5,13 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 import pytest
+from rich.console import Console
 
 from agents.carrier import Carrier
 from agents.common_path import CommonPath
 from agents.motion import make_motion
 from coheft.app.carry_record import CarryRecord
+from coheft.app.carry_table import print_carry
 from coheft.app.inprocess import run_in_process
 from coheft.app.overrides import override
 from coheft.app.report import CarryReport
@@ -66,6 +68,20 @@ def test_a_load_that_is_known_is_carried_better_and_a_change_is_made_up_for() ->
     (drop,) = report.drops
     assert drop.back_after_s is not None
     assert drop.back_after_s < 1.3
+
+
+def test_a_load_that_came_before_the_path_is_judged_on_the_path_only(capsys: pytest.CaptureFixture[str]) -> None:
+    """Until there is one, each robot moves as it likes."""
+    early = LoadChange(at=3.0, mass=2.0, position=(-0.1, 0.15, 0.07))
+    report = carried(msgspec.structs.replace(carrying(), load_changes=(early,), duration=9.0))
+    springs = next(phase for phase in report.phases if phase.what == "springs")
+    (drop,) = report.drops
+    assert springs.position_rms_mm is not None
+    assert springs.position_rms_mm < drop.largest_mm < 2.0 * springs.position_rms_mm
+    print_carry(Console(width=200), report)
+    assert f"back on it {drop.back_after_s:.1f} s after" in capsys.readouterr().out
+    print_carry(Console(width=200), msgspec.structs.replace(report, phases=[springs]))
+    assert "back on it" not in capsys.readouterr().out  # nobody has promised that springs alone do it
 
 
 def settings(carry: Carry) -> AgentConfig:

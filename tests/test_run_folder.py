@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from coheft.app.cli_cart import Logs
 from coheft.app.hosts import free_ports
 from coheft.app.run_folder import RUN_FILE, RunFile, announced, find_run, make_run_folder, runs_folder, split_endpoint
 from coheft.errors import CoheftError
@@ -63,6 +64,17 @@ def test_whoever_names_a_file_is_told_what_was_expected(tmp_path: Path) -> None:
         find_run(tmp_path / "keep.json")
     with pytest.raises(CoheftError, match=rf"no run goes on in {tmp_path}$"):
         find_run(tmp_path)
+
+
+def test_many_runs_of_one_command_count_as_one() -> None:
+    old = [runs_folder() / f"20200101-0000{number:02}-coheft-{number}" for number in range(19)]
+    for folder in old:
+        folder.mkdir(parents=True)
+    logs = Logs()
+    folders = {logs.make_folder(f"cart-{number}") for number in range(30)}
+    assert len(folders) == 30
+    assert all(folder.is_dir() for folder in (*old, *folders))
+    assert len(list(runs_folder().iterdir())) == 20
 
 
 def test_a_folder_of_the_users_own_choice_removes_none(tmp_path: Path) -> None:

@@ -153,6 +153,16 @@ def test_noise_scales_multiply_the_scenario_s_own_and_seeds_count_on() -> None:
     assert scenarios == [(1.0, 7), (1.0, 8), (3.0, 7), (3.0, 8)]
 
 
+def test_only_the_first_change_is_recovered_from() -> None:
+    """A second one while that is judged would be taken for a part of it."""
+    chosen = short_ring3()
+    (first,) = chosen.load_changes
+    later = LoadChange(at=6.5, remove=1)
+    twice = msgspec.structs.replace(chosen, load_changes=(later, first))
+    planned = make_plan(twice, runs=1, estimators=["efficient"], at=6.0)
+    assert [scenario.load_changes for scenario in planned.scenarios()] == [(first,)]
+
+
 def test_accuracy_after_the_load_s_change_is_refused() -> None:
     with pytest.raises(ScenarioError, match="the load changes at 6 s, but accuracy is to be judged at 7 s"):
         plan(at=7.0)
@@ -167,6 +177,9 @@ def test_accuracy_after_the_load_s_change_is_refused() -> None:
         (["--estimators", "seed,seed"], "different ones of efficient, seed"),
         (["--runs", "0"], "--runs"),
         (["--at", "25"], "the load changes at 20 s"),
+        (["--noise", "0.0001,1"], "expected at least"),
+        (["--noise", "inf"], "different positive numbers"),
+        (["--jobs", "2", "--dask", "tcp://127.0.0.1:1"], "--jobs is for processes on this machine"),
         (["--json", "/nowhere/study.json"], "there is no folder"),
     ],
 )

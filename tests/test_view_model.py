@@ -135,4 +135,7 @@ def test_texts_tell_numbers_reasons_and_changes_and_let_nobody_write_html():
     assert "&lt;b&gt;r2" in text
     assert "&lt;script&gt;" in words.problems(model)
     assert "stale" in words.team(model, "r1")
-    assert "resume" in words.waiting_note(msgspec.structs.replace(STATUS, state="paused")).lower()
+    paused = msgspec.structs.replace(STATUS, state="paused")
+    assert "resume" in words.waiting_note(paused, is_still=False).lower()
+    waits = msgspec.structs.replace(STATUS, state="running", waiting_for=["r1"])
+    assert [words.waiting_note(waits, is_still=is_still) for is_still in (False, True)] == ["", "waiting for r1"]

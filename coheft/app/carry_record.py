@@ -104,7 +104,7 @@ class CarryRecord:
             sums.squares += np.concatenate([np.square(off), lengths])
             sums.count += 1
             sums.end = truth.time
-        if self._drops:
+        if self._drops and truth.time > self._path.full_from:
             self._follow_drop(self._drops[-1], truth.time, float(off[0]))
 
     def error(self, truth: Truth) -> Array:
@@ -137,7 +137,7 @@ class CarryRecord:
 
     def _limit(self) -> float | None:
         """What was promised [m]; None without springs to compare with."""
-        springs = self._phases.get(("springs", 0))
+        springs = next((sums for (what, _), sums in self._phases.items() if what == "springs"), None)
         return None if springs is None else float(springs.rms[0]) / PROMISED
 
     def report(self) -> CarryReport:

@@ -32,8 +32,9 @@ def print_carry(console: Console, report: CarryReport) -> None:
     table.add_row("sensors' noise", "", "", _pushed(report.noise_force_n, report.noise_torque_nm))
     console.print()
     console.print(table)
+    is_promised = {"springs", "feedforward"} <= {phase.what for phase in report.phases}
     for drop in report.drops:
-        console.print(_sentence(drop), markup=False, highlight=False)
+        console.print(_sentence(drop, is_promised=is_promised), markup=False, highlight=False)
 
 
 def _row(phase: CarryPhaseReport) -> tuple[str, str, str, str]:
@@ -48,6 +49,8 @@ def _pushed(force: float, torque: float) -> str:
     return f"{force:.2f} N {torque:.2f} N·m"
 
 
-def _sentence(drop: LoadDropReport) -> str:
-    end = "not back on it" if drop.back_after_s is None else f"back on it {drop.back_after_s:.1f} s after"
-    return f"At {drop.at_s:g} s the load changed to {drop.mass:.2f} kg: {drop.largest_mm:.1f} mm off the path, {end}."
+def _sentence(drop: LoadDropReport, *, is_promised: bool) -> str:
+    """One of a run in which it is promised, or not, that they come back to the path."""
+    back = "not back on it" if drop.back_after_s is None else f"back on it {drop.back_after_s:.1f} s after"
+    end = f", {back}" if is_promised else ""
+    return f"At {drop.at_s:g} s the load changed to {drop.mass:.2f} kg: {drop.largest_mm:.1f} mm off the path{end}."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -83,7 +84,6 @@ def cart(
     from coheft.app.cart.terminal import print_study
     from coheft.app.figures import make_folder
     from coheft.app.report import write_report
-    from coheft.app.run_folder import make_run_folder
 
     if all_tests and test is not None:
         raise UsageError(f"--all runs all tests of Table I, --test {test} only one: leave one of the two out")
@@ -106,7 +106,7 @@ def cart(
         outcomes = run_cases(
             cases,
             jobs=1 if processes else jobs or min(len(cases), usual_jobs()),
-            run=partial(run_in_processes, make_folder=make_run_folder, on_problem=progress.console.print)
+            run=partial(run_in_processes, make_folder=Logs().make_folder, on_problem=progress.console.print)
             if processes
             else run_in_process,
             on_progress=lambda done: progress.update(bar, completed=done),
@@ -122,3 +122,22 @@ def cart(
         if figures is not None:
             draw(outcomes, figures)
     return EXIT_NOT_CONVERGED if study.missed else EXIT_CONVERGED
+
+
+class Logs:
+    """Folders for the logs of many runs in one that counts as one run: only so many are kept."""
+
+    def __init__(self) -> None:
+        self._folder: Path | None = None
+
+    def make_folder(self, run: str) -> Path:
+        """Make the one for the logs of a run.
+
+        Raises:
+            CoheftError: It cannot be made.
+        """
+        from coheft.app.run_folder import make_run_folder
+
+        if self._folder is None:
+            self._folder = make_run_folder(run)
+        return make_run_folder(run, self._folder / run)

@@ -122,7 +122,7 @@ def faults(
 
 def _write(path: Path, text: str) -> None:
     try:
-        path.write_text(text)
+        path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise CoheftError(f"cannot write {path}: {error.strerror}") from error
 

@@ -65,6 +65,7 @@ def identify(
     """
     from rich.console import Console
 
+    from coheft.app.figures import make_folder
     from coheft.app.identify.folder import write_identification
     from coheft.app.identify.methods import identify as find
     from coheft.app.identify.report import make_report
@@ -80,12 +81,16 @@ def identify(
     if from_ is not None or to is not None:
         start = recorded.time[0] if from_ is None else from_
         recorded = recorded.between(float(start), float(recorded.time[-1] if to is None else to))
+    if report is not None:
+        make_folder(report)
     found = find(recorded, method, (bounds or Bounds()) if calibrate else None, cutoff)
     result = make_report(str(recording), recorded, found)
     if not quiet:
         print_identification(Console(stderr=json == "-"), result)
-    if json is not None:
-        write_report(result, json)
-    if report is not None:
-        write_identification(report, recorded, found, result)
+    try:
+        if json is not None:
+            write_report(result, json)
+    finally:  # if one of them cannot be written, the other may
+        if report is not None:
+            write_identification(report, recorded, found, result)
     return EXIT_NOT_CONVERGED if result.not_observable else EXIT_CONVERGED

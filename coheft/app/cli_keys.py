@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from coheft.app.cli_base import PARTS, Positive, app
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from coheft.app.cli_base import PARTS, app
 
 
 @app.command(group=PARTS)
-def keys(folder: Path, scenario: str = "ring6", *, hosts: Path | None = None, days: Positive = 365.0) -> None:
+def keys(
+    folder: Path,
+    scenario: str = "ring6",
+    *,
+    hosts: Path | None = None,
+    days: Annotated[float, Parameter(validator=Number(gt=0, lte=36500))] = 365.0,
+) -> None:
     """Make a certificate authority and one certificate for each robot, the server, observers and the operator.
 
     Parameters

@@ -69,5 +69,5 @@ def mocobots(
             write_report(found, json)
     finally:  # if one of them cannot be written, the other may
         if markdown is not None:
-            markdown.write_text(text)
+            markdown.write_text(text, encoding="utf-8")
     return EXIT_CONVERGED

@@ -192,6 +192,9 @@ def run(
             if not quiet:
                 console.print(f"The view stays at {viewer.url} until Ctrl-C.")
             viewer.wait()
+        elif viewer is not None:
+            text = f"There was no view, or not until the run had ended; its log is {viewer.log}"
+            console.print(text, markup=False, highlight=False, soft_wrap=True)
     if broken_off.unsaved:
         raise CoheftError(f"no data file was written: {broken_off.unsaved}")
     return EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED

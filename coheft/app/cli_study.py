@@ -19,6 +19,7 @@ from coheft.app.cli_base import (
     app,
     check_outputs,
 )
+from coheft.errors import UsageError
 
 
 def _words(text: str) -> list[str]:
@@ -115,6 +116,8 @@ def study(
         after=after,
         first_seed=first_seed,
     )
+    if jobs is not None and dask is not None:
+        raise UsageError("--jobs is for processes on this machine, but --dask leaves all to workers: leave one out")
     check_outputs(scenario_path(scenario), json=json, report=report)
     if report is not None:
         make_folder(report)

@@ -64,7 +64,7 @@ def launch(
             again = Restarts(
                 restarts, processes, observer, display, lambda: announce(folder, _run_file(plan, processes))
             )
-            status = _follow(audience, observer, processes, again)
+            status = _follow(audience, observer, processes, again, is_saving=plan.server.save_data is not None)
             for follower in followers:
                 follower.end(status)
     if record.truth is None or record.silent:
@@ -128,8 +128,12 @@ def _wait_for_start(observer: Observer, processes: Processes, display: Display) 
     raise LinkError(f"after {_START_LIMIT:g} s there is still no link with {', '.join(waiting_for)}")
 
 
-def _follow(audience: Audience, observer: Observer, processes: Processes, again: Restarts) -> Status:
+def _follow(
+    audience: Audience, observer: Observer, processes: Processes, again: Restarts, *, is_saving: bool
+) -> Status:
     """Collect what the processes say until the agents have gone; return the server's last word.
+
+    What is to be saved may take long: as long as the server is there, only Ctrl-C ends that.
 
     Raises:
         ProcessError: A process failed, the server after the agents perhaps; or an agent does not go though the run is
@@ -155,7 +159,9 @@ def _follow(audience: Audience, observer: Observer, processes: Processes, again:
     while (status := observer.status()) is None or status.failure:  # one that has failed is about to end: see how
         has_ended = processes.ended("server")
         processes.check()
-        if has_ended or time.monotonic() > deadline:
+        if is_saving and not has_ended:
+            audience.display.note("the server writes down what the robots have measured")
+        elif has_ended or time.monotonic() > deadline:
             raise LinkError("the server did not say how the run ended" if status is None else status.failure)
         time.sleep(_POLL)
     return status
@@ -170,8 +176,11 @@ def watch(run_file: RunFile, display: Display) -> str:
     with observe(run_file) as observer, display:
         status = observer.ask(StatusRequest())
         audience = Audience(Record(status.scene, status.duration), display)
+        news = time.monotonic()
         while status.state != "finished":
-            if audience.collect(observer, _SILENCE):
+            if audience.collect(observer):
+                news = time.monotonic()
+            if time.monotonic() < news + _SILENCE and not observer.has_ended:
                 continue
             status = observer.status() or status
             observer.check_server()

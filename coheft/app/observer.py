@@ -95,6 +95,11 @@ class Observer:
         return answer if isinstance(answer, Status) else None
 
     @property
+    def has_ended(self) -> bool:
+        """Whether the server has said how the run ended."""
+        return self._last_word is not None
+
+    @property
     def has_lost_server(self) -> bool:
         """Whether the server has answered none of the last questions, nor said anything else since."""
         return self._unanswered >= _QUESTIONS

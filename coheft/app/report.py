@@ -248,6 +248,6 @@ def write_report(report: msgspec.Struct, target: str) -> None:
         sys.stdout.write(text)
         return
     try:
-        Path(target).write_text(text)
+        Path(target).write_text(text, encoding="utf-8")
     except OSError as error:
         raise CoheftError(f"cannot write the report to {target}: {error.strerror}") from error

@@ -66,7 +66,7 @@ class Status(Message, frozen=True):
         late_blocks: References that came too late.
         loads: On the payload.
         slots_free: How many more fit.
-        waiting_for: Robots without which it does not go on.
+        waiting_for: Robots that it cannot begin or go on without, or that have not answered the newest block yet.
         estimator: Which one the robots use, from the next block on at the latest.
         estimators: Which ones may be chosen.
         scene: What does not change.

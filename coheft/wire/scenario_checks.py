@@ -81,7 +81,7 @@ def check_noise(scenario: Scenario, origin: str) -> None:
     """
     for name in SensorNoise.__struct_fields__:
         least = _LEAST_NOISE * getattr(SensorNoise(), name)
-        if getattr(scenario.noise, name) < least:
+        if not least <= getattr(scenario.noise, name) < math.inf:
             raise ScenarioError(
                 f"{origin}: key 'sensors.noise.{name}': found {getattr(scenario.sensors.noise, name):g}, times "
                 f"'sensors.noise_scale' = {scenario.sensors.noise_scale:g}, expected at least {least:g} in all: with "

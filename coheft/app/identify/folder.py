@@ -16,15 +16,14 @@ from coheft.estimation.batch.recording import Recording
 
 
 def write_identification(folder: Path, recording: Recording, found: Identification, report: IdentifyReport) -> None:
-    """Write ``report.json``, ``report.txt`` and pictures.
+    """Write ``report.json``, ``report.txt`` and pictures into a folder that is there.
 
     Raises:
-        RecordingError: The folder cannot be made.
+        RecordingError: Nothing can be written there.
         MissingPackageError: The package that draws is not installed.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with (folder / "report.txt").open("w") as file:
+        with (folder / "report.txt").open("w", encoding="utf-8") as file:
             print_identification(Console(file=file, width=120), report)
     except OSError as error:
         raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from error

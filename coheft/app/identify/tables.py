@@ -15,7 +15,8 @@ def print_identification(console: Console, report: IdentifyReport) -> None:
     first = report.robots[0]
     console.print(
         f"{report.recording}: {len(report.robots)} robots, {report.from_s:.1f} s to {report.to_s:.1f} s, "
-        f"method {report.method}. All in the grasp frame of {first}."
+        f"method {report.method}. All in the grasp frame of {first}.",
+        markup=False,
     )
     console.print(_poses(report), _payload(report))
     if report.loops:
@@ -28,7 +29,7 @@ def print_identification(console: Console, report: IdentifyReport) -> None:
     if not report.payload.was_possible:
         console.print("What was solved for is no body that can exist; this is the most likely one that is.")
     for text in (*(f"Not observable: {what}" for what in report.not_observable), *report.remarks):
-        console.print(text)
+        console.print(text, markup=False)
 
 
 def _poses(report: IdentifyReport) -> Table:

@@ -15,6 +15,7 @@ from coheft.app.study.report import NoiseResult, StudyReport, summarise
 from coheft.app.study.trial import Moments, Trial, run_trial
 from coheft.errors import CoheftError, MissingPackageError, ScenarioError
 from coheft.wire.scenario import Scenario
+from coheft.wire.scenario_checks import check_noise
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class Plan:
     """What a study runs.
 
     Attributes:
-        scenario: Its first load change is the one to recover from; later ones are left out.
+        scenario: Its first load change is the one to recover from; there are no later ones.
         estimators: To be compared.
         noise_scales: Factors on the scenario's noise.
         seeds: One run each, per noise scale.
@@ -71,24 +72,28 @@ def make_plan(
         first_seed: Seeds are counted from here.
 
     Raises:
-        ScenarioError: The load changes before accuracy is to be judged.
+        ScenarioError: The load changes before accuracy is to be judged, or there is too little noise to speak of.
     """
     block = scenario.block_duration
     # A change takes effect at the next border of a block.
-    change = min((block * math.ceil((c.at - 1e-9) / block) for c in scenario.load_changes), default=None)
+    changes = [(block * math.ceil((change.at - 1e-9) / block), change) for change in scenario.load_changes]
+    change = min((moment for moment, _ in changes), default=None)
     at = block * max(1, round(at / block))
     if change is not None and change < at - 0.5 * block:
         raise ScenarioError(
             f"{scenario.name}: the load changes at {change:g} s, but accuracy is to be judged at {at:g} s: "
             f"choose an earlier time (--at), or a scenario whose load stays as it is until then"
         )
-    return Plan(
-        scenario,
+    plan = Plan(
+        msgspec.structs.replace(scenario, load_changes=tuple(other for moment, other in changes if moment == change)),
         tuple(estimators),
         tuple(noise_scales),
         range(first_seed, first_seed + runs),
         Moments(at, change, after),
     )
+    for run in plan.scenarios():
+        check_noise(run, scenario.name)
+    return plan
 
 
 def run_study(

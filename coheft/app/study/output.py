@@ -40,7 +40,7 @@ def write_folder(report: StudyReport, trials: Sequence[Trial], folder: Path) -> 
     pictures = {"Errors over bounds": "ratios.png", "Errors of one run over time": "curves.png"}
     write_report(report, str(folder / "report.json"))
     try:
-        (folder / "report.md").write_text(markdown(report, pictures))
+        (folder / "report.md").write_text(markdown(report, pictures), encoding="utf-8")
         plot_ratios(report, folder / "ratios.png")
         plot_curves(trials, folder / "curves.png")
     except OSError as error:

@@ -17,6 +17,10 @@ from coheft.app.view.page import FRAME, Page, open_server, url_of
 from coheft.wire.requests import Status, StatusRequest
 
 _STATUS_EVERY = 0.5
+_STILL = 1.0
+"""For so long time has to stand still before it is told who is waited for [s]."""
+_LAST_NEWS = 1.0
+"""Robots' last estimates may come so long after the end of the run [s]."""
 
 
 def view_run(folder: Path | None, host: str, port: int | None, tell: Callable[[str], None]) -> None:
@@ -49,9 +53,10 @@ def view_run(folder: Path | None, host: str, port: int | None, tell: Callable[[s
 
 
 def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls) -> None:
-    """Show what comes, until the run's server is gone."""
+    """Show what comes, until the run is over, or its server gone."""
     asked_at = drawn_at = -math.inf
-    while not observer.has_lost_server:
+    moved_at, end_at, seen = time.monotonic(), math.inf, model.time
+    while not observer.has_lost_server and time.monotonic() < end_at:
         for news in observer.collect(model.scene, FRAME):
             model.hear(news)
         if (now := time.monotonic()) > asked_at + _STATUS_EVERY:
@@ -60,6 +65,10 @@ def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls
             if status is not None:
                 model.note_status(status)
                 controls.update()
+                if status.state == "finished":
+                    end_at = min(end_at, now + _LAST_NEWS)
+        if model.time != seen:
+            moved_at, seen = now, model.time
         if (now := time.monotonic()) > drawn_at + FRAME:
             drawn_at = now
-            page.draw(model, words.waiting_note(model.status))
+            page.draw(model, words.waiting_note(model.status, is_still=now > moved_at + _STILL))

@@ -68,20 +68,28 @@ class ViewBeside:
 
     def hear(self, news: News) -> None:
         """The view hears for itself; tell where it is as soon as it can be looked at."""
-        if self._is_told or (now := time.monotonic()) < self._look_at:
-            return
-        self._look_at = now + _LOOK_EVERY
-        if any(self.url in line for child in self._processes.children for line in child.lines):
+        if (now := time.monotonic()) >= self._look_at:
+            self._look_at = now + _LOOK_EVERY
+            self._look()
+
+    def _look(self) -> None:
+        if not self._is_told and any(self.url in line for child in self._processes.children for line in child.lines):
             self._is_told = True
             self._tell(self.url)
 
     def end(self, status: Status) -> None:
         """The last picture stays until the context ends."""
+        self._look()
 
     @property
     def is_there(self) -> bool:
-        """Whether it runs."""
-        return not self._processes.ended("view")
+        """Whether it can be looked at."""
+        return self._is_told and not self._processes.ended("view")
+
+    @property
+    def log(self) -> Path:
+        """What it has said."""
+        return Path(self._config.folder) / "view.log"
 
     def wait(self) -> None:
         """Let people look until Ctrl-C."""

@@ -44,13 +44,13 @@ def header(model: ViewModel, note: str = "") -> str:
     )
 
 
-def waiting_note(status: Status) -> str:
-    """Why time stands still, if it does."""
+def waiting_note(status: Status, *, is_still: bool) -> str:
+    """Why time stands still, if it does: a moment ago somebody is always waited for."""
     if status.state == "finished":
         return ENDED
     if status.state == "paused":
         return "paused: Resume goes on"
-    return f"waiting for {', '.join(status.waiting_for)}" if status.waiting_for else ""
+    return f"waiting for {', '.join(status.waiting_for)}" if status.waiting_for and is_still else ""
 
 
 def load(state: LoadState) -> str:
