@@ -109,6 +109,7 @@ class PoseFits:
         self.floods = {"common": self.common.flood, "scores": self._scores, "fits": self._fits}
         self.told_moments = RegistrationMoments.none()
         self.carried, self.spoilt, self._told_chunk, self._used = 0, -1, 0, 0
+        self._told_count = -1.0
         self.again_before = start
         self._regrowth = regrowth
         self._patience, self._uncarried = config.blocks(_STUCK) + 2 * hearing, 0
@@ -228,9 +229,12 @@ class PoseFits:
         if self.spoilt == self._tells:
             least = min(least, _SOON * self._config.rate)
         least = max(least, _FIRST * self._config.rate)
-        if steps < self._tell_step or self.common.total.count < least:
+        count = self.common.total.count
+        if (
+            steps < self._tell_step or count < least or count == self._told_count
+        ):  # nothing new while no sum is complete
             return
-        self._tells, self._told_chunk = self._tells + 1, self.common.chunks
+        self._tells, self._told_chunk, self._told_count = self._tells + 1, self.common.chunks, count
         self._chunks[self._tells] = self.common.chunks
         grown = round(self._config.efficient.refit_share * steps)
         self._tell_step = steps + max(self._longest, self._shortest, grown)

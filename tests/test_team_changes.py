@@ -20,7 +20,7 @@ from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.messages import Estimate
 from coheft.wire.scenario import LoadChange
-from tests.in_process import changed
+from tests.in_process import changed, run_with_faults
 
 FROM = 4.0
 """When something happens: all have been valid for a while [s]."""
@@ -141,6 +141,21 @@ def test_halves_that_cannot_talk_are_stale_until_they_can() -> None:
     assert story.at("r2", healed).reasons[0] == f"r3 is silent since {FROM + 0.02:.2f} s"
     assert story.statuses(healed + SOON) == {"valid"}
     assert {len(estimates[-1].load_changes) for estimates in story.estimates.values()} == {0}
+
+
+def test_nobody_starts_over_while_one_link_of_a_ring_is_out() -> None:
+    """All hear each other the other way round, but no sum is complete: nothing is learned, and nothing forgotten."""
+    scenario = changed("ring6", duration=9.0, load_changes=())
+    out = range(300, 420)
+    recording = run_with_faults(
+        scenario, arrives=lambda block, to, sender: block not in out or {to, sender} != {"r1", "r2"}
+    )
+    healed = out.stop * scenario.block_duration
+    for estimates in recording.estimates.values():
+        assert {each.status for each in estimates if healed - 1.0 < each.time < healed} == {"stale"}
+        reasons = {reason for each in estimates if each.time > 6.0 for reason in each.reasons}
+        assert "the team's sums have not begun" not in reasons
+        assert {each.status for each in estimates if each.time > healed + 0.5} == {"valid"}
 
 
 def test_a_load_that_falls_while_halves_cannot_talk_is_known_when_they_can() -> None:
