@@ -16,6 +16,7 @@ from msgspec import structs
 
 from agents.cart import CartAgent
 from agents.cart_sums import CHANNELS
+from agents.inbox import is_possible
 from agents.links import HELLO_PERIOD, AgentLinks, open_links
 from coheft.errors import LinkError, MessageError
 from coheft.wire.cart import CartAgentConfig, CartAgentProcessConfig, CartMeasurement, CartMessage
@@ -120,9 +121,21 @@ class CartAgentProcess:
         expected = [b for b in (self._block - 1, self._block) if b >= 0 and source not in self._messages.get(b, {})]
         if message.block not in expected:
             raise MessageError(f"block is {message.block} but expected one of {expected}")
-        rounds = len(message.valid)
-        check_array(message.valid, (rounds,), "valid")
-        check_array(message.stages, (rounds, 1, CHANNELS), "stages")
+        check_content(message)
+
+
+def check_content(message: CartMessage) -> None:
+    """Check what a pusher says of sums and of others.
+
+    Raises:
+        MessageError: It cannot be used.
+    """
+    rounds = message.valid.size
+    check_array(message.valid, (rounds,), "valid")
+    check_array(message.stages, (rounds, 1, CHANNELS), "stages")
+    impossible = [record.robot for record in message.gossip if not is_possible(record)]
+    if impossible:
+        raise MessageError(f"what it says about {impossible[0]!r} is impossible")
 
 
 def run_agent(config: CartAgentProcessConfig) -> None:

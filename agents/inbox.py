@@ -102,14 +102,14 @@ class NeighbourInbox:
         for record in message.gossip:
             if record == self._possible.get(record.robot):
                 continue  # the same one comes again and again
-            if not _is_possible(record):
+            if not is_possible(record):
                 return f"what it says about {record.robot!r} is impossible"
             if record.robot in self._possible or len(self._possible) < MAX_ROBOTS:
                 self._possible[record.robot] = record
         return None
 
 
-def _is_possible(record: LinkState) -> bool:
+def is_possible(record: LinkState) -> bool:
     """Whether a robot's record makes sense on its own."""
     if record.robot in record.neighbours:
         return False

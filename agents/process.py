@@ -97,13 +97,14 @@ class AgentProcess:
         for _ in range(_AT_ONCE):
             if not self._take_in(0.0):
                 break
-        next_request = time.monotonic() + (_ASK_AGAIN if self._is_fed else 0.0)
+        asked = time.monotonic() if self._is_fed else -math.inf
         while not self._measurements:
-            if (wait := next_request - time.monotonic()) > 0.0:
+            wait = asked + (_ASK_AGAIN if self._is_fed else HELLO_PERIOD) - time.monotonic()
+            if wait > 0.0:
                 self._take_in(min(wait, PERIOD))
             else:
                 self._ask_for_measurements()
-                next_request = time.monotonic() + (_ASK_AGAIN if self._is_fed else HELLO_PERIOD)
+                asked = time.monotonic()
 
     def _ask_for_measurements(self) -> None:
         """Say hello, so that neighbours know that we hear them, and ask the server.

@@ -18,8 +18,9 @@ class Absences:
         self._given_up: set[str] = set()
 
     def begin(self, name: str) -> None:
-        """A robot has gone."""
-        self._waited_for[name] = time.monotonic() + self._limit
+        """A robot has gone; it may come and go until it is back."""
+        if name not in self._given_up:
+            self._waited_for.setdefault(name, time.monotonic() + self._limit)
 
     def end(self, name: str) -> None:
         """It is back."""

@@ -175,7 +175,9 @@ class Loads:
             model.geom_rbound[geom] = np.linalg.norm(model.geom_size[geom])
             model.geom_rgba[geom] = _LOAD_COLOUR
         model.body_subtreemass[body] = model.body_mass[body]
-        model.body_subtreemass[[0, self._payload_body]] = model.body_mass.sum()
+        slots = [model.body(_slot_name(number)).id for number in range(len(self._slots))]
+        model.body_subtreemass[self._payload_body] = model.body_mass[[self._payload_body, *slots]].sum()
+        model.body_subtreemass[0] = model.body_mass.sum()
 
 
 def _inertia_of(load: LoadState) -> Inertia:

@@ -15,6 +15,8 @@ MAX_POSITION = 2.0
 """From the home pose, along an axis of the home frame [m]."""
 MAX_ROTATION = 2.0 * np.pi
 """Of an entry of the rotation vector [rad]."""
+_LONGEST_SAMPLE = 0.01
+"""At the lowest rate of the sensors [s]."""
 
 
 class Reach:
@@ -26,7 +28,8 @@ class Reach:
 
     def __init__(self, robots: Robots) -> None:
         (k_t, k_r), (d_t, d_r) = robots.stiffness, robots.damping
-        self._delay = np.repeat([d_r / k_r if k_r > 0.0 else 0.0, d_t / k_t], 3)  # motions name the rotation first
+        # A rate counts for a sample at least; motions name the rotation first.
+        self._delay = np.repeat(np.maximum([d_r / k_r if k_r > 0.0 else 0.0, d_t / k_t], _LONGEST_SAMPLE), 3)
         self._displacement = np.repeat([MAX_ROTATION, MAX_POSITION], 3)
         self._wrench = np.repeat([k_t * MAX_POSITION, k_r * MAX_ROTATION], 3)  # wrenches name the force first
 

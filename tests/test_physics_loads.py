@@ -224,6 +224,20 @@ def complaint(put: Callable[[Vector, Vector], None], place: Vector, size: Vector
     return ""
 
 
+@pytest.mark.parametrize("name", ["ring3", "arms4"])
+def test_the_engine_knows_what_hangs_on_what(name):
+    """Of each body: its mass, and that of all that move with it."""
+    simulation = Simulation(scenario(name))
+    load = simulation.inject(2.0, (0.1, 0.0, 0.1))
+    simulation.inject(1.0, (0.0, 0.1, 0.1))
+    simulation.remove(load.id)
+    model = simulation.model
+    expected = model.body_mass.copy()
+    for body in range(model.nbody - 1, 0, -1):
+        expected[model.body_parentid[body]] += expected[body]
+    np.testing.assert_allclose(model.body_subtreemass, expected)
+
+
 @pytest.mark.parametrize("leak", [-0.1, math.nan, math.inf])
 def test_impossible_leaks_are_refused(leak):
     simulation = Simulation(scenario())
@@ -293,6 +307,22 @@ def test_references_that_the_engine_would_ignore_end_the_run(bad):
     motion[3, 5] = bad
     with pytest.raises(SimulationError, match=r"at 0.005 s references of r2 hold numbers"):
         simulation.advance({"r1": reference("r1", 1, np.zeros((5, 12))), "r2": reference("r2", 1, motion)})
+
+
+@pytest.mark.parametrize(("stiffness", "damping"), [((800.0, 0.0), (70.0, 0.0)), ((800.0, 30.0), (0.0, 0.0))])
+@pytest.mark.parametrize("column", [6, 8])
+def test_rates_have_a_limit_even_where_no_damping_acts_on_them(column, stiffness, damping):
+    """Gimbals, and springs without damping: until the next sample the hand goes on at its rate."""
+    chosen = scenario(rate=100)
+    robots = msgspec.structs.replace(chosen.robots, stiffness=stiffness, damping=damping)
+    simulation, reach = Simulation(msgspec.structs.replace(chosen, robots=robots)), Reach(robots)
+    motion = np.zeros((5, 12))
+    motion[:, column] = 2e12
+    assert "motion asks for" in str(reach.excess(reference("r1", 0, motion)))
+    motion[:, column] = 600.0
+    asked = reference("r1", 0, motion)
+    assert reach.excess(asked) is None
+    run(simulation, lambda _: {"r1": asked}, 120)
 
 
 @pytest.mark.parametrize("column", [0, 2, 5, 6, 8, 11, "force", "torque"])

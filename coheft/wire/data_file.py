@@ -8,6 +8,7 @@ import tokenize
 import zipfile
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -59,9 +60,9 @@ def write_recording(recording: Recording, path: Path) -> None:
         raise RecordingError(f"{path}: expected a file that ends with .npz, or a folder, without suffix")
     try:
         if path.suffix:
-            arrays = _arrays(recording)
+            arrays: dict[str, Any] = dict(_arrays(recording))
             target = Path(os.path.realpath(path))  # a link stays one
-            replace_files({target: lambda file: np.savez_compressed(file, allow_pickle=False, **arrays)})
+            replace_files({target: lambda file: np.savez_compressed(file, **arrays)})
         else:
             write_folder(recording, path)
     except RecordingError as error:

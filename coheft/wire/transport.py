@@ -149,7 +149,7 @@ class Keys:
         return f"{self.run}/observe/agent/{check_name(name)}/{topic}"
 
     def observe_server(self, topic: str) -> str:
-        """Observer plane of the server: ``truth``, ``problem``."""
+        """Observer plane of the server: ``truth``, ``problem``, ``end``."""
         return f"{self.run}/observe/server/{topic}"
 
     def request(self, role: Role) -> str:

@@ -12,14 +12,14 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from coheft.wire import messages
+from coheft.wire import cart, messages
 from coheft.wire.messages import Message
 from coheft.wire.requests import Request
 
 KEY = "run-1/agent/r1/block"
 KINDS: list[Any] = [
     kind
-    for kind in vars(messages).values()
+    for kind in (*vars(messages).values(), *vars(cart).values())
     if isinstance(kind, type) and issubclass(kind, Message) and kind is not Message
 ] + [Request]
 
