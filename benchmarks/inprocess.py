@@ -95,7 +95,7 @@ def measure(effort: Effort) -> Section:
         for block in _LONGER:
             teams[f"ring of {_SMALL}, blocks of {block}"] = Runner(Network(team_scenario(_SMALL, block=block)), _SMALL)
     for team in teams.values():
-        team.network.run_until(SETTLED)
+        team.network.settle(SETTLED)
     for _ in range(_TURNS[effort]):
         for team in teams.values():
             team.turn()

@@ -54,9 +54,14 @@ def all_notices(scenario: Scenario) -> Notices:
     latest: dict[str, list[LoadChangeNotice]] = {}
     for record in run_in_process(scenario):
         latest.update({name: list(estimate.load_changes) for name, estimate in record.estimates.items()})
-        if scenario.load_changes and latest and all(latest.values()) and record.truth.time > CHANGE_AT:
+        if scenario.load_changes and latest and all(map(_is_of_change, latest.values())):
             break
     return latest
+
+
+def _is_of_change(notices: Sequence[LoadChangeNotice]) -> bool:
+    """Whether a robot has noticed something since the change."""
+    return any(notice.noticed_at > CHANGE_AT for notice in notices)
 
 
 def in_parallel(scenarios: Sequence[Scenario], jobs: int, what: str) -> list[Notices]:

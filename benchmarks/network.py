@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping
 
 from agents.agent import Agent, Outbox
+from coheft.errors import CoheftError
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.config import agent_config
 from coheft.wire.messages import NeighbourMessage, Reference, Truth
@@ -44,6 +45,16 @@ class Network:
     def block(self) -> int:
         """Number of blocks so far."""
         return self._simulation.block
+
+    def settle(self, time: float) -> None:
+        """Run until that time [s].
+
+        Raises:
+            CoheftError: Not every agent weighs the load then: it is no team like those that are measured.
+        """
+        self.run_until(time)
+        if not self.is_working:
+            raise CoheftError(f"after {time:g} s not every agent weighs the load: what would be measured is a start")
 
     @property
     def is_working(self) -> bool:

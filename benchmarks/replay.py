@@ -28,7 +28,7 @@ _KEY = "replay"
 def record(scenario: Scenario, folder: Path) -> dict[str, Path]:
     """Run a scenario in this process until it has settled, and write what each agent says then to a file."""
     network = Network(scenario)
-    network.run_until(SETTLED)
+    network.settle(SETTLED)
     said: dict[str, list[tuple[bytes, bytes, bytes]]] = {name: [] for name in network.graph}
     for _ in range(BLOCKS):
         network.step()

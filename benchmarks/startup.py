@@ -87,7 +87,7 @@ def _bare_start() -> float:
     )
     began = time.monotonic()
     # In sessions of their own, as the real ones: schedulers may share time among sessions.
-    subprocess.run([sys.executable, "-c", code], check=True, start_new_session=True, env=_USUAL)
+    subprocess.run([sys.executable, "-c", code], check=True, start_new_session=True, env={**_USUAL, **ENVIRONMENT})
     return time.monotonic() - began
 
 

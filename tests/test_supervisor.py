@@ -8,6 +8,7 @@ import pytest
 
 from coheft.app.processes import ProcessError, Processes
 from coheft.wire.requests import StatusRequest
+from tests.waiting import wait_until
 
 # Like a server that loses the link with a robot before the robot's process has ended.
 FOLLOWS = """
@@ -73,5 +74,6 @@ def test_a_process_that_failed_can_be_started_again_with_what_it_was_told_and_it
         assert again.restarts == 1
         assert processes.pids == {"fails": again.process.pid}
         processes.check()
+        wait_until(lambda: len(again.lines) == 3, "its last words")
     assert again.process.returncode == 0
     assert again.lines == ["I am here", "something was wrong", "I am here"]

@@ -183,6 +183,7 @@ def watch(run_file: RunFile, display: Display) -> str:
             if time.monotonic() < news + _SILENCE and not observer.has_ended:
                 continue
             status = observer.status() or status
+            news = time.monotonic()
             observer.check_server()
             _explain_silence(status, display)
     return f"the run has ended at {status.time:.2f} s"
