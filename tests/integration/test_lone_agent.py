@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -14,6 +15,7 @@ from agents.neighbour_link import SILENCE
 from coheft.app.plan import make_plan
 from coheft.estimation.measurement import SAMPLE_SIZE
 from coheft.estimation.spatial import Array
+from coheft.wire.codec import decode
 from coheft.wire.inbox import Inbox, Received
 from coheft.wire.messages import Hello, Measurements, NeighbourMessage, Ready, Reference, Stop
 from coheft.wire.transport import Keys, Sender, open_session
@@ -75,9 +77,25 @@ class Surroundings:
         """Who has a link with its neighbour now."""
         return {str(peer) for peer in self.neighbour.info.peers_zid()}
 
-    def measure(self, block: int, world: int = 0, attempt: int | None = None, estimator: str = "") -> None:
+    @contextmanager
+    def hears_hellos(self) -> Iterator[list[Hello]]:
+        """What the agent tells its neighbour of whom it hears."""
+        key, found = self._team.keys.agent(self.name, "hello"), list[Hello]()
+        with self.neighbour.declare_subscriber(
+            key, lambda sample: found.append(decode(sample.payload.to_bytes(), Hello, key))
+        ):
+            yield found
+
+    def measure(
+        self,
+        block: int,
+        world: int = 0,
+        attempt: int | None = None,
+        estimator: str = "",
+        columns: int = SAMPLE_SIZE,
+    ) -> None:
         """Let its sensors measure something."""
-        samples = self._rng.normal(size=(self._team.plan.agents[self.name].agent.block, SAMPLE_SIZE))
+        samples = self._rng.normal(size=(self._team.plan.agents[self.name].agent.block, columns))
         attempt = self.attempt if attempt is None else attempt
         self._measurements.send(
             Measurements(
@@ -193,6 +211,26 @@ def test_an_agent_whose_server_comes_back_asks_it_at_once(tmp_path):
             waits.append(time.monotonic() - began)
         assert min(waits) < 0.6  # nothing but the machine is in its way
         around.finish()
+
+
+def test_a_robot_that_is_fed_says_twice_a_second_whom_it_hears(tmp_path):
+    with lone_agent(tmp_path, patience=0.01) as around, around.hears_hellos() as hellos:
+        for block in range(30):
+            around.greet(around.name)
+            around.measure(block)
+            time.sleep(0.1)
+        assert around.answers(30) == list(range(30))
+        assert len(hellos) >= 3
+        assert all(around.other in hello.heard for hello in hellos)
+        around.finish()
+
+
+def test_measurements_of_a_wrong_shape_are_refused(tmp_path):
+    with lone_agent(tmp_path, patience=0.1) as around:
+        around.measure(0, columns=SAMPLE_SIZE - 1)
+        around.measure(1)
+        assert around.answers(1) == [1]
+        assert re.match(r"refused from the server: samples.shape is \(10, 14\) but expected", around.finish())
 
 
 def test_a_message_that_is_lost_holds_up_one_step_only(tmp_path):

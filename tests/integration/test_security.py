@@ -6,11 +6,12 @@ import secrets
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 import zenoh
+from cryptography import x509
 
 from coheft.app.hosts import free_ports
 from coheft.app.keys import Authority, make_keys
@@ -194,6 +195,13 @@ def test_acting_as_a_client_or_a_router_gains_nothing(secure, mode, settings):
     to_attacker, to_victim = attack(secure, place, "r2", ("**", f"{KEYS.run}/agent/r1/*"), mode, **settings)
     assert to_attacker.heard == {KEYS.agent("r1", "block")}
     assert to_victim.heard == MAY_SAY[place, "r2"]
+
+
+def test_clocks_may_differ_by_some_minutes(tmp_path: Path) -> None:
+    make_keys(tmp_path / "keys", small_scenario(2, "line"))
+    for path in (tmp_path / "keys").glob("*.crt"):
+        certificate = x509.load_pem_x509_certificate(path.read_bytes())
+        assert certificate.not_valid_before_utc < datetime.now(UTC) - timedelta(minutes=4), path
 
 
 def without_certificate(_: Path, good: Credentials) -> dict[str, object]:
