@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
 import time
@@ -86,3 +88,6 @@ class Run:
         if self.supervisor.poll() is None:
             self.supervisor.terminate()
             self.supervisor.wait(PATIENCE)
+        for pid in self.pids.values():  # none, unless what is tested is broken
+            if alive(pid):
+                os.kill(pid, signal.SIGKILL)

@@ -84,7 +84,7 @@ def test_requests_are_carried_out_or_refused_with_a_reason(clock, tmp_path):
         assert team.refusal(InjectRequest(**GENTLE)) == "the run is over"
         for name in team.plan.agents:
             assert team.exit_status(name) == 0
-        assert all(team.log(name) == "" for name in team.plan.agents)
+        assert all(team.refusals(name) == [] for name in team.plan.agents)
 
 
 def incarnation_of(name: str, team: Team) -> int:

@@ -43,8 +43,13 @@ def in_terminal(*arguments: str, **environment: str) -> tuple[int, str]:
             output += part
     except OSError:  # how Linux says that the other end has gone
         pass
-    os.close(ours)
-    return process.wait(LIMIT), output.decode()
+    finally:
+        os.close(ours)
+        try:
+            status = process.wait(LIMIT)
+        finally:
+            process.kill()
+    return status, output.decode()
 
 
 def lines_of(text: str) -> list[str]:

@@ -85,10 +85,12 @@ def looking_at(browser: Any, url: str) -> Iterator[Any]:
     page.set_default_timeout(1e3 * PATIENCE)
     failures: list[str] = []
     page.on("pageerror", lambda error: failures.append(str(error)))
-    page.goto(url)
-    yield page
-    assert not failures
-    page.close()
+    try:
+        page.goto(url)
+        yield page
+        assert not failures
+    finally:  # or the browser draws it for all tests that follow
+        page.close()
 
 
 def text_of(page: Any) -> str:
