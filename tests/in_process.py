@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from agents.agent import Agent, Outbox
+from agents.agent import Outbox
+from coheft.app.inprocess import TeamInProcess, measured
 from coheft.app.judge import Judge, RobotReport
-from coheft.estimation.measurement import MeasurementBlock
-from coheft.wire.config import agent_config
-from coheft.wire.messages import Estimate, NeighbourMessage, Reference, Scene, Truth
+from coheft.wire.messages import Estimate, Scene, Truth
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import load_scenario
 from consensus.graph import build_graph
@@ -58,25 +57,18 @@ def steps(
         arrives: Whether the message that ``sender`` sent after the block before reaches ``to``.
         anew: By block before which agents that know nothing take the place of the others: what they are told to do.
     """
-    graph = build_graph(scenario.graph, scenario.robot_names)
-    simulation = Simulation(scenario, graph)
-    references: dict[int, dict[str, Reference]] = {}
-    messages: dict[str, NeighbourMessage] = {}
-    agents: dict[str, Agent] = {}
+    team = TeamInProcess(scenario)
     for block in range(scenario.blocks):
-        chosen = {0: scenario, **(anew or {})}.get(block)
+        chosen = (anew or {}).get(block)
         if chosen is not None:
-            agents = {name: Agent(agent_config(chosen, name, graph[name]), block) for name in graph}
-            messages = {}
-        result = simulation.advance(references.pop(block, {}))
-        outboxes = {}
-        for name, agent in agents.items():
-            inbox = [messages[other] for other in graph[name] if other in messages and arrives(block, name, other)]
-            measured = MeasurementBlock(block, result.measurements[name].samples) if is_measured(block, name) else None
-            outboxes[name] = agent.step(block, measured, inbox)
-        messages = {name: outbox.message for name, outbox in outboxes.items()}
-        references[block + scenario.lookahead] = {name: outbox.reference for name, outbox in outboxes.items()}
-        yield result.truth, outboxes
+            team.start_agents(chosen, incarnation=block)
+        result = team.measure()
+        samples = {name: each if is_measured(block, name) else None for name, each in measured(result).items()}
+        heard = {
+            name: [message for message in messages if arrives(block, name, message.sender)]
+            for name, messages in team.heard().items()
+        }
+        yield result.truth, team.answer(samples, heard)
 
 
 def run_with_faults(
@@ -91,8 +83,8 @@ def run_with_faults(
         is_measured: Whether the sensors of a robot work in a block.
         arrives: Whether the message that ``sender`` sent after the block before reaches ``to``.
     """
-    graph = build_graph(scenario.graph, scenario.robot_names)
-    recording = Recording(Simulation(scenario, graph).scene, [], {name: [] for name in graph})
+    scene = Simulation(scenario, build_graph(scenario.graph, scenario.robot_names)).scene
+    recording = Recording(scene, [], {name: [] for name in scene.robots})
     for truth, outboxes in steps(scenario, is_measured, arrives):
         recording.truths.append(truth)
         for name, outbox in outboxes.items():

@@ -5,16 +5,77 @@ Gives the same numbers as ``coheft run`` in lockstep, bit for bit, without proce
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from agents.agent import Agent
+from agents.agent import Agent, Outbox
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.config import agent_config
 from coheft.wire.messages import Estimate, NeighbourMessage, Reference, Truth
 from coheft.wire.scenario import Scenario
 from consensus.graph import build_graph
-from physics_server.simulation import Simulation
+from physics_server.simulation import BlockResult, Simulation
+
+
+class TeamInProcess:
+    """All parts of a run. A block is ``measure``, then ``answer`` to what is ``measured`` and ``heard``.
+
+    Args:
+        scenario: What to run.
+
+    Attributes:
+        graph: Neighbours of every robot.
+        simulation: The physics.
+        agents: By robot.
+        outboxes: What each agent sent after the last block.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.graph = build_graph(scenario.graph, scenario.robot_names)
+        self.simulation = Simulation(scenario, self.graph)
+        self.start_agents(scenario)
+        self._lookahead = scenario.lookahead
+        self._references: dict[int, dict[str, Reference]] = {}
+
+    def start_agents(self, scenario: Scenario, incarnation: int = 0) -> None:
+        """Let agents that know nothing take the place of those that there are.
+
+        Args:
+            scenario: What they are told to do.
+            incarnation: Larger than that of those before.
+        """
+        self.agents = {
+            name: Agent(agent_config(scenario, name, others), incarnation) for name, others in self.graph.items()
+        }
+        self.outboxes: dict[str, Outbox] = {}
+
+    def measure(self) -> BlockResult:
+        """Let the physics go on by a block, with the arms as the agents wanted them."""
+        return self.simulation.advance(self._references.pop(self.simulation.block, {}))
+
+    def heard(self) -> dict[str, list[NeighbourMessage]]:
+        """What every robot's neighbours said after the last block."""
+        return {
+            name: [self.outboxes[other].message for other in others if other in self.outboxes]
+            for name, others in self.graph.items()
+        }
+
+    def answer(
+        self,
+        blocks: Mapping[str, MeasurementBlock | None],
+        heard: Mapping[str, Sequence[NeighbourMessage]],
+    ) -> dict[str, Outbox]:
+        """Let all agents step, each with its own measurements and what it has heard; what they send."""
+        index = self.simulation.block - 1
+        self.outboxes = {name: agent.step(index, blocks[name], heard[name]) for name, agent in self.agents.items()}
+        references = {name: outbox.reference for name, outbox in self.outboxes.items()}
+        self._references[index + self._lookahead] = references
+        return self.outboxes
+
+
+def measured(result: BlockResult) -> dict[str, MeasurementBlock | None]:
+    """A block as every robot has measured it."""
+    return {name: MeasurementBlock(each.block, each.samples) for name, each in result.measurements.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,20 +88,10 @@ class BlockRecord:
 
 def run_in_process(scenario: Scenario) -> Iterator[BlockRecord]:
     """Run a scenario block by block."""
-    graph = build_graph(scenario.graph, scenario.robot_names)
-    agents = {name: Agent(agent_config(scenario, name, graph[name])) for name in graph}
-    simulation = Simulation(scenario)
-    references: dict[int, dict[str, Reference]] = {}
-    messages: dict[str, NeighbourMessage] = {}
-    for block in range(scenario.blocks):
-        result = simulation.advance(references.pop(block, {}))
-        outboxes = {}
-        for name, agent in agents.items():
-            inbox = [messages[other] for other in graph[name] if other in messages]
-            measured = MeasurementBlock(block, result.measurements[name].samples)
-            outboxes[name] = agent.step(block, measured, inbox)
-        messages = {name: outbox.message for name, outbox in outboxes.items()}
-        references[block + scenario.lookahead] = {name: outbox.reference for name, outbox in outboxes.items()}
+    team = TeamInProcess(scenario)
+    for _ in range(scenario.blocks):
+        result = team.measure()
+        outboxes = team.answer(measured(result), team.heard())
         yield BlockRecord(
             result.truth, {name: out.estimate for name, out in outboxes.items() if out.estimate is not None}
         )

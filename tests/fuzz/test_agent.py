@@ -12,14 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.agent import Agent, Outbox
+from coheft.app.inprocess import TeamInProcess, measured
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.spatial import Array
 from coheft.wire.codec import encode
-from coheft.wire.config import agent_config
-from coheft.wire.messages import NeighbourMessage, Reference
+from coheft.wire.messages import NeighbourMessage
 from coheft.wire.scenario_file import load_scenario
-from consensus.graph import build_graph
-from physics_server.simulation import Simulation
 from tests.fuzz.any_message import KEY, altered, values
 
 BLOCKS = 3
@@ -68,26 +66,16 @@ def moment(request: pytest.FixtureRequest) -> Moment:
     """The first of three robots, while it finds poses, or sums up."""
     estimator, time = request.param
     scenario = msgspec.structs.replace(load_scenario("ring3"), estimator=estimator)
-    graph = build_graph(scenario.graph, scenario.robot_names)
-    agents = {name: Agent(agent_config(scenario, name, graph[name])) for name in graph}
-    simulation = Simulation(scenario, graph)
-    references: dict[int, dict[str, Reference]] = {}
-    sent: list[NeighbourMessage] = []
+    team = TeamInProcess(scenario)
     first, name = round(time / scenario.block_duration), scenario.robot_names[0]
     for block in range(first + BLOCKS):
         if block == first:
-            moment = Moment(copy.deepcopy(agents[name]), first)
-        result = simulation.advance(references.pop(block, {}))
-        heard = {robot: [message for message in sent if message.sender in graph[robot]] for robot in graph}
+            moment = Moment(copy.deepcopy(team.agents[name]), first)
+        result, heard = team.measure(), team.heard()
         if block >= first:
             moment.samples.append(result.measurements[name].samples)
             moment.heard.append(heard[name])
-        outboxes = {
-            robot: agent.step(block, MeasurementBlock(block, result.measurements[robot].samples), heard[robot])
-            for robot, agent in agents.items()
-        }
-        sent = [outbox.message for outbox in outboxes.values()]
-        references[block + scenario.lookahead] = {robot: outbox.reference for robot, outbox in outboxes.items()}
+        team.answer(measured(result), heard)
     return moment
 
 
