@@ -11,11 +11,11 @@ LIMIT = 60.0
 """Nothing takes so long unless it is broken [s]."""
 
 
-def wait_until(condition: Callable[[], bool], what: str = "what should come") -> None:
-    """Poll a condition that comes true unless something is broken."""
-    deadline = time.monotonic() + LIMIT
+def wait_until(condition: Callable[[], object], what: str = "what should come", limit: float = LIMIT) -> None:
+    """Poll a condition that comes true within ``limit`` [s] unless something is broken."""
+    deadline = time.monotonic() + limit
     while not condition():
-        assert time.monotonic() < deadline, f"waited {LIMIT:g} s for {what}"
+        assert time.monotonic() < deadline, f"waited {limit:g} s for {what}"
         time.sleep(0.01)
 
 

@@ -6,30 +6,18 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from coheft.app.run_folder import RUN_FILE, RunFile
-
-PATIENCE = 60.0
-"""Nothing takes so long unless it is broken [s]."""
+from tests.waiting import LIMIT, wait_until
 
 
 def alive(pid: int) -> bool:
     """Whether a process runs; one that waits to be reaped does not."""
     state = subprocess.run(["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True, check=False).stdout
     return bool(state.strip()) and not state.startswith("Z")
-
-
-def wait_for(condition: Callable[[], Any], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, f"waited {PATIENCE:g} s in vain: {what}"
-        time.sleep(0.05)
 
 
 class Run:
@@ -49,7 +37,7 @@ class Run:
 
     def wait_until_under_way(self) -> None:
         """Wait for the first line about simulated time, and learn who is who."""
-        wait_for(lambda: " s of " in self.text or self.supervisor.poll() is not None, "the run to be under way")
+        wait_until(lambda: " s of " in self.text or self.supervisor.poll() is not None, "the run to be under way")
         assert self.supervisor.poll() is None, self.text
         self.read_pids()
         assert all(alive(pid) for pid in self.pids.values())
@@ -60,7 +48,7 @@ class Run:
         return self.pids
 
     def wait(self) -> int:
-        return self.supervisor.wait(PATIENCE)
+        return self.supervisor.wait(LIMIT)
 
     @property
     def text(self) -> str:
@@ -76,7 +64,7 @@ class Run:
             [sys.executable, "-m", "coheft", *arguments, "--run", str(self.folder)],
             capture_output=True,
             text=True,
-            timeout=PATIENCE,
+            timeout=LIMIT,
             check=False,
         )
         return done.returncode, done.stdout + done.stderr
@@ -87,7 +75,7 @@ class Run:
     def end(self) -> None:
         if self.supervisor.poll() is None:
             self.supervisor.terminate()
-            self.supervisor.wait(PATIENCE)
+            self.supervisor.wait(LIMIT)
         for pid in self.pids.values():  # none, unless what is tested is broken
             if alive(pid):
                 os.kill(pid, signal.SIGKILL)

@@ -16,9 +16,10 @@ from coheft.wire.requests import EstimatorRequest
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import load_scenario
 from tests.in_process import steps
-from tests.integration.command_line import Run, wait_for
+from tests.integration.command_line import Run
 from tests.integration.team import Team, running_team, small_scenario
 from tests.integration.test_same_numbers import in_one_process
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")
 
@@ -32,7 +33,7 @@ def changing_run(scenario: Scenario, since: int, estimator: str) -> Iterator[Blo
 def test_robots_begin_anew_with_another_estimator_in_mid_run(start: Callable[..., Run], tmp_path: Path) -> None:
     target = tmp_path / "report.json"
     run = start("--duration", "10000", "--change", "t=9999,mass=1", "--history", "--json", str(target))
-    wait_for(lambda: "3 converged" in run.text, "the first estimator to find out")
+    wait_until(lambda: "3 converged" in run.text, "the first estimator to find out")
 
     status, text = run.ask("use", "best")
     assert status == 1
@@ -42,8 +43,8 @@ def test_robots_begin_anew_with_another_estimator_in_mid_run(start: Callable[...
     status, text = run.ask("use", "seed")
     assert status == 0, text
     assert run.ask("use") == (0, "the robots use seed; there are: efficient, seed\n")
-    wait_for(lambda: run.text.count("begins anew") == 3, "all robots to say so")
-    wait_for(lambda: "; mass" in run.text.rpartition("begins anew")[2], "an estimate by the other estimator")
+    wait_until(lambda: run.text.count("begins anew") == 3, "all robots to say so")
+    wait_until(lambda: "; mass" in run.text.rpartition("begins anew")[2], "an estimate by the other estimator")
     assert run.ask("stop")[0] == 0
     assert run.wait() in (0, 3), run.text
 
@@ -69,8 +70,8 @@ def test_an_agent_that_comes_back_uses_what_the_others_use(tmp_path: Path) -> No
     with running_team(small_scenario(3), tmp_path, "realtime") as team:
         team.wait_for_block(10)
         assert team.ask(EstimatorRequest(estimator="seed")).estimator == "seed"
-        wait_for(lambda: all(begun(team, name) == 1 for name in team.plan.agents), "all agents to begin anew")
+        wait_until(lambda: all(begun(team, name) == 1 for name in team.plan.agents), "all agents to begin anew")
         team.kill("r2")
         team.restart("r2")
-        wait_for(lambda: begun(team, "r2") == 2, "the one that is back to do so, too")
+        wait_until(lambda: begun(team, "r2") == 2, "the one that is back to do so, too")
         assert [begun(team, name) for name in ("r1", "r3")] == [1, 1]

@@ -18,7 +18,8 @@ from coheft.app.recording.reader import read_recording
 from coheft.app.recording.recover import Saved, recover
 from coheft.errors import RecordingError
 from coheft.wire.messages import Estimate, Truth
-from tests.integration.command_line import Run, wait_for
+from tests.integration.command_line import Run
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")
 
@@ -95,10 +96,10 @@ def test_a_run_that_is_killed_leaves_all_but_its_last_second(start: Callable[...
         saved = saved_so_far(path, scratch)
         return saved is not None and saved.until >= paused_at - 1e-6
 
-    wait_for(is_complete, f"the recording to reach {paused_at} s")
+    wait_until(is_complete, f"the recording to reach {paused_at} s")
     run.supervisor.kill()
     run.wait()
-    wait_for(lambda: run.left() == [], "all processes to notice that their supervisor is gone")
+    wait_until(lambda: run.left() == [], "all processes to notice that their supervisor is gone")
     with pytest.raises(RecordingError, match="coheft recover"):
         read_recording(path)
 

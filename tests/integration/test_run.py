@@ -16,7 +16,8 @@ from typing import IO, Any
 import pytest
 
 from coheft.app.run_folder import RUN_FILE
-from tests.integration.command_line import PATIENCE, Run, wait_for
+from tests.integration.command_line import Run
+from tests.waiting import LIMIT, wait_until
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")
 
@@ -95,7 +96,7 @@ def test_the_same_seed_gives_the_same_numbers(report: dict[str, Any], tmp_path: 
 def test_a_run_that_is_too_short_has_not_converged_and_says_so(tmp_path: Path) -> None:
     command = ["run", "ring3", "--duration", "1", "--json", "-", "--logs", str(tmp_path)]
     run = subprocess.run(
-        [sys.executable, "-m", "coheft", *command], capture_output=True, text=True, timeout=PATIENCE, check=False
+        [sys.executable, "-m", "coheft", *command], capture_output=True, text=True, timeout=LIMIT, check=False
     )
     assert run.returncode == 3, run.stderr
     assert "Not converged: r1, r2, r3" in run.stderr
@@ -129,8 +130,8 @@ def test_an_agent_that_is_killed_is_started_again_and_the_run_goes_on(
     for time_no in (1, 2):
         before = run.pids["r2"]
         os.kill(before, signal.SIGKILL)
-        wait_for(lambda before=before: run.read_pids()["r2"] != before, "another process")
-        wait_for(lambda time_no=time_no: run.text.count("r2 is back before block") == time_no, "its return")
+        wait_until(lambda before=before: run.read_pids()["r2"] != before, "another process")
+        wait_until(lambda time_no=time_no: run.text.count("r2 is back before block") == time_no, "its return")
     assert "r2 was killed by signal 9; started again (2 of 3)" in run.words
     assert run.ask("stop")[0] == 0
     assert run.wait() in (0, 3), run.text
@@ -154,9 +155,9 @@ def test_an_agent_that_is_told_to_end_has_failed_and_is_started_again(start: Cal
     run.wait_until_under_way()
     before = run.pids["r2"]
     os.kill(before, signal.SIGTERM)
-    wait_for(lambda: run.read_pids()["r2"] != before, "another process")
+    wait_until(lambda: run.read_pids()["r2"] != before, "another process")
     assert "r2 was told to end by SIGTERM; started again (1 of 1)" in run.words
-    wait_for(lambda: "r2 is back before block" in run.text, "its return")
+    wait_until(lambda: "r2 is back before block" in run.text, "its return")
     os.kill(run.pids["r2"], signal.SIGTERM)
     assert run.wait() == 1
     assert run.left() == []
@@ -205,7 +206,7 @@ def test_no_process_outlives_a_killed_supervisor(start: Callable[..., Run]) -> N
     run.wait_until_under_way()
     run.supervisor.kill()
     run.wait()
-    wait_for(lambda: run.left() == [], "all processes to notice that their supervisor is gone")
+    wait_until(lambda: run.left() == [], "all processes to notice that their supervisor is gone")
 
 
 def test_loads_come_and_go_in_a_run_and_nonsense_is_refused(start: Callable[..., Run], tmp_path: Path) -> None:
@@ -261,7 +262,7 @@ def test_links_are_cut_and_mended_and_robots_let_go_and_take_hold(start: Callabl
         status, text = run.ask(*command.split())
         assert status == 0, text
         assert words in " ".join(text.split())
-        wait_for(lambda log=log, done=done: done in (run.folder / f"{log}.log").read_text(), done)
+        wait_until(lambda log=log, done=done: done in (run.folder / f"{log}.log").read_text(), done)
     for command, complaint in (
         ("cut r1 r9", "there is no link r1-r9; the links are r1-r2, r1-r3, r2-r3"),
         ("release r9", "no robot r9: the robots are r1, r2, r3"),
@@ -294,11 +295,11 @@ def watching(run: Run) -> Iterator[tuple[subprocess.Popen[str], IO[str]]]:
 
 def test_watch_follows_a_run_to_its_end(start: Callable[..., Run]) -> None:
     run = start("--duration", "10000", "--quiet")
-    wait_for(lambda: run.ask("resume")[0] == 0, "the server to answer")  # announced before it listens
+    wait_until(lambda: run.ask("resume")[0] == 0, "the server to answer")  # announced before it listens
     with watching(run) as (watcher, lines):
         assert run.ask("stop")[0] == 0
         assert lines.read().splitlines()[-1].startswith("the run has ended at ")
-        assert watcher.wait(PATIENCE) == 0
+        assert watcher.wait(LIMIT) == 0
     assert run.wait() in (0, 3)
     assert run.text == "", "quiet means quiet"
 
@@ -316,7 +317,7 @@ def test_who_watches_is_patient_with_a_server_that_hangs_for_a_while(start: Call
                 assert any(" s of 10000 s: " in line for line in lines)
         os.kill(run.pids["server"], signal.SIGKILL)
         assert "questions in a row: it has gone, or hangs" in " ".join(lines.read().split())
-        assert watcher.wait(PATIENCE) == 1
+        assert watcher.wait(LIMIT) == 1
     assert run.wait() == 1
 
 
@@ -333,9 +334,9 @@ def test_the_parts_can_be_started_by_hand(tmp_path: Path) -> None:
     ]
     try:
         assert len(parts) == 4
-        assert [part.wait(PATIENCE) for part in parts] == [0, 0, 0, 0]
+        assert [part.wait(LIMIT) for part in parts] == [0, 0, 0, 0]
     finally:
         for part in parts:
             if part.poll() is None:
                 part.terminate()
-                part.wait(PATIENCE)
+                part.wait(LIMIT)

@@ -9,9 +9,9 @@ import signal
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from coheft.app.hosts import free_ports
 from coheft.app.observer import ask_server
 from coheft.app.run_folder import RUN_FILE, RunFile
 from coheft.wire.requests import Status, StatusRequest
+from tests.waiting import wait_until
 
 pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
 sync_api = pytest.importorskip("playwright.sync_api", reason="browser tests need playwright")
@@ -38,11 +39,7 @@ PATIENCE = 180.0
 """Software draws the scene, and slowly [s]."""
 
 
-def wait_for(condition: Callable[[], Any], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, f"waited {PATIENCE:g} s in vain: {what}"
-        time.sleep(0.1)
+wait_for = partial(wait_until, limit=PATIENCE)
 
 
 @contextmanager
