@@ -165,8 +165,10 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
         wait_for(lambda: "estimator seed" in text_of(page), "the other estimator to be used")
         click(page, "Mend")
         wait_for(lambda: "mended the link r1-r2" in text_of(page), "the link to be mended")
+        assert page.get_by_role("button", name="Drop 3 kg").count() == 1
         click(page, "Stop the run")
         wait_for(lambda: "the run has ended" in text_of(page), "the end")
+        wait_for(lambda: page.get_by_role("button", name="Drop 3 kg").count() == 0, "nothing to be done any more")
         wait_for(report.exists, "the report")
         told = json.loads(report.read_text())
         assert told["estimator"] == "seed"
