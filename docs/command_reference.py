@@ -19,7 +19,7 @@ _INTRODUCTION = """# Commands
 
 ## Exit status
 
-The same for all commands:
+The same for all commands; but `coheft view` ends with 0 after Ctrl-C, which is how it is ended:
 
 | status | meaning |
 |---|---|
@@ -45,7 +45,7 @@ Every run has a folder with the logs of its processes, and with the file by whic
 newest 20 are kept. `--logs DIR` puts it elsewhere. Commands on a run that goes on take your newest one; `--run` says
 which instead.
 
-Robots are called `r1`, `r2`, … in the order of the scenario; in teams of ten or more `r01`, `r02`, ….
+Robots are called `r1`, `r2`, … in the order of the scenario; in teams of ten or more `r01`, `r02`, …, of a hundred or more `r001`.
 
 ## Completion with the Tab key
 
