@@ -34,7 +34,8 @@ class Completeness:
         if self.newest < 0:
             self._resumed, self._settled = block, block + self._settling
         elif block > self.newest + self._patience:
-            self._resumed, self._settled = block, block + self._patience
+            wait = self._patience if self.newest >= self._settled else max(self._patience, self._settling)
+            self._resumed, self._settled = block, block + wait
         self.newest = block
 
     def gap(self, block: int) -> str | None:

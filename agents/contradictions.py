@@ -48,7 +48,7 @@ class Contradictions:
         self._patience = config.blocks(_BLAMED)
         self._blamed, self._anybody_blamed = 0, 0.0
         self._told = 0.0
-        self._is_wrong = False
+        self._is_wrong = self._has_looked = False
         self.use_pose(pose, deviations)
 
     def use_pose(self, pose: Pose, deviations: Array) -> None:
@@ -57,10 +57,12 @@ class Contradictions:
 
     def add(self, moments: RegistrationMoments) -> bool:
         """Take in what a block says of the own pose; returns whether it is like those of late."""
+        self._has_looked = True
         return self._watch.add(moments, self._pose, self._variances)
 
     def add_early(self, moments: RegistrationMoments) -> bool:
         """The same of blocks that came early, ``PACE`` of them."""
+        self._has_looked = True
         return self._early_watch.add(moments, self._pose, self._variances)
 
     def forget_early(self) -> None:
@@ -79,14 +81,20 @@ class Contradictions:
             if max(misfit, self._told) > MISFIT:
                 self.flood.tell(self._own, index, np.array([misfit]))
                 self._told = misfit
-        by = self.by  # one that is blamed again and again is blamed, too
+        if self._has_looked:  # without complete sums nothing is known better than before
+            self._count_blame()
+        self._has_looked = False
+        # Nobody can have told that yet, and it would win over all that the robot tells until then.
+        self._is_wrong = bool(self.flood.table[:, 0].max() > index + AHEAD)
+
+    def _count_blame(self) -> None:
+        """One more block that somebody is blamed in, or nobody; one that is blamed again and again is blamed, too."""
+        by = self.by
         if by is None:
             self._blamed, self._anybody_blamed = max(0, self._blamed - 1), max(0.0, self._anybody_blamed - _EXCUSED)
         else:
             self._blamed += by == self._names[self._own]
             self._anybody_blamed += 1
-        # Nobody can have told that yet, and it would win over all that the robot tells until then.
-        self._is_wrong = bool(self.flood.table[:, 0].max() > index + AHEAD)
 
     @property
     def by(self) -> str | None:

@@ -45,7 +45,8 @@ Every run has a folder with the logs of its processes, and with the file by whic
 newest 20 are kept. `--logs DIR` puts it elsewhere. Commands on a run that goes on take your newest one; `--run` says
 which instead.
 
-Robots are called `r1`, `r2`, … in the order of the scenario; in teams of ten or more `r01`, `r02`, …, of a hundred or more `r001`.
+Robots are called `r1`, `r2`, … in the order of the scenario; in larger teams
+`r01` or `r001`, so that their names are in order.
 
 ## Completion with the Tab key
 

@@ -46,13 +46,14 @@ class Watching:
             for k, name in enumerate(NAMES)
         ]
 
-    def run(self, first: int, blocks: int, *, early: bool = False) -> None:
+    def run(self, first: int, blocks: int, *, early: bool = False, complete: bool = True) -> None:
         for block in range(first, first + blocks):
             rows = slice(block * BLOCK, (block + 1) * BLOCK)
             for k, robot in enumerate(self.robots):
-                moments = RegistrationMoments.of(self.samples[rows, k, KINEMATICS], self.team.motion[rows])
-                like = (robot.add_early if early else robot.add)(moments)
-                self.unlike += [] if like else [(block, NAMES[k])]
+                if complete:
+                    moments = RegistrationMoments.of(self.samples[rows, k, KINEMATICS], self.team.motion[rows])
+                    like = (robot.add_early if early else robot.add)(moments)
+                    self.unlike += [] if like else [(block, NAMES[k])]
                 robot.step(block)
             for robot in self.robots:
                 for other in self.robots:
@@ -73,6 +74,19 @@ def test_who_is_wrong_is_named_by_all_and_starts_over(early: bool) -> None:
     watching.run(0, 70, early=early)
     assert [robot.by for robot in watching.robots] == ["r2"] * 3
     assert [robot.have_lasted for robot in watching.robots] == [False, True, False]
+
+
+def test_while_no_sum_is_complete_nobody_is_blamed_any_longer() -> None:
+    watching = Watching({})
+    watching.samples[20 * BLOCK : 25 * BLOCK, 1, :3] *= 3.0
+    watching.run(0, 25)
+    assert [robot.by for robot in watching.robots] == ["r2"] * 3
+    watching.run(25, 100, complete=False)
+    assert [robot.by for robot in watching.robots] == ["r2"] * 3
+    assert not any(robot.have_lasted or robot.anybodys_have_lasted for robot in watching.robots)
+    watching.run(125, 40)
+    assert [robot.by for robot in watching.robots] == [None] * 3
+    assert not any(robot.have_lasted or robot.anybodys_have_lasted for robot in watching.robots)
 
 
 @pytest.mark.parametrize("early", [False, True])
