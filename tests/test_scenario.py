@@ -88,6 +88,7 @@ def test_good_scenario_is_good() -> None:
         ("[-0.2, 0.0, 0.0]", "[-0.2, 0.0]", "robots.grasps[0].position", "[-0.2, 0.0]", "length 3"),
         ('name = "two"', "", "name", "missing", "required"),
         ('name = "two"', 'name = "../two"', "name", "'../two'", "a-z"),
+        ('name = "two"', 'name = "two"\nefficient.memory = 0.2', "efficient.memory", "0.2", ">= 0.3"),
         ('name = "two"', 'name = "two"\nspeed = 3', "speed", "no such key", "duration"),
         ('kind = "line"', 'kind = "lien"', "graph.kind", "'lien'", "'line'"),
         ('kind = "line"', 'kinds = "line"', "graph.kinds", "no such key. Did you mean 'kind'?", "edge_probability"),

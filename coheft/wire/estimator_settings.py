@@ -37,14 +37,14 @@ class EfficientSettings(Section, frozen=True):
         refit_share: Poses are fitted anew whenever the data have grown by this share.
         offsets: Whether force and torque sensors may have constant offsets; these are then estimated as well.
         memory: How long the past counts: "window" keeps all since the last load change that was noticed; a number
-            forgets exponentially over this time [s].
+            forgets exponentially over this time [s]; over less than 0.3 s no load can be weighed.
     """
 
     start_rotation_deg: Positive = 1.0
     start_translation_mm: Positive = 20.0
     refit_share: Positive = 0.01
     offsets: bool = False
-    memory: Literal["window"] | Positive = "window"
+    memory: Literal["window"] | Annotated[float, Meta(ge=0.3)] = "window"
 
 
 class Converged(Section, frozen=True):
