@@ -45,6 +45,7 @@ class CommonMoments:
         forgotten: Samples that counted before all came again.
         left_out: Blocks that came since the last agreement and could not be told of.
         is_spoilt: Whether somebody said with the last one that something is wrong.
+        has_forgotten: Whether the samples before it do not count any more.
         flood: Tells the others, and hears them: per robot what it says about the chunk before, and about the present.
     """
 
@@ -53,7 +54,7 @@ class CommonMoments:
         self._sure = RegistrationMoments.none()
         self._unsure: deque[RegistrationMoments] = deque([RegistrationMoments.none()] * unsure, maxlen=unsure)
         self._spoilt_step = -1
-        self.is_spoilt = False
+        self.is_spoilt = self.has_forgotten = False
         self._again, self._told_again = 0, 0
         self.forgotten = 0.0
         self.chunks = self.steps = self.left_out = 0
@@ -130,7 +131,8 @@ class CommonMoments:
 
     def _forget(self, again: int) -> None:
         """What came before a step, if that is news."""
-        if again > self._again:
+        self.has_forgotten = again > self._again
+        if self.has_forgotten:
             self._again, self.forgotten = again, self.total.count
             self._sure = RegistrationMoments.none()
             self._unsure.extend([RegistrationMoments.none()] * len(self._unsure))

@@ -144,6 +144,8 @@ class PoseFits:
         while self.common.agree(index - 1):
             if self.common.is_spoilt:
                 self._look_at_spoilt()
+            if self.common.has_forgotten:  # what few samples have shown pays to be fitted anew, however old the team is
+                self._tell_step = min(self._tell_step, self.common.steps + self._longest)
             self._tell_score(version, poses, is_settled and self.carried == version)
         if self._own == 0:
             self._fit(index, version, poses, slope, are_rough, come_again)
