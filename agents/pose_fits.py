@@ -144,7 +144,7 @@ class PoseFits:
         while self.common.agree(index - 1):
             if self.common.is_spoilt:
                 self._look_at_spoilt()
-            if self.common.has_forgotten:  # what few samples have shown pays to be fitted anew, however old the team is
+            if self.common.has_forgotten:  # fits pay again as they do at first, however old the team is
                 self._tell_step = min(self._tell_step, self.common.steps + self._longest)
             self._tell_score(version, poses, is_settled and self.carried == version)
         if self._own == 0:
@@ -232,9 +232,8 @@ class PoseFits:
             least = min(least, _SOON * self._config.rate)
         least = max(least, _FIRST * self._config.rate)
         count = self.common.total.count
-        if (
-            steps < self._tell_step or count < least or count == self._told_count
-        ):  # nothing new while no sum is complete
+        has_news = count != self._told_count  # none while no sum is complete
+        if steps < self._tell_step or count < least or not has_news:
             return
         self._tells, self._told_chunk, self._told_count = self._tells + 1, self.common.chunks, count
         self._chunks[self._tells] = self.common.chunks

@@ -37,15 +37,15 @@ class Network:
         """Number of blocks so far."""
         return self._team.simulation.block
 
-    def settle(self, time: float) -> None:
-        """Run until that time [s].
+    def settle(self, seconds: float) -> None:
+        """All blocks up to a simulated time [s].
 
         Raises:
             CoheftError: Not every agent weighs the load then: it is no team like those that are measured.
         """
-        self.run_until(time)
+        self.run_until(seconds)
         if not self.is_working:
-            raise CoheftError(f"after {time:g} s not every agent weighs the load: what would be measured is a start")
+            raise CoheftError(f"after {seconds:g} s not every agent weighs the load: what would be measured is a start")
 
     @property
     def is_working(self) -> bool:

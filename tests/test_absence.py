@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import pytest
 
 from physics_server.absence import Absences
+from tests.wall_clock import WallClock, wall_clock_of
 
 
 @pytest.fixture
-def now(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    """A clock on the wall that a test sets."""
-    wall = SimpleNamespace(time=100.0)
-    monkeypatch.setattr("physics_server.absence.time", SimpleNamespace(monotonic=lambda: wall.time))
-    return wall
+def now(monkeypatch: pytest.MonkeyPatch) -> WallClock:
+    return wall_clock_of("physics_server.absence", monkeypatch)
 
 
-def test_who_does_not_come_back_in_time_is_given_up_and_may_come_back_later(now: SimpleNamespace) -> None:
+def test_who_does_not_come_back_in_time_is_given_up_and_may_come_back_later(now: WallClock) -> None:
     absences = Absences(10.0)
     absences.begin("r1")
     now.time += 9.9
@@ -32,7 +28,7 @@ def test_who_does_not_come_back_in_time_is_given_up_and_may_come_back_later(now:
     assert absences.waited_for == ["r1"]
 
 
-def test_who_comes_and_goes_is_not_waited_for_for_ever(now: SimpleNamespace) -> None:
+def test_who_comes_and_goes_is_not_waited_for_for_ever(now: WallClock) -> None:
     """As an agent that dies as soon as its link stands, and is started again every time."""
     absences = Absences(10.0)
     absences.begin("r1")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -19,6 +18,7 @@ from coheft.wire.scenario_file import load_scenario
 from coheft.wire.transport import Keys, Sender, open_session
 from physics_server.clock import Lockstep, Realtime, Stopwatch
 from physics_server.robots import Robots
+from tests.wall_clock import WallClock, wall_clock_of
 
 DURATION = 0.02
 LAG = 2
@@ -26,14 +26,11 @@ SAMPLES = 5
 
 
 @pytest.fixture
-def now(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    """A clock on the wall that a test sets."""
-    wall = SimpleNamespace(time=100.0)
-    monkeypatch.setattr("physics_server.clock.time", SimpleNamespace(monotonic=lambda: wall.time))
-    return wall
+def now(monkeypatch: pytest.MonkeyPatch) -> WallClock:
+    return wall_clock_of("physics_server.clock", monkeypatch)
 
 
-def test_in_real_time_a_block_is_simulated_when_it_has_ended(now: SimpleNamespace) -> None:
+def test_in_real_time_a_block_is_simulated_when_it_has_ended(now: WallClock) -> None:
     clock = Realtime(DURATION)
     clock.start(0)
     for block in range(3):
@@ -43,7 +40,7 @@ def test_in_real_time_a_block_is_simulated_when_it_has_ended(now: SimpleNamespac
     assert clock.delay(1, answered=-1) == pytest.approx(0.5 * DURATION)
 
 
-def test_in_real_time_nothing_is_made_up_for_after_a_pause(now: SimpleNamespace) -> None:
+def test_in_real_time_nothing_is_made_up_for_after_a_pause(now: WallClock) -> None:
     clock = Realtime(DURATION)
     clock.start(0)
     now.time += 1000.0
@@ -57,7 +54,7 @@ def test_in_lockstep_a_block_waits_for_the_answers_that_it_needs() -> None:
     assert [clock.delay(block, answered=7) for block in (8, 9, 10)] == [0.0, 0.0, math.inf]
 
 
-def test_a_stopwatch_adds_up_the_time_for_which_it_runs(now: SimpleNamespace) -> None:
+def test_a_stopwatch_adds_up_the_time_for_which_it_runs(now: WallClock) -> None:
     watch = Stopwatch()
     for _ in range(2):
         watch.start()

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import pytest
 
 from coheft.wire.problem_log import ProblemLog
 from coheft.wire.transport import Sender
+from tests.wall_clock import wall_clock_of
 
 
 def test_nobody_can_make_up_a_line_of_the_log(capfd: pytest.CaptureFixture[str]) -> None:
@@ -19,8 +18,7 @@ def test_nobody_can_make_up_a_line_of_the_log(capfd: pytest.CaptureFixture[str])
 def test_who_sends_rubbish_without_end_does_not_fill_the_disk_and_is_counted(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    now = 0.0
-    monkeypatch.setattr("coheft.wire.problem_log.time", SimpleNamespace(monotonic=lambda: now))
+    now = wall_clock_of("coheft.wire.problem_log", monkeypatch)
     log = ProblemLog("server", Sender(None, "run/observe/server/problem", may_drop=True))
 
     def printed(count: int) -> list[str]:
@@ -29,8 +27,8 @@ def test_who_sends_rubbish_without_end_does_not_fill_the_disk_and_is_counted(
         return capfd.readouterr().err.splitlines()
 
     assert printed(1000) == 50 * ["rubbish"]
-    now = 1.0
+    now.time = 1.0
     assert printed(10) == ["rubbish (and 950 more problems before)", *4 * ["rubbish"]]
-    now = 1000.0
+    now.time = 1000.0
     assert printed(60) == ["rubbish (and 5 more problems before)", *49 * ["rubbish"]]
     assert log.count == 1070

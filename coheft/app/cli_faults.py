@@ -127,10 +127,10 @@ def _write(path: Path, text: str) -> None:
         raise CoheftError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _new_file(stem: str, suffix: str) -> Path:
+def _new_file(seed: int) -> Path:
     """One that is not there: what is replayed may be a simpler schedule that was found before."""
-    names = (stem if number == 1 else f"{stem}-{number}" for number in count(1))
-    return next(path for name in names if not (path := Path(f"{name}{suffix}")).exists())
+    names = (f"faults-{seed}-{number}.json" if number > 1 else f"faults-{seed}.json" for number in count(1))
+    return next(path for path in map(Path, names) if not path.exists())
 
 
 def _schedule_of(text: str) -> FaultSchedule:
@@ -153,7 +153,7 @@ def _replay(console: Console, schedule: FaultSchedule, mutant: str, *, is_shrunk
             fails = breaks_same_promise(outcome)
             schedule = shrink(schedule, fails, lambda simpler: print_schedule(console, simpler))
             outcome = try_schedule(schedule)
-            path = _new_file(f"faults-{schedule.seed}", ".json")
+            path = _new_file(schedule.seed)
             write_schedule(schedule, path)
             console.print(f"written to {path}")
     print_schedule(console, schedule)
