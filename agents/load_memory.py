@@ -32,6 +32,7 @@ from coheft.estimation.inertia import (
     unpacked_gram,
 )
 from coheft.estimation.load_change import LoadWindow
+from coheft.estimation.load_comparison import KnownLoad
 from coheft.estimation.load_samples import Memory
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
@@ -60,13 +61,20 @@ class LoadMemory:
         poses: Of all robots, in the body frame.
         fusion: Of their motion sensors, at these poses.
         known: How well these poses are known, None if nobody knows.
+        former: What a former team knew of the load: whether it still is that one has to show.
     """
 
     told_size = TOLD_SIZE
     """Numbers of ``told``."""
 
     def __init__(
-        self, config: AgentConfig, own: int, poses: Sequence[Pose], fusion: MotionFusion, known: TeamPoses | None = None
+        self,
+        config: AgentConfig,
+        own: int,
+        poses: Sequence[Pose],
+        fusion: MotionFusion,
+        known: TeamPoses | None = None,
+        former: KnownLoad | None = None,
     ) -> None:
         self._config = config
         self._window: Memory
@@ -80,6 +88,8 @@ class LoadMemory:
             self._kept = float(np.exp(-1.0 / blocks))
             floor = np.full(INERTIA_SIZE + OFFSET_SIZE * config.efficient.offsets, 1e3)
             self._window = ForgettingWindow(blocks, floor, riders=RIDERS)
+        if former is not None:
+            self._window.expect(former)
         self._last_block = self._changed_at = -1
         self._early = EarlyBlocks()
         # Whether the samples of the correction under way were forgotten, to come again.
@@ -97,6 +107,17 @@ class LoadMemory:
     def changed_at(self) -> int:
         """First block with the present load, -1 if it has not changed yet."""
         return self._changed_at
+
+    @property
+    def may_be_offset(self) -> bool:
+        """See ``Memory``."""
+        return self._window.may_be_offset
+
+    def known_load(self) -> KnownLoad | None:
+        """What the load is in the body frame, or was when that was clear last; None if it is not known."""
+        if self._late.contradict or self._disturbance.is_spoiling or not self._is_enough():
+            return None
+        return self._window.known_load(self._weights.model)
 
     @property
     def is_spoilt(self) -> bool:
@@ -337,7 +358,7 @@ class LoadMemory:
         if self._late.contradict:
             return None, ("load: the forces of late do not fit what is remembered of it",)
         if self._window.may_be_offset:
-            return None, ("load: it seems to have changed, or a torque sensor is off; nothing has shown which",)
+            return None, ("load: it seems to have changed, or a sensor of its wrench is off; nothing has shown which",)
         information, sums = self._window.information(self._weights.model), self._window.total
         solution = self._weights.solution(information)
         solution = replace(solution, covariance=solution.covariance + self._by_uncorrected(information))

@@ -100,7 +100,7 @@ class PoseFits:
         self._hearing = hearing
         self._shortest = config.blocks(_SHORTEST_ROUND)
         self._longest = 3 * hearing + under_way + 3
-        self._tells, self._tell_step = 0, under_way + config.blocks(_FIRST)
+        self._tells = self._tell_step = 0  # the first fit comes as soon as there are samples enough
         chunk = max(config.blocks(_CHUNK), 2 * hearing)
         self._unsure = -(-config.blocks(UNNOTICED) // chunk) + 1
         self.common = CommonMoments(robots, own, start, chunk, parts=2, unsure=self._unsure)

@@ -23,11 +23,13 @@ from agents.found import Found
 from agents.known_pose import WELL_KNOWN, KnownPose, known_from_before, passed_on
 from agents.load_changes import LoadChanges
 from agents.load_memory import LoadMemory
+from agents.neighbours_doubts import NeighboursDoubts
 from agents.pose_fits import UNNOTICED, PoseFits, largest_step
 from agents.sums import Entered, TeamSums
 from agents.total_motion import TotalMotion
 from agents.watch import block_misfit
 from coheft.estimation.body_motion import perturbation_between
+from coheft.estimation.load_comparison import KnownLoad
 from coheft.estimation.measurement import KINEMATICS, WRENCH
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.registration import RegistrationMoments
@@ -71,6 +73,7 @@ class Team:
         start: Block at which the sums begin, the same for everybody.
         history: Own samples of the blocks before, by number.
         load_changes: Told of those that are noticed.
+        former: What a former team knew of the load, in the same body frame.
 
     Attributes:
         total_block: Block of the newest total, -1 while there is none.
@@ -85,6 +88,7 @@ class Team:
         start: int,
         history: Mapping[int, Array],
         load_changes: LoadChanges,
+        former: KnownLoad | None = None,
     ) -> None:
         self._config = config
         self._names = sorted(graph)
@@ -103,7 +107,8 @@ class Team:
         self._sure: tuple[tuple[Pose, ...], TeamPoses] | None = None
         self._found_before: Found | None = None
         self._neighbours_poses: dict[str, PoseEstimate] = {}
-        self._memory = LoadMemory(config, self._own, self._poses, self._motion.fusion, self._fitted)
+        self._memory = LoadMemory(config, self._own, self._poses, self._motion.fusion, self._fitted, former)
+        self._neighbours_doubts = NeighboursDoubts(self._neighbours if former is None else ())
 
         members = len(self._names)
         prior, deviations, settling = None, WELL_KNOWN, 0
@@ -145,7 +150,7 @@ class Team:
             self._early_sums.remember(index, samples)
         for name, channels in inbox.items():
             self._floods.hear(name, channels)
-            self._hear_of_change(channels.get("load_change"), index)
+            self._hear_of_load(name, channels.get("load"), index)
         self._look_for_contradictions()
         self._fit_poses(index)
         finished = self._sums.advance(inbox)
@@ -164,7 +169,7 @@ class Team:
             self._beyond_doubt = self._poses
             if self._fitted is not None and self._fits.is_sure(self._version):
                 self._sure = self._poses, self._fitted
-        told["load_change"] = np.array([float(self._memory.changed_at)])
+        told["load"] = np.array([self._memory.changed_at, self._memory.may_be_offset], dtype=np.float64)
         return told | self._floods.channels()
 
     def fits(self, channels: Mapping[str, Array]) -> bool:
@@ -187,6 +192,10 @@ class Team:
         kept = self._beyond_doubt if is_doubtful else self._poses
         return None if kept is None else {name: KnownPose(pose) for name, pose in zip(self._names, kept, strict=True)}
 
+    def known_load(self) -> KnownLoad | None:
+        """What the load is in the body frame, for the next team; None if that is not known."""
+        return self._memory.known_load() if self._corrected == self._version else None
+
     def found(self) -> Found | None:
         """What is known of poses and load; None as long as no poses have been fitted.
 
@@ -196,6 +205,9 @@ class Team:
         is_coherent = self._corrected == self._version or (self._corrected > 0 and self._largest_step < _LITTLE)
         if self._fitted is not None and is_coherent:
             payload, unseen = self._memory.payload(self._own, self._fitted)
+            doubting = self._neighbours_doubts.by
+            if payload is not None and doubting is not None:
+                payload, unseen = None, (f"load: {doubting} cannot tell yet whether it is what it was",)
             return Found(self._neighbours_poses, payload, unseen, self._completeness.newest)
         if self._found_before is not None and self._memory.changed_at > self._found_before.learned_block:
             return replace(self._found_before, payload=None)
@@ -312,11 +324,14 @@ class Team:
 
     # --- load changes ---
 
-    def _hear_of_change(self, changed_at: Array | None, index: int) -> None:
-        if changed_at is None or changed_at.shape != (1,) or changed_at[0] > index:
+    def _hear_of_load(self, name: str, told: Array | None, index: int) -> None:
+        """When it has changed, by a neighbour, and whether that is in doubt."""
+        if told is None or told.shape != (2,) or told[0] > index:
             return
-        if self._memory.adopt(int(changed_at[0])):
-            self._load_changes.notice(int(changed_at[0]), index, within=self._hearing)
+        self._neighbours_doubts.hear(name, is_in_doubt=told[1] == 1.0)
+        changed_at = int(told[0])
+        if self._memory.adopt(changed_at):
+            self._load_changes.notice(changed_at, index, within=self._hearing)
 
     # --- poses ---
 

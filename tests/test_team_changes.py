@@ -22,7 +22,7 @@ from coheft.wire.messages import Estimate
 from coheft.wire.scenario import LoadChange
 from tests.in_process import changed, run_with_faults
 
-FROM = 4.0
+FROM = 4.5
 """When something happens: all have been valid for a while [s]."""
 SOON = 3.0
 """After that time without faults all are valid again [s],"""

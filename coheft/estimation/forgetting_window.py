@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from coheft.estimation.inertia import GRAM_SIZE, InertiaInformation, InertiaModel
-from coheft.estimation.load_comparison import signal_directions
+from coheft.estimation.load_comparison import KnownLoad, signal_directions
 from coheft.estimation.spatial import Array
 
 _SHOWN = 0.5
@@ -43,6 +43,12 @@ class ForgettingWindow:
     def may_be_offset(self) -> bool:
         """False: changes are not looked for."""
         return False
+
+    def known_load(self, model: InertiaModel) -> None:
+        """None: samples of one load cannot be told from those of another."""
+
+    def expect(self, load: KnownLoad) -> None:
+        """Nothing is compared with it."""
 
     @property
     def first_block(self) -> int:

@@ -35,7 +35,7 @@ WRENCH_FEATURES = slice(13, 19)
 GRAM_SIZE = FEATURES * (FEATURES + 1) // 2
 INERTIA_SIZE = 10
 OFFSET_SIZE = 6
-TORQUE_OFFSET = slice(INERTIA_SIZE + 3, INERTIA_SIZE + OFFSET_SIZE)
+OFFSETS = slice(INERTIA_SIZE, INERTIA_SIZE + OFFSET_SIZE)
 """Among the unknowns, where offsets are among them."""
 _ONE, _A, _ALPHA, _PRODUCTS = 0, slice(1, 4), slice(4, 7), slice(7, 13)
 _ACCELERATIONS = slice(_A.start, _ALPHA.stop)

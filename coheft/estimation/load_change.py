@@ -113,6 +113,18 @@ class LoadWindow:
         """See ``Memory``."""
         return self._may_be_offset
 
+    def known_load(self, model: InertiaModel) -> KnownLoad | None:
+        """See ``Memory``."""
+        if self._former is not None:
+            return self._former
+        if len(self._stretches) == 0 or model.unknowns > INERTIA_SIZE:
+            return None
+        return KnownLoad.of(model, self._stretches.total, self._coherence)
+
+    def expect(self, load: KnownLoad) -> None:
+        """See ``Memory``."""
+        self._former, self._may_be_offset = load, True
+
     @property
     def first_block(self) -> int:
         """See ``Memory``."""
@@ -216,7 +228,7 @@ class LoadWindow:
         return int(ends[found]), float(statistics[found]) / _threshold(seen, self._false_alarm)
 
     def _find_offset(self, model: InertiaModel) -> bool:
-        """Whether nobody can tell if the load has changed: it is not what it was, unless a torque sensor is off."""
+        """Whether nobody can tell if the load has changed: it is not what it was, unless a sensor is off."""
         if self._former is None or len(self._stretches) == 0:
             return self._may_be_offset
         since = self._stretches.sums

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coheft.estimation.inertia import GRAM_SIZE, INERTIA_SIZE, TORQUE_OFFSET, InertiaModel
+from coheft.estimation.inertia import GRAM_SIZE, INERTIA_SIZE, OFFSETS, InertiaModel
 from coheft.estimation.spatial import Array
 
 _TESTED = 0.2
@@ -98,15 +98,15 @@ def compare_with_load(model: InertiaModel, load: KnownLoad, parts: Array, cohere
 
 
 def compare_despite_offset(model: InertiaModel, load: KnownLoad, parts: Array, coherence: float) -> Array:
-    """As ``compare_with_load``, where a constant torque may have come with each part: of a sensor that is off."""
+    """As ``compare_with_load``, where a constant wrench may have come with each part: of a sensor that is off."""
     with_offset = model.with_offset()
     seen, disturbance = _Evidence.of(with_offset, parts), _disturbance(with_offset, parts, coherence)
-    torque = seen.matrix[:, TORQUE_OFFSET, TORQUE_OFFSET]
-    # What a part says of theta, whatever the torque is.
+    offset = seen.matrix[:, OFFSETS, OFFSETS]
+    # What a part says of theta, whatever the offset is.
     despite = np.zeros((len(parts), INERTIA_SIZE, with_offset.unknowns))
     despite[:, :, :INERTIA_SIZE] = np.eye(INERTIA_SIZE)
-    gain = np.linalg.solve(torque, seen.matrix[:, TORQUE_OFFSET, :INERTIA_SIZE])
-    despite[:, :, TORQUE_OFFSET] = -gain.swapaxes(-1, -2)
+    gain = np.linalg.solve(offset, seen.matrix[:, OFFSETS, :INERTIA_SIZE])
+    despite[:, :, OFFSETS] = -gain.swapaxes(-1, -2)
     return _off(load, seen.seen_by(despite), despite @ disturbance @ despite.swapaxes(-1, -2))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from coheft.estimation.inertia import InertiaInformation, InertiaModel
+from coheft.estimation.load_comparison import KnownLoad
 from coheft.estimation.spatial import Array
 
 
@@ -28,7 +29,16 @@ class Memory(Protocol):
 
     @property
     def may_be_offset(self) -> bool:
-        """Whether the load seems to have changed, but a torque sensor that has been off since explains that as well."""
+        """Whether the load seems to have changed, but a sensor that has added a constant wrench since would explain it.
+
+        True also until it is clear whether the load is the one that was expected.
+        """
+
+    def known_load(self, model: InertiaModel) -> KnownLoad | None:
+        """What the load is, or, while it is not clear whether it has changed, was; None if that is not known."""
+
+    def expect(self, load: KnownLoad) -> None:
+        """Before there are any samples: it was this load when it was known last."""
 
     @property
     def first_block(self) -> int:
