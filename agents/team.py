@@ -106,6 +106,7 @@ class Team:
         self._beyond_doubt: tuple[Pose, ...] | None = None
         self._sure: tuple[tuple[Pose, ...], TeamPoses] | None = None
         self._found_before: Found | None = None
+        self._load_before: KnownLoad | None = None
         self._neighbours_poses: dict[str, PoseEstimate] = {}
         self._memory = LoadMemory(config, self._own, self._poses, self._motion.fusion, self._fitted, former)
         self._neighbours_doubts = NeighboursDoubts(self._neighbours if former is None else ())
@@ -194,7 +195,7 @@ class Team:
 
     def known_load(self) -> KnownLoad | None:
         """What the load is in the body frame, for the next team; None if that is not known."""
-        return self._memory.known_load() if self._corrected == self._version else None
+        return self._memory.known_load() if self._corrected == self._version else self._load_before
 
     def found(self) -> Found | None:
         """What is known of poses and load; None as long as no poses have been fitted.
@@ -362,6 +363,7 @@ class Team:
         if version == self._version:
             return
         self._found_before, self._held = None if self.doubts() else self.found(), None
+        self._load_before = self.known_load()
         poses = self._fits.take_poses(version)
         self._motion.set_poses(poses)
         feature_map = refit_map(self._poses, poses, self._config.noise, self._motion.slope)

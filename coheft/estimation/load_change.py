@@ -42,6 +42,9 @@ _HALF = 0.5
 """The sensor may have gone off, at the latest, so much of the samples later than the load seems to have changed;"""
 _LEAST = 0.2
 """of such samples there have to be so many times those for which a disturbance keeps its direction."""
+_OUTWEIGHED = 3.0
+"""What was known from so many times fewer samples than have come since is not held against them any more: a sensor may
+have been off then as well."""
 _LENGTHS = (1, 3)
 """A while is so many stretches long,"""
 _BETWEEN_EVERY = 16
@@ -99,8 +102,9 @@ class LoadWindow:
         self._doubts: deque[float] = deque(maxlen=stride)  # of the last tests, which all borders had a part in
         self._doubt_between = 1.0
         self._may_be_offset = False
-        # What the load was before it changed, until it is clear that it has.
+        # What the load was before it changed, until it is clear that it has; and what it was if it has not.
         self._former: KnownLoad | None = None
+        self._reference: KnownLoad | None = None
         self._stretches = Stretches(GRAM_SIZE + riders, resolution)
 
     @property
@@ -117,13 +121,18 @@ class LoadWindow:
         """See ``Memory``."""
         if self._former is not None:
             return self._former
-        if len(self._stretches) == 0 or model.unknowns > INERTIA_SIZE:
+        return self._known_by(self._stretches.total, model) if len(self._stretches) else self._reference
+
+    def _known_by(self, sums: Array, model: InertiaModel) -> KnownLoad | None:
+        """By samples, and by what was known before and they have not contradicted; None where offsets are known."""
+        if model.unknowns > INERTIA_SIZE:
             return None
-        return KnownLoad.of(model, self._stretches.total, self._coherence)
+        load = KnownLoad.of(model, sums, self._coherence)
+        return load if self._reference is None else load.fused(self._reference)
 
     def expect(self, load: KnownLoad) -> None:
         """See ``Memory``."""
-        self._former, self._may_be_offset = load, True
+        self._former, self._reference, self._may_be_offset = load, None, True
 
     @property
     def first_block(self) -> int:
@@ -236,13 +245,15 @@ class LoadWindow:
         if same[0] < chi_square_threshold(INERTIA_SIZE, _CHANCE):
             if since[0, 0] < max(_FEW, _SETTLED * self._coherence):
                 return self._may_be_offset
+            self._reference = self._former
         else:
             # The sensor may have gone off a little later than it seemed, and in the middle of a block.
             later = since[since[:, 0] >= max(_HALF * since[0, 0], _LEAST * self._coherence, 1.0)][:_YOUNG]
             if len(later) < 2:
                 return True
             despite = compare_despite_offset(model, self._former, later, self._coherence)
-            if np.any(despite < chi_square_threshold(INERTIA_SIZE, _CHANCE_OFFSET)):
+            is_outweighed = since[0, 0] > _OUTWEIGHED * self._former.samples
+            if np.any(despite < chi_square_threshold(INERTIA_SIZE, _CHANCE_OFFSET)) and not is_outweighed:
                 return True
         self._former = None
         return False
@@ -293,9 +304,9 @@ class LoadWindow:
 
     def _remember(self, sums: Array, model: InertiaModel) -> None:
         """What the load was, by samples before it changed; unless it is not clear yet whether it had before."""
-        if self._former is None and model.unknowns == INERTIA_SIZE:  # else offsets are known
-            self._former = KnownLoad.of(model, sums, self._coherence)
-            self._may_be_offset = True
+        if self._former is None:
+            self._former, self._reference = self._known_by(sums, model), None
+            self._may_be_offset = self._former is not None
 
     def _trust(self) -> None:
         """What made the load doubtful is forgotten."""
@@ -307,6 +318,8 @@ class LoadWindow:
         self._stretches.forget_before(block)
         if len(self._stretches) == 0:
             self._trust()
+            if self._reference is not None:
+                self.expect(self._reference)
 
     def forget_since(self, block: int) -> None:
         """See ``Memory``."""

@@ -67,10 +67,12 @@ class KnownLoad(NamedTuple):
     Attributes:
         parameters: ``theta``, shape (10,).
         covariance: Of its error, shape (10, 10); large in directions that the motion has not shown.
+        samples: Number of those that it is known from.
     """
 
     parameters: Array
     covariance: Array
+    samples: float
 
     @staticmethod
     def of(model: InertiaModel, sums: Array, coherence: float) -> KnownLoad:
@@ -79,7 +81,14 @@ class KnownLoad(NamedTuple):
         ridge = _HARDLY * np.diag(seen.by_noise.diagonal())
         inverse = np.linalg.inv(seen.matrix + ridge)
         scatter = seen.by_noise + ridge + _disturbance(model, sums, coherence)
-        return KnownLoad(inverse @ seen.vector, inverse @ scatter @ inverse.T)
+        return KnownLoad(inverse @ seen.vector, inverse @ scatter @ inverse.T, float(sums[0]))
+
+    def fused(self, other: KnownLoad) -> KnownLoad:
+        """By this and by what is known independently."""
+        gain = np.linalg.solve(self.covariance + other.covariance, self.covariance).T
+        parameters = self.parameters + gain @ (other.parameters - self.parameters)
+        covariance = gain @ other.covariance
+        return KnownLoad(parameters, 0.5 * (covariance + covariance.T), self.samples + other.samples)
 
 
 def compare_with_load(model: InertiaModel, load: KnownLoad, parts: Array, coherence: float) -> Array:
