@@ -18,11 +18,11 @@ import numpy as np
 from agents.body_frame import BodyFrame
 from agents.early_sums import EARLY
 from agents.estimator import Belief, Channels, is_converged
+from agents.kept_load import KeptLoad
 from agents.known_pose import KnownPose
 from agents.load_changes import LoadChanges
 from agents.pose_search import PoseSearch
 from agents.team import Team
-from coheft.estimation.load_comparison import KnownLoad
 from coheft.estimation.measurement import KINEMATICS, MeasurementBlock
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.spatial import Array, Pose
@@ -57,8 +57,7 @@ class EfficientEstimator:
         self._left: deque[int] = deque(maxlen=_LEFT)
         self._holds: dict[str, int] = {}
         self._load_changes = LoadChanges(config)
-        # What the last team knew of the load, and in which body frame.
-        self._load: tuple[int, KnownLoad] | None = None
+        self._kept_load = KeptLoad()
 
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
         """See ``Estimator.step``."""
@@ -101,8 +100,9 @@ class EfficientEstimator:
         """A block without sums: find out the own pose in the body frame."""
         self._body_frame.update_pairs(index - 1, self._history.get(index - 1), inbox)
         self._body_frame.hear_kept_poses(inbox)
+        self._kept_load.hear(inbox, self._gossip.frame())
         self._announce(index)
-        told = self._body_frame.channels()
+        told = self._body_frame.channels() | self._kept_load.channels()
         if samples is not None:
             told["kinematics"] = samples[:, KINEMATICS]
         return told
@@ -151,21 +151,20 @@ class EfficientEstimator:
         if not self._gossip.is_refined:
             refined = (name for name in sorted(graph) if self._gossip.records[name].refined)
             self._search = PoseSearch(self._config, graph, known, next(refined, min(graph)), start)
-            self._load = None  # the body frame will not be quite where it was
+            self._kept_load.forget()
             return
         # A load that was held by others weighed otherwise.
         history = {block: rows for block, rows in self._history.items() if block >= self._gossip.changed_at}
         self._history = {}
         self._holds = {name: self._gossip.records[name].since for name in graph}
         members = {name: KnownPose.of(pose, self._gossip.deviations(name)) for name, pose in known.items()}
-        former = self._load[1] if self._load is not None and self._load[0] == frame else None
-        self._team = Team(self._config, graph, members, start, history, self._load_changes, former)
+        load = self._kept_load.seen_in(frame)
+        self._team = Team(self._config, graph, members, start, history, self._load_changes, load)
 
     def _dissolve(self) -> None:
         """The team is another one now: keep what is known of the poses, and of the load."""
         if self._team is not None:
-            load = self._team.known_load()
-            self._load = self._load if load is None else (self._frame, load)
+            self._kept_load.keep(self._frame, self._team.known_load())
             poses = self._team.poses_to_keep()
             if poses is None:
                 self._body_frame.fall_back()

@@ -108,11 +108,6 @@ class LoadMemory:
         """First block with the present load, -1 if it has not changed yet."""
         return self._changed_at
 
-    @property
-    def may_be_offset(self) -> bool:
-        """See ``Memory``."""
-        return self._window.may_be_offset
-
     def known_load(self) -> KnownLoad | None:
         """What the load is in the body frame, or was when that was clear last; None if it is not known."""
         if self._late.contradict or self._disturbance.is_spoiling or not self._is_enough():

@@ -23,7 +23,6 @@ from agents.found import Found
 from agents.known_pose import WELL_KNOWN, KnownPose, known_from_before, passed_on
 from agents.load_changes import LoadChanges
 from agents.load_memory import LoadMemory
-from agents.neighbours_doubts import NeighboursDoubts
 from agents.pose_fits import UNNOTICED, PoseFits, largest_step
 from agents.sums import Entered, TeamSums
 from agents.total_motion import TotalMotion
@@ -109,7 +108,6 @@ class Team:
         self._load_before: KnownLoad | None = None
         self._neighbours_poses: dict[str, PoseEstimate] = {}
         self._memory = LoadMemory(config, self._own, self._poses, self._motion.fusion, self._fitted, former)
-        self._neighbours_doubts = NeighboursDoubts(self._neighbours if former is None else ())
 
         members = len(self._names)
         prior, deviations, settling = None, WELL_KNOWN, 0
@@ -151,7 +149,7 @@ class Team:
             self._early_sums.remember(index, samples)
         for name, channels in inbox.items():
             self._floods.hear(name, channels)
-            self._hear_of_load(name, channels.get("load"), index)
+            self._hear_of_change(channels.get("load_change"), index)
         self._look_for_contradictions()
         self._fit_poses(index)
         finished = self._sums.advance(inbox)
@@ -170,7 +168,7 @@ class Team:
             self._beyond_doubt = self._poses
             if self._fitted is not None and self._fits.is_sure(self._version):
                 self._sure = self._poses, self._fitted
-        told["load"] = np.array([self._memory.changed_at, self._memory.may_be_offset], dtype=np.float64)
+        told["load_change"] = np.array([float(self._memory.changed_at)])
         return told | self._floods.channels()
 
     def fits(self, channels: Mapping[str, Array]) -> bool:
@@ -206,9 +204,6 @@ class Team:
         is_coherent = self._corrected == self._version or (self._corrected > 0 and self._largest_step < _LITTLE)
         if self._fitted is not None and is_coherent:
             payload, unseen = self._memory.payload(self._own, self._fitted)
-            doubting = self._neighbours_doubts.by
-            if payload is not None and doubting is not None:
-                payload, unseen = None, (f"load: {doubting} cannot tell yet whether it is what it was",)
             return Found(self._neighbours_poses, payload, unseen, self._completeness.newest)
         if self._found_before is not None and self._memory.changed_at > self._found_before.learned_block:
             return replace(self._found_before, payload=None)
@@ -325,14 +320,11 @@ class Team:
 
     # --- load changes ---
 
-    def _hear_of_load(self, name: str, told: Array | None, index: int) -> None:
-        """When it has changed, by a neighbour, and whether that is in doubt."""
-        if told is None or told.shape != (2,) or told[0] > index:
+    def _hear_of_change(self, changed_at: Array | None, index: int) -> None:
+        if changed_at is None or changed_at.shape != (1,) or changed_at[0] > index:
             return
-        self._neighbours_doubts.hear(name, is_in_doubt=told[1] == 1.0)
-        changed_at = int(told[0])
-        if self._memory.adopt(changed_at):
-            self._load_changes.notice(changed_at, index, within=self._hearing)
+        if self._memory.adopt(int(changed_at[0])):
+            self._load_changes.notice(int(changed_at[0]), index, within=self._hearing)
 
     # --- poses ---
 

@@ -44,7 +44,7 @@ _LEAST = 0.2
 """of such samples there have to be so many times those for which a disturbance keeps its direction."""
 _OUTWEIGHED = 3.0
 """What was known from so many times fewer samples than have come since is not held against them any more: a sensor may
-have been off then as well."""
+have been off then as well. Nor, however few they were, after so many times those for which a disturbance lasts."""
 _LENGTHS = (1, 3)
 """A while is so many stretches long,"""
 _BETWEEN_EVERY = 16
@@ -124,11 +124,12 @@ class LoadWindow:
         return self._known_by(self._stretches.total, model) if len(self._stretches) else self._reference
 
     def _known_by(self, sums: Array, model: InertiaModel) -> KnownLoad | None:
-        """By samples, and by what was known before and they have not contradicted; None where offsets are known."""
+        """By samples, unless more was known before and they have not contradicted it; None where offsets are known."""
         if model.unknowns > INERTIA_SIZE:
             return None
-        load = KnownLoad.of(model, sums, self._coherence)
-        return load if self._reference is None else load.fused(self._reference)
+        if self._reference is not None and sums[0] <= _OUTWEIGHED * self._reference.samples:
+            return self._reference
+        return KnownLoad.of(model, sums, self._coherence)
 
     def expect(self, load: KnownLoad) -> None:
         """See ``Memory``."""
@@ -252,7 +253,7 @@ class LoadWindow:
             if len(later) < 2:
                 return True
             despite = compare_despite_offset(model, self._former, later, self._coherence)
-            is_outweighed = since[0, 0] > _OUTWEIGHED * self._former.samples
+            is_outweighed = since[0, 0] > _OUTWEIGHED * max(self._former.samples, self._coherence)
             if np.any(despite < chi_square_threshold(INERTIA_SIZE, _CHANCE_OFFSET)) and not is_outweighed:
                 return True
         self._former = None

@@ -83,13 +83,6 @@ class KnownLoad(NamedTuple):
         scatter = seen.by_noise + ridge + _disturbance(model, sums, coherence)
         return KnownLoad(inverse @ seen.vector, inverse @ scatter @ inverse.T, float(sums[0]))
 
-    def fused(self, other: KnownLoad) -> KnownLoad:
-        """By this and by what is known independently."""
-        gain = np.linalg.solve(self.covariance + other.covariance, self.covariance).T
-        parameters = self.parameters + gain @ (other.parameters - self.parameters)
-        covariance = gain @ other.covariance
-        return KnownLoad(parameters, 0.5 * (covariance + covariance.T), self.samples + other.samples)
-
 
 def compare_with_load(model: InertiaModel, load: KnownLoad, parts: Array, coherence: float) -> Array:
     """Statistic of each part against a load that is known, chi-square with 10 degrees of freedom if it is theirs.

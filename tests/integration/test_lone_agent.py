@@ -22,7 +22,7 @@ from coheft.wire.transport import Keys, Sender, open_session
 
 from .team import AGENT, LIMIT, Team, small_scenario, wait_until
 
-WRONG_SHAPES = {"kinematics": np.zeros(3), "sums": np.zeros(1), "sums_valid": np.ones(1), "load": np.zeros(0)}
+WRONG_SHAPES = {"kinematics": np.zeros(3), "sums": np.zeros(1), "sums_valid": np.ones(1), "load_change": np.zeros(0)}
 
 
 class Surroundings:
