@@ -14,7 +14,7 @@ from agents.load_memory import LoadMemory
 from agents.team import Team
 from coheft.app.faults.invariants import Watch
 from coheft.app.faults.run import FaultyRun
-from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, Loss, Partition, Release
+from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, Loss, Partition, Release, SensorFault
 from coheft.estimation.body_motion import perturbed
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
@@ -108,6 +108,18 @@ def test_a_pose_from_a_former_team_that_is_wrong_is_found_out(monkeypatch: pytes
         assert any("contradicts how the load moves" in reason for reason in reasons)
     assert story.statuses(FROM + 0.5 + AT_ONCE) != {"valid"}  # as they are with the right one
     assert story.statuses(FROM + 0.5 + SOON) == {"valid"}
+
+
+@pytest.mark.parametrize("robot", ["r1", "r3"])
+def test_a_sensor_that_has_gone_off_when_a_team_begins_anew_is_not_taken_for_another_load(robot: str) -> None:
+    """Nobody can know which it is, but those who know what the load was; they tell who has lost it."""
+    right_again = FROM + 2.0
+    offset = SensorFault(start=FROM + 0.4, end=right_again, robot="r2", sensor="force", how="offset", size=6.0)
+    story = Story(right_again + AT_ONCE, [Crash(robot=robot, start=FROM, end=FROM + 0.5), offset])
+    for name in ROBOTS:
+        reasons = {reason for estimate in story.estimates[name] for reason in estimate.reasons}
+        assert any("or a sensor of its wrench is off" in reason for reason in reasons), name
+    assert story.statuses(right_again + AT_ONCE) == {"valid"}
 
 
 @pytest.mark.parametrize(
