@@ -32,7 +32,7 @@ from coheft.estimation.inertia import (
     unpacked_gram,
 )
 from coheft.estimation.load_change import LoadWindow
-from coheft.estimation.load_comparison import KnownLoad
+from coheft.estimation.load_comparison import KnownLoad, maybe_former
 from coheft.estimation.load_samples import Memory
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
@@ -50,6 +50,7 @@ _TURNS = 2
 """Robots take turns of so many blocks in testing whether the load has changed: neighbours tell each other."""
 _LEAST = 0.3
 """Least time of samples from which anything is estimated [s]."""
+_MAY_BE_FORMER = "load: whether it has changed, or a sensor of its wrench is off; shake and turn it"
 
 
 class LoadMemory:
@@ -154,7 +155,7 @@ class LoadMemory:
         is_coherent = self._correction is not None
         if not self._weights.know_load and self._is_enough():
             self._weights.learn(self._window)
-        is_in_doubt = self._window.may_be_offset
+        is_in_doubt = self._window.former is not None
         change = self._window.review(self._weights.model, is_coherent) if self._weights.know_load else None
         if change is None:
             self._look_back(block, moments)
@@ -225,7 +226,7 @@ class LoadMemory:
         """A neighbour says that the load changed at this block. Returns whether that is news, as ``push``."""
         if changed_at <= self._changed_at:
             return False
-        is_in_doubt = self._window.may_be_offset
+        is_in_doubt = self._window.former is not None
         self._begin(changed_at)
         self._window.accept(changed_at, self._weights.model)
         return not is_in_doubt
@@ -347,21 +348,26 @@ class LoadMemory:
         self._expect_disturbance(np.zeros(len(team.poses)), team)
 
     def payload(self, own: int, team: TeamPoses) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
-        """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable."""
+        """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable.
+
+        As long as nobody can tell whether the load has changed, the covariance counts with both.
+        """
         if not self._is_enough():
             return None, ()
         if self._late.contradict:
             return None, ("load: the forces of late do not fit what is remembered of it",)
-        if self._window.may_be_offset:
-            return None, ("load: it seems to have changed, or a sensor of its wrench is off; nothing has shown which",)
         information, sums = self._window.information(self._weights.model), self._window.total
         solution = self._weights.solution(information)
         solution = replace(solution, covariance=solution.covariance + self._by_uncorrected(information))
         crosses = motion_grams(sums) @ self._wrenches_by_motion
         by_poses = self._weights.by_poses(information, solution.parameters, sums, crosses)
         estimate = solution.made_possible(by_poses @ team.covariance @ by_poses.T)
+        former = self._window.former
+        if former is not None:
+            estimate = maybe_former(estimate, former)
         inflation = self._window.doubt * (1.0 + (_NEW * self._config.rate / self.count) ** 2)
-        return seen_payload(estimate, by_poses, own, team, inflation, solution.length)
+        payload, unseen = seen_payload(estimate, by_poses, own, team, inflation, solution.length)
+        return payload, unseen if former is None else (*unseen, _MAY_BE_FORMER)
 
     def _by_uncorrected(self, information: InertiaInformation) -> Array:
         """Covariance (10, 10) of ``theta`` by what poses do to samples and was not corrected."""

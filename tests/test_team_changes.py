@@ -117,8 +117,9 @@ def test_a_sensor_that_has_gone_off_when_a_team_begins_anew_is_not_taken_for_ano
     offset = SensorFault(start=FROM + 0.4, end=right_again, robot="r2", sensor="force", how="offset", size=6.0)
     story = Story(right_again + AT_ONCE, [Crash(robot=robot, start=FROM, end=FROM + 0.5), offset])
     for name in ROBOTS:
-        reasons = {reason for estimate in story.estimates[name] for reason in estimate.reasons}
-        assert any("or a sensor of its wrench is off" in reason for reason in reasons), name
+        said = [what for estimate in story.estimates[name] for what in estimate.not_observable]
+        assert any("or a sensor of its wrench is off" in what for what in said), name
+        assert story.at(name, right_again + AT_ONCE).not_observable == []
     assert story.statuses(right_again + AT_ONCE) == {"valid"}
 
 

@@ -40,9 +40,8 @@ class ForgettingWindow:
         return 1.0
 
     @property
-    def may_be_offset(self) -> bool:
-        """False: changes are not looked for."""
-        return False
+    def former(self) -> None:
+        """None: changes are not looked for."""
 
     def known_load(self, model: InertiaModel) -> None:
         """None: samples of one load cannot be told from those of another."""

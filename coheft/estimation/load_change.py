@@ -42,7 +42,7 @@ _HALF = 0.5
 """The sensor may have gone off, at the latest, so much of the samples later than the load seems to have changed;"""
 _LEAST = 0.2
 """of such samples there have to be so many times those for which a disturbance keeps its direction."""
-_OUTWEIGHED = 3.0
+_OUTWEIGHED = 5.0
 """What was known from so many times fewer samples than have come since is not held against them any more: a sensor may
 have been off then as well. Nor, however few they were, after so many times those for which a disturbance lasts."""
 _LENGTHS = (1, 3)
@@ -101,7 +101,6 @@ class LoadWindow:
         self._is_due = False
         self._doubts: deque[float] = deque(maxlen=stride)  # of the last tests, which all borders had a part in
         self._doubt_between = 1.0
-        self._may_be_offset = False
         # What the load was before it changed, until it is clear that it has; and what it was if it has not.
         self._former: KnownLoad | None = None
         self._reference: KnownLoad | None = None
@@ -113,9 +112,9 @@ class LoadWindow:
         return max(self._doubt_between, *self._doubts, 1.0)
 
     @property
-    def may_be_offset(self) -> bool:
+    def former(self) -> KnownLoad | None:
         """See ``Memory``."""
-        return self._may_be_offset
+        return self._former
 
     def known_load(self, model: InertiaModel) -> KnownLoad | None:
         """See ``Memory``."""
@@ -133,7 +132,7 @@ class LoadWindow:
 
     def expect(self, load: KnownLoad) -> None:
         """See ``Memory``."""
-        self._former, self._reference, self._may_be_offset = load, None, True
+        self._former, self._reference = load, None
 
     @property
     def first_block(self) -> int:
@@ -168,7 +167,7 @@ class LoadWindow:
         until what is left is of one load.
 
         All samples are tested at once, and not in turns, while there are but few, or when more have come from before
-        them, or they are seen otherwise. What it finds goes into ``doubt`` and ``may_be_offset``, too.
+        them, or they are seen otherwise. What it finds goes into ``doubt`` and ``former``, too.
 
         Args:
             model: The weights.
@@ -203,7 +202,7 @@ class LoadWindow:
             found, size = self._test_since(model, is_coherent, everything)
             at_border = True
         if not is_coherent:
-            self._may_be_offset = self._find_offset(model)
+            self._compare_with_former(model)
         return change
 
     def _test_since(self, model: InertiaModel, is_coherent: bool, borders: slice) -> tuple[int, float]:
@@ -237,27 +236,26 @@ class LoadWindow:
         found = int(np.argmax(statistics))
         return int(ends[found]), float(statistics[found]) / _threshold(seen, self._false_alarm)
 
-    def _find_offset(self, model: InertiaModel) -> bool:
-        """Whether nobody can tell if the load has changed: it is not what it was, unless a sensor is off."""
+    def _compare_with_former(self, model: InertiaModel) -> None:
+        """Find out whether the load is another one, or what it was; as long as a sensor may be off, nobody can tell."""
         if self._former is None or len(self._stretches) == 0:
-            return self._may_be_offset
+            return
         since = self._stretches.sums
         same = compare_with_load(model, self._former, since[:1], self._coherence)
         if same[0] < chi_square_threshold(INERTIA_SIZE, _CHANCE):
             if since[0, 0] < max(_FEW, _SETTLED * self._coherence):
-                return self._may_be_offset
+                return
             self._reference = self._former
         else:
             # The sensor may have gone off a little later than it seemed, and in the middle of a block.
             later = since[since[:, 0] >= max(_HALF * since[0, 0], _LEAST * self._coherence, 1.0)][:_YOUNG]
             if len(later) < 2:
-                return True
+                return
             despite = compare_despite_offset(model, self._former, later, self._coherence)
             is_outweighed = since[0, 0] > _OUTWEIGHED * max(self._former.samples, self._coherence)
             if np.any(despite < chi_square_threshold(INERTIA_SIZE, _CHANCE_OFFSET)) and not is_outweighed:
-                return True
+                return
         self._former = None
-        return False
 
     def _compare(self, model: InertiaModel, parts: Array, is_coherent: bool = False) -> tuple[Array, int]:
         """Statistics of parts (k, 190 + riders) against the rest, and their degrees of freedom."""
@@ -307,7 +305,6 @@ class LoadWindow:
         """What the load was, by samples before it changed; unless it is not clear yet whether it had before."""
         if self._former is None:
             self._former, self._reference = self._known_by(sums, model), None
-            self._may_be_offset = self._former is not None
 
     def _trust(self) -> None:
         """What made the load doubtful is forgotten."""

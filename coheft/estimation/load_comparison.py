@@ -6,15 +6,21 @@ a disturbance: something that spoils wrenches beside noise, like poses that are 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from coheft.estimation.inertia import GRAM_SIZE, INERTIA_SIZE, OFFSETS, InertiaModel
+from coheft.estimation.inertia_derivatives import central_derivative
+from coheft.estimation.inertia_estimate import InertiaEstimate
+from coheft.estimation.rigid_body import Inertia, pack_symmetric
 from coheft.estimation.spatial import Array
 
 _TESTED = 0.2
 """Directions are tested in which at least this share of the information is motion, and not noise of motion."""
+_LIGHTEST = 1e-3
+"""No load is taken to have been lighter than this share of what it seems to be now."""
 _HARDLY = 1e-6
 """Information, relative to the rest, that a direction is taken to have that was not seen."""
 
@@ -82,6 +88,22 @@ class KnownLoad(NamedTuple):
         inverse = np.linalg.inv(seen.matrix + ridge)
         scatter = seen.by_noise + ridge + _disturbance(model, sums, coherence)
         return KnownLoad(inverse @ seen.vector, inverse @ scatter @ inverse.T, float(sums[0]))
+
+
+def maybe_former(estimate: InertiaEstimate, former: KnownLoad) -> InertiaEstimate:
+    """An estimate of a load that may be the former one as well, so uncertain that it is right in either case."""
+    now = estimate.inertia
+    mass = max(float(former.parameters[0]), _LIGHTEST * now.mass)
+    then = Inertia.from_barycentric([mass, *former.parameters[1:]])
+    apart = _central(then) - _central(now)
+    derivative = central_derivative(then)
+    covariance = derivative @ former.covariance @ derivative.T + np.outer(apart, apart)
+    return replace(estimate, covariance=estimate.covariance + covariance)
+
+
+def _central(inertia: Inertia) -> Array:
+    """``(m, h, J)``, shape (10,)."""
+    return np.concatenate([[inertia.mass], inertia.com, pack_symmetric(inertia.tensor)])
 
 
 def compare_with_load(model: InertiaModel, load: KnownLoad, parts: Array, coherence: float) -> Array:

@@ -28,14 +28,14 @@ class Memory(Protocol):
         """
 
     @property
-    def may_be_offset(self) -> bool:
-        """Whether the load seems to have changed, but a sensor that has added a constant wrench since would explain it.
+    def former(self) -> KnownLoad | None:
+        """What the load may still be: it seems to have changed, but so it would if a sensor had been off since.
 
-        True also until it is clear whether the load is the one that was expected.
+        Also what was expected, until it is clear whether it is that. None if the load is what the samples say.
         """
 
     def known_load(self, model: InertiaModel) -> KnownLoad | None:
-        """What the load is, or, while it is not clear whether it has changed, was; None if that is not known."""
+        """What the load is, or was as long as it is not clear whether it has changed; None if that is not known."""
 
     def expect(self, load: KnownLoad) -> None:
         """Before there are any samples: it was this load when it was known last."""
