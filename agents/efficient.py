@@ -100,9 +100,10 @@ class EfficientEstimator:
         """A block without sums: find out the own pose in the body frame."""
         self._body_frame.update_pairs(index - 1, self._history.get(index - 1), inbox)
         self._body_frame.hear_kept_poses(inbox)
-        self._kept_load.hear(inbox, self._gossip.frame())
+        where = self._gossip.frame(), min(self._gossip.graph or ("",))
+        self._kept_load.hear(inbox, where)
         self._announce(index)
-        told = self._body_frame.channels() | self._kept_load.channels()
+        told = self._body_frame.channels() | self._kept_load.channels(where)
         if samples is not None:
             told["kinematics"] = samples[:, KINEMATICS]
         return told
@@ -158,18 +159,18 @@ class EfficientEstimator:
         self._history = {}
         self._holds = {name: self._gossip.records[name].since for name in graph}
         members = {name: KnownPose.of(pose, self._gossip.deviations(name)) for name, pose in known.items()}
-        load = self._kept_load.seen_in(frame)
+        load = self._kept_load.seen_in((frame, min(graph)))
         self._team = Team(self._config, graph, members, start, history, self._load_changes, load)
 
     def _dissolve(self) -> None:
         """The team is another one now: keep what is known of the poses, and of the load."""
         if self._team is not None:
-            self._kept_load.keep(self._frame, self._team.known_load())
             poses = self._team.poses_to_keep()
             if poses is None:
                 self._body_frame.fall_back()
             else:
                 self._body_frame.keep(self._frame, poses, self._holds)
+                self._kept_load.keep((self._frame, min(poses)), self._team.known_load())
         if self._team_number:
             self._left.append(self._team_number)
         self._team_number = 0

@@ -17,44 +17,51 @@ from coheft.estimation.spatial import Array
 
 _CHANNEL = "kept_load"
 _ROWS, _COLUMNS = np.triu_indices(INERTIA_SIZE)
-_COVARIANCE = 2 + INERTIA_SIZE
-"""Where the covariance begins in what is told: after the frame's number, the number of samples, and ``theta``."""
+_COVARIANCE = 1 + INERTIA_SIZE
+"""Where the covariance begins in what is told: after the frame's number, and ``theta``."""
 _SIZE = _COVARIANCE + len(_ROWS)
+_MOST = 1e9
+"""What is more uncertain is not told: it is of no use, and messages with numbers that are very large are refused."""
+_ROUNDING = 1e-9
+
+Where = tuple[int, str]
+"""A body frame: its number, and the robot that defines it. When that one leaves, the frame moves a little."""
 
 
 class KeptLoad:
     """What one robot knows of it, in the body frame of that team."""
 
     def __init__(self) -> None:
-        self._frame = 0
+        self._where: Where = 0, ""
         self._load: KnownLoad | None = None
 
-    def keep(self, frame: int, load: KnownLoad | None) -> None:
-        """A team with the body frame of this number is dissolved; if it knew nothing, what was known before stays."""
+    def keep(self, where: Where, load: KnownLoad | None) -> None:
+        """A team with this body frame is dissolved; if it knew nothing, what was known before stays."""
         if load is not None:
-            self._frame, self._load = frame, load
+            self._where, self._load = where, load
 
     def forget(self) -> None:
         """The body frame will not be quite where it was."""
         self._load = None
 
-    def seen_in(self, frame: int) -> KnownLoad | None:
-        """In the body frame with this number; None if nothing is known in that one."""
-        return self._load if frame == self._frame else None
+    def seen_in(self, where: Where) -> KnownLoad | None:
+        """In this body frame; None if nothing is known in that one."""
+        return self._load if where == self._where else None
 
-    def hear(self, inbox: Mapping[str, Channels], frame: int) -> None:
+    def hear(self, inbox: Mapping[str, Channels], where: Where) -> None:
         """Neighbours may know it in the frame of the next team; what this robot knows itself it does not ask for."""
         for channels in inbox.values():
             told = channels.get(_CHANNEL)
-            if self.seen_in(frame) is None and told is not None and told.shape == (_SIZE,) and told[0] == frame:
-                self.keep(frame, _decoded(told))
+            is_asked = self.seen_in(where) is None and where[0] > 0
+            if is_asked and told is not None and told.shape == (_SIZE,) and told[0] == where[0]:
+                self.keep(where, _decoded(told))
 
-    def channels(self) -> dict[str, Array]:
-        """What to tell the neighbours."""
-        if self._load is None:
+    def channels(self, where: Where) -> dict[str, Array]:
+        """What to tell the neighbours, with whom the next team will have this body frame."""
+        load = self.seen_in(where)
+        if load is None or np.abs(load.covariance).max() > _MOST:
             return {}
-        head = np.concatenate([[self._frame, self._load.samples], self._load.parameters])
-        return {_CHANNEL: np.concatenate([head, self._load.covariance[_ROWS, _COLUMNS]])}
+        return {_CHANNEL: np.concatenate([[where[0]], load.parameters, load.covariance[_ROWS, _COLUMNS]])}
 
 
 def _decoded(told: Array) -> KnownLoad | None:
@@ -62,6 +69,9 @@ def _decoded(told: Array) -> KnownLoad | None:
     covariance = np.zeros((INERTIA_SIZE, INERTIA_SIZE))
     covariance[_ROWS, _COLUMNS] = covariance[_COLUMNS, _ROWS] = told[_COVARIANCE:]
     deviations = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
-    if not deviations.all() or np.linalg.eigvalsh(covariance / np.outer(deviations, deviations))[0] < 0.0:
+    if not deviations.all():
         return None
-    return KnownLoad(told[2:_COVARIANCE], covariance, float(told[1]))
+    correlation = covariance / np.outer(deviations, deviations)
+    if np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:
+        return None
+    return KnownLoad(told[1:_COVARIANCE], covariance)

@@ -89,8 +89,10 @@ class LoadMemory:
             self._kept = float(np.exp(-1.0 / blocks))
             floor = np.full(INERTIA_SIZE + OFFSET_SIZE * config.efficient.offsets, 1e3)
             self._window = ForgettingWindow(blocks, floor, riders=RIDERS)
-        if former is not None:
+        if former is not None and not config.efficient.offsets:
             self._window.expect(former)
+        # Whether neighbours and observers know of the change that made the load doubtful.
+        self._is_change_told = False
         self._last_block = self._changed_at = -1
         self._early = EarlyBlocks()
         # Whether the samples of the correction under way were forgotten, to come again.
@@ -111,9 +113,10 @@ class LoadMemory:
 
     def known_load(self) -> KnownLoad | None:
         """What the load is in the body frame, or was when that was clear last; None if it is not known."""
-        if self._late.contradict or self._disturbance.is_spoiling or not self._is_enough():
-            return None
-        return self._window.known_load(self._weights.model)
+        if self._window.former is not None:
+            return self._window.former
+        is_known = self._is_enough() and not self._disturbance.is_spoiling and not self._late.contradict
+        return self._window.known_load(self._weights.model) if is_known else None
 
     @property
     def is_spoilt(self) -> bool:
@@ -155,13 +158,14 @@ class LoadMemory:
         is_coherent = self._correction is not None
         if not self._weights.know_load and self._is_enough():
             self._weights.learn(self._window)
-        is_in_doubt = self._window.former is not None
+        is_told = self._window.former is not None and self._is_change_told
         change = self._window.review(self._weights.model, is_coherent) if self._weights.know_load else None
         if change is None:
             self._look_back(block, moments)
             return None
         self._begin(change)
-        return None if is_in_doubt else change
+        self._is_change_told = True
+        return None if is_told else change
 
     def _use_known_poses(self) -> None:
         """Expect what they do, from the first block on and again when there are enough, if others feel as much."""
@@ -192,6 +196,7 @@ class LoadMemory:
         if self._late.have_long_contradicted:
             count = self.count
             self._forget_before(block)
+            self._window.reconsider()
             if self.count < count:  # else it fades, and the forces of late will do so for a while
                 self._begin(self._changed_at)
 
@@ -226,10 +231,11 @@ class LoadMemory:
         """A neighbour says that the load changed at this block. Returns whether that is news, as ``push``."""
         if changed_at <= self._changed_at:
             return False
-        is_in_doubt = self._window.former is not None
+        is_told = self._window.former is not None and self._is_change_told
         self._begin(changed_at)
         self._window.accept(changed_at, self._weights.model)
-        return not is_in_doubt
+        self._is_change_told = True
+        return not is_told
 
     def forget_late(self, duration: float) -> None:
         """What came in the last so many seconds does not count, nor what has come early since then."""

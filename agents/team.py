@@ -193,7 +193,8 @@ class Team:
 
     def known_load(self) -> KnownLoad | None:
         """What the load is in the body frame, for the next team; None if that is not known."""
-        return self._memory.known_load() if self._corrected == self._version else self._load_before
+        is_coherent = self._corrected == self._version > self._fits.spoilt and self._contradictions.by is None
+        return self._memory.known_load() if is_coherent else self._load_before
 
     def found(self) -> Found | None:
         """What is known of poses and load; None as long as no poses have been fitted.

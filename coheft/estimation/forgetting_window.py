@@ -49,6 +49,9 @@ class ForgettingWindow:
     def expect(self, load: KnownLoad) -> None:
         """Nothing is compared with it."""
 
+    def reconsider(self) -> None:
+        """Nothing was expected."""
+
     @property
     def first_block(self) -> int:
         """-1: blocks cannot be told apart."""

@@ -19,8 +19,9 @@ import numpy as np
 import numpy.typing as npt
 
 from coheft.estimation.chi_square import chi_square_threshold
-from coheft.estimation.inertia import GRAM_SIZE, INERTIA_SIZE, InertiaInformation, InertiaModel
-from coheft.estimation.load_comparison import KnownLoad, compare_despite_offset, compare_loads, compare_with_load
+from coheft.estimation.former_load import FormerLoad
+from coheft.estimation.inertia import GRAM_SIZE, InertiaInformation, InertiaModel
+from coheft.estimation.load_comparison import KnownLoad, compare_loads
 from coheft.estimation.spatial import Array
 from coheft.estimation.stretches import Stretches
 
@@ -32,25 +33,12 @@ _CHANCE = 1e-4
 _UNEVEN = 4.0
 """Where samples disagree, covariances count with their being divided as unevenly as this, and no more: the smaller a
 part is, the less it says about how far the other is off."""
-_CHANCE_OFFSET = 1e-6
-"""Probability at a single test that an offset is ruled out though there is one."""
-_FEW = 50
-"""Fewer samples do not show that the load is the same as before,"""
-_SETTLED = 0.5
-"""nor do fewer than so many times those for which a disturbance keeps its direction."""
-_HALF = 0.5
-"""The sensor may have gone off, at the latest, so much of the samples later than the load seems to have changed;"""
-_LEAST = 0.2
-"""of such samples there have to be so many times those for which a disturbance keeps its direction."""
-_OUTWEIGHED = 5.0
-"""What was known from so many times fewer samples than have come since is not held against them any more: a sensor may
-have been off then as well. Nor, however few they were, after so many times those for which a disturbance lasts."""
 _LENGTHS = (1, 3)
 """A while is so many stretches long,"""
 _BETWEEN_EVERY = 16
 """and they are tested with every so many tests of borders, in case the load was another one for a while."""
 _YOUNG = 12
-"""Up to so many borders, all are tested every time; of a load that may have changed, so many as the beginning of it."""
+"""Up to so many borders, all are tested every time."""
 _DRIFT = 2
 """So many small changes in a row are a drift,"""
 _SMALL = 4.0
@@ -101,9 +89,7 @@ class LoadWindow:
         self._is_due = False
         self._doubts: deque[float] = deque(maxlen=stride)  # of the last tests, which all borders had a part in
         self._doubt_between = 1.0
-        # What the load was before it changed, until it is clear that it has; and what it was if it has not.
-        self._former: KnownLoad | None = None
-        self._reference: KnownLoad | None = None
+        self._former = FormerLoad(coherence, false_alarm)
         self._stretches = Stretches(GRAM_SIZE + riders, resolution)
 
     @property
@@ -114,25 +100,19 @@ class LoadWindow:
     @property
     def former(self) -> KnownLoad | None:
         """See ``Memory``."""
-        return self._former
+        return self._former.suspected
 
     def known_load(self, model: InertiaModel) -> KnownLoad | None:
         """See ``Memory``."""
-        if self._former is not None:
-            return self._former
-        return self._known_by(self._stretches.total, model) if len(self._stretches) else self._reference
-
-    def _known_by(self, sums: Array, model: InertiaModel) -> KnownLoad | None:
-        """By samples, unless more was known before and they have not contradicted it; None where offsets are known."""
-        if model.unknowns > INERTIA_SIZE:
-            return None
-        if self._reference is not None and sums[0] <= _OUTWEIGHED * self._reference.samples:
-            return self._reference
-        return KnownLoad.of(model, sums, self._coherence)
+        return self._former.known(model, self._stretches.total) if len(self._stretches) else self.former
 
     def expect(self, load: KnownLoad) -> None:
         """See ``Memory``."""
-        self._former, self._reference = load, None
+        self._former.expect(load)
+
+    def reconsider(self) -> None:
+        """See ``Memory``."""
+        self._former.reconsider()
 
     @property
     def first_block(self) -> int:
@@ -197,12 +177,14 @@ class LoadWindow:
         while size > 1.0:
             change = int(self._stretches.firsts[found])
             if at_border:
-                self._remember(self._stretches.total - self._stretches.sums[found], model)
+                self._former.begin(model, self._stretches.total - self._stretches.sums[found])
             self._begin(found, size, model)
             found, size = self._test_since(model, is_coherent, everything)
             at_border = True
         if not is_coherent:
-            self._compare_with_former(model)
+            if test_between:
+                self._former.look_again(model, self._stretches.total)
+            self._former.compare(model, self._stretches.sums)
         return change
 
     def _test_since(self, model: InertiaModel, is_coherent: bool, borders: slice) -> tuple[int, float]:
@@ -236,27 +218,6 @@ class LoadWindow:
         found = int(np.argmax(statistics))
         return int(ends[found]), float(statistics[found]) / _threshold(seen, self._false_alarm)
 
-    def _compare_with_former(self, model: InertiaModel) -> None:
-        """Find out whether the load is another one, or what it was; as long as a sensor may be off, nobody can tell."""
-        if self._former is None or len(self._stretches) == 0:
-            return
-        since = self._stretches.sums
-        same = compare_with_load(model, self._former, since[:1], self._coherence)
-        if same[0] < chi_square_threshold(INERTIA_SIZE, _CHANCE):
-            if since[0, 0] < max(_FEW, _SETTLED * self._coherence):
-                return
-            self._reference = self._former
-        else:
-            # The sensor may have gone off a little later than it seemed, and in the middle of a block.
-            later = since[since[:, 0] >= max(_HALF * since[0, 0], _LEAST * self._coherence, 1.0)][:_YOUNG]
-            if len(later) < 2:
-                return
-            despite = compare_despite_offset(model, self._former, later, self._coherence)
-            is_outweighed = since[0, 0] > _OUTWEIGHED * max(self._former.samples, self._coherence)
-            if np.any(despite < chi_square_threshold(INERTIA_SIZE, _CHANCE_OFFSET)) and not is_outweighed:
-                return
-        self._former = None
-
     def _compare(self, model: InertiaModel, parts: Array, is_coherent: bool = False) -> tuple[Array, int]:
         """Statistics of parts (k, 190 + riders) against the rest, and their degrees of freedom."""
         coherence = np.inf if is_coherent and self._coherence else self._coherence
@@ -280,11 +241,11 @@ class LoadWindow:
         border = self._stretches.border(block)
         if 0 < border < len(self._stretches):
             statistics, seen = self._compare(model, self._stretches.sums[border : border + 1])
-            self._remember(self._stretches.total - self._stretches.sums[border], model)
+            self._former.begin(model, self._stretches.total - self._stretches.sums[border])
             self._begin(border, float(statistics[0]) / _threshold(seen, self._false_alarm), model)
         else:
             if border and border == len(self._stretches):
-                self._remember(self._stretches.total, model)
+                self._former.begin(model, self._stretches.total)
             self.forget_before(block)
 
     def _begin(self, border: int, size: float, model: InertiaModel) -> None:
@@ -301,11 +262,6 @@ class LoadWindow:
         self._trust()
         self.forget_before(int(self._stretches.firsts[border]))
 
-    def _remember(self, sums: Array, model: InertiaModel) -> None:
-        """What the load was, by samples before it changed; unless it is not clear yet whether it had before."""
-        if self._former is None:
-            self._former, self._reference = self._known_by(sums, model), None
-
     def _trust(self) -> None:
         """What made the load doubtful is forgotten."""
         self._doubts.clear()
@@ -314,14 +270,18 @@ class LoadWindow:
     def forget_before(self, block: int) -> None:
         """See ``Memory``. What is left is as doubtful as it was: not all that disagreed may be forgotten."""
         self._stretches.forget_before(block)
-        if len(self._stretches) == 0:
-            self._trust()
-            if self._reference is not None:
-                self.expect(self._reference)
+        self._look_whether_empty()
 
     def forget_since(self, block: int) -> None:
         """See ``Memory``."""
         self._stretches.forget_since(block)
+        self._look_whether_empty()
+
+    def _look_whether_empty(self) -> None:
+        """What comes next may be of another load."""
+        if len(self._stretches) == 0:
+            self._trust()
+            self._former.reconsider()
 
     def forget_borders_before(self, block: int) -> None:
         """See ``Memory``."""

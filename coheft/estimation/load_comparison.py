@@ -19,6 +19,8 @@ from coheft.estimation.spatial import Array
 
 _TESTED = 0.2
 """Directions are tested in which at least this share of the information is motion, and not noise of motion."""
+_OUTWEIGHED = 5.0
+"""What is known from so many times less information hardly counts."""
 _LIGHTEST = 1e-3
 """No load is taken to have been lighter than this share of what it seems to be now."""
 _HARDLY = 1e-6
@@ -73,21 +75,33 @@ class KnownLoad(NamedTuple):
     Attributes:
         parameters: ``theta``, shape (10,).
         covariance: Of its error, shape (10, 10); large in directions that the motion has not shown.
-        samples: Number of those that it is known from.
     """
 
     parameters: Array
     covariance: Array
-    samples: float
 
     @staticmethod
     def of(model: InertiaModel, sums: Array, coherence: float) -> KnownLoad:
         """By samples (190 + riders,); arguments as of ``compare_loads``."""
-        seen = _Evidence.of(model, sums)
+        return KnownLoad._by(_Evidence.of(model, sums), _disturbance(model, sums, coherence))
+
+    @staticmethod
+    def despite_offset(model: InertiaModel, sums: Array, coherence: float) -> KnownLoad:
+        """As ``of``, where a constant wrench may have come with the samples: of a sensor that is off."""
+        evidence, disturbance = _despite_offset(model, sums[None], coherence)
+        return KnownLoad._by(_Evidence(*(each[0] for each in evidence)), disturbance[0])
+
+    @staticmethod
+    def _by(seen: _Evidence, disturbance: Array) -> KnownLoad:
         ridge = _HARDLY * np.diag(seen.by_noise.diagonal())
         inverse = np.linalg.inv(seen.matrix + ridge)
-        scatter = seen.by_noise + ridge + _disturbance(model, sums, coherence)
-        return KnownLoad(inverse @ seen.vector, inverse @ scatter @ inverse.T, float(sums[0]))
+        scatter = seen.by_noise + ridge + disturbance
+        return KnownLoad(inverse @ seen.vector, inverse @ scatter @ inverse.T)
+
+    def outweighs(self, other: KnownLoad) -> bool:
+        """Whether so much more is known of it, in the mean of all directions, that the other one hardly counts."""
+        volumes = [np.linalg.slogdet(load.covariance)[1] for load in (self, other)]
+        return bool(volumes[0] + INERTIA_SIZE * np.log(_OUTWEIGHED) < volumes[1])
 
 
 def maybe_former(estimate: InertiaEstimate, former: KnownLoad) -> InertiaEstimate:
@@ -123,15 +137,19 @@ def compare_with_load(model: InertiaModel, load: KnownLoad, parts: Array, cohere
 
 def compare_despite_offset(model: InertiaModel, load: KnownLoad, parts: Array, coherence: float) -> Array:
     """As ``compare_with_load``, where a constant wrench may have come with each part: of a sensor that is off."""
+    return _off(load, *_despite_offset(model, parts, coherence))
+
+
+def _despite_offset(model: InertiaModel, parts: Array, coherence: float) -> tuple[_Evidence, Array]:
+    """What parts say of ``theta``, whatever constant wrench came with them, and what a disturbance adds to that."""
     with_offset = model.with_offset()
     seen, disturbance = _Evidence.of(with_offset, parts), _disturbance(with_offset, parts, coherence)
     offset = seen.matrix[:, OFFSETS, OFFSETS]
-    # What a part says of theta, whatever the offset is.
     despite = np.zeros((len(parts), INERTIA_SIZE, with_offset.unknowns))
     despite[:, :, :INERTIA_SIZE] = np.eye(INERTIA_SIZE)
     gain = np.linalg.solve(offset, seen.matrix[:, OFFSETS, :INERTIA_SIZE])
     despite[:, :, OFFSETS] = -gain.swapaxes(-1, -2)
-    return _off(load, seen.seen_by(despite), despite @ disturbance @ despite.swapaxes(-1, -2))
+    return seen.seen_by(despite), despite @ disturbance @ despite.swapaxes(-1, -2)
 
 
 def _off(load: KnownLoad, parts: _Evidence, disturbance: Array) -> Array:

@@ -33,7 +33,7 @@ def test_it_is_right_about_either_load_however_far_they_are_apart(seed: int) -> 
     rng = np.random.default_rng(seed)
     now, former = body(rng), body(rng)
     estimate = estimate_of(now, 1e-6 * np.eye(10))
-    both = maybe_former(estimate, KnownLoad(former.barycentric(), 1e-6 * np.eye(10), 100.0))
+    both = maybe_former(estimate, KnownLoad(former.barycentric(), 1e-6 * np.eye(10)))
     assert both.inertia is now
     apart = central(former) - central(now)
     assert apart @ np.linalg.solve(both.covariance, apart) <= 1.0
@@ -44,12 +44,12 @@ def test_it_is_no_better_known_than_the_former_load_was() -> None:
     """Where both say the same, the former load's covariance is added, and nothing else."""
     now = body(np.random.default_rng(1))
     estimate, known = estimate_of(now, 1e-6 * np.eye(10)), estimate_of(now, 1e-3 * np.eye(10))
-    both = maybe_former(estimate, KnownLoad(now.barycentric(), 1e-3 * np.eye(10), 100.0))
+    both = maybe_former(estimate, KnownLoad(now.barycentric(), 1e-3 * np.eye(10)))
     np.testing.assert_allclose(both.covariance, estimate.covariance + known.covariance, atol=1e-12)
 
 
 def test_a_former_load_that_was_hardly_seen_need_not_be_possible() -> None:
     now = body(np.random.default_rng(2))
-    both = maybe_former(estimate_of(now, 1e-6 * np.eye(10)), KnownLoad(np.zeros(10), 1e3 * np.eye(10), 3.0))
+    both = maybe_former(estimate_of(now, 1e-6 * np.eye(10)), KnownLoad(np.zeros(10), 1e3 * np.eye(10)))
     assert np.isfinite(both.covariance).all()
     assert both.covariance[0, 0] > now.mass**2
