@@ -6,6 +6,7 @@ meanwhile looks like another load, and only who knows the former one can doubt t
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Mapping
 
 import numpy as np
@@ -17,8 +18,8 @@ from coheft.estimation.spatial import Array
 
 _CHANNEL = "kept_load"
 _ROWS, _COLUMNS = np.triu_indices(INERTIA_SIZE)
-_COVARIANCE = 1 + INERTIA_SIZE
-"""Where the covariance begins in what is told: after the frame's number, and ``theta``."""
+_COVARIANCE = 2 + INERTIA_SIZE
+"""Where the covariance begins in what is told: after two numbers for the frame, and ``theta``."""
 _SIZE = _COVARIANCE + len(_ROWS)
 _MOST = 1e9
 """What is more uncertain is not told: it is of no use, and messages with numbers that are very large are refused."""
@@ -53,7 +54,7 @@ class KeptLoad:
         for channels in inbox.values():
             told = channels.get(_CHANNEL)
             is_asked = self.seen_in(where) is None and where[0] > 0
-            if is_asked and told is not None and told.shape == (_SIZE,) and told[0] == where[0]:
+            if is_asked and told is not None and told.shape == (_SIZE,) and tuple(told[:2]) == _numbers(where):
                 self.keep(where, _decoded(told))
 
     def channels(self, where: Where) -> dict[str, Array]:
@@ -61,7 +62,12 @@ class KeptLoad:
         load = self.seen_in(where)
         if load is None or np.abs(load.covariance).max() > _MOST:
             return {}
-        return {_CHANNEL: np.concatenate([[where[0]], load.parameters, load.covariance[_ROWS, _COLUMNS]])}
+        return {_CHANNEL: np.concatenate([_numbers(where), load.parameters, load.covariance[_ROWS, _COLUMNS]])}
+
+
+def _numbers(where: Where) -> tuple[int, int]:
+    number, robot = where
+    return number, zlib.crc32(robot.encode())
 
 
 def _decoded(told: Array) -> KnownLoad | None:
@@ -74,4 +80,4 @@ def _decoded(told: Array) -> KnownLoad | None:
     correlation = covariance / np.outer(deviations, deviations)
     if np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:
         return None
-    return KnownLoad(told[1:_COVARIANCE], covariance)
+    return KnownLoad(told[2:_COVARIANCE], covariance)

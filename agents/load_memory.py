@@ -158,7 +158,7 @@ class LoadMemory:
         is_coherent = self._correction is not None
         if not self._weights.know_load and self._is_enough():
             self._weights.learn(self._window)
-        is_told = self._window.former is not None and self._is_change_told
+        is_told = self._is_change_told = self._is_change_told and self._window.former is not None
         change = self._window.review(self._weights.model, is_coherent) if self._weights.know_load else None
         if change is None:
             self._look_back(block, moments)
@@ -231,7 +231,7 @@ class LoadMemory:
         """A neighbour says that the load changed at this block. Returns whether that is news, as ``push``."""
         if changed_at <= self._changed_at:
             return False
-        is_told = self._window.former is not None and self._is_change_told
+        is_told = self._is_change_told and self._window.former is not None
         self._begin(changed_at)
         self._window.accept(changed_at, self._weights.model)
         self._is_change_told = True

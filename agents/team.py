@@ -105,7 +105,8 @@ class Team:
         self._beyond_doubt: tuple[Pose, ...] | None = None
         self._sure: tuple[tuple[Pose, ...], TeamPoses] | None = None
         self._found_before: Found | None = None
-        self._load_before: KnownLoad | None = None
+        # And what was known of the load, with its first block.
+        self._load_before: tuple[KnownLoad | None, int] = None, -1
         self._neighbours_poses: dict[str, PoseEstimate] = {}
         self._memory = LoadMemory(config, self._own, self._poses, self._motion.fusion, self._fitted, former)
 
@@ -193,8 +194,10 @@ class Team:
 
     def known_load(self) -> KnownLoad | None:
         """What the load is in the body frame, for the next team; None if that is not known."""
-        is_coherent = self._corrected == self._version > self._fits.spoilt and self._contradictions.by is None
-        return self._memory.known_load() if is_coherent else self._load_before
+        if self._contradictions.by is None and self._corrected == self._version > self._fits.spoilt:
+            return self._memory.known_load()
+        load, changed_at = self._load_before
+        return load if changed_at == self._memory.changed_at else None
 
     def found(self) -> Found | None:
         """What is known of poses and load; None as long as no poses have been fitted.
@@ -241,6 +244,8 @@ class Team:
         if self._is_contradicted and not was:
             self._held = None
             self._memory.forget_late(UNNOTICED)
+            if self._corrected == self._version > self._fits.spoilt:
+                self._load_before = self._memory.known_load(), self._memory.changed_at
             if not self._early_sums.are_over(self._next):
                 self._memory.forget_early(PACE * UNNOTICED)
             self._early_sums.end()
@@ -356,7 +361,7 @@ class Team:
         if version == self._version:
             return
         self._found_before, self._held = None if self.doubts() else self.found(), None
-        self._load_before = self.known_load()
+        self._load_before = self.known_load(), self._memory.changed_at
         poses = self._fits.take_poses(version)
         self._motion.set_poses(poses)
         feature_map = refit_map(self._poses, poses, self._config.noise, self._motion.slope)

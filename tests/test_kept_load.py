@@ -52,7 +52,7 @@ def test_what_a_robot_knows_itself_it_does_not_ask_for() -> None:
     assert heard.parameters[0] == 5.0
 
 
-@pytest.mark.parametrize("spoil", ["frame", "shape", "covariance", "nothing known"])
+@pytest.mark.parametrize("spoil", ["frame", "robot", "shape", "variance", "covariance", "nothing known"])
 def test_what_cannot_be_is_not_heard(spoil: str) -> None:
     knows, asks = KeptLoad(), KeptLoad()
     knows.keep(FRAME, known(5.0))
@@ -62,9 +62,13 @@ def test_what_cannot_be_is_not_heard(spoil: str) -> None:
         told[0] = OTHER[0]
     elif spoil == "shape":
         told = told[:-1]
+    elif spoil == "robot":
+        told[1] += 1.0
+    elif spoil == "variance":
+        told[12] = -1.0
     elif spoil == "covariance":
-        told[11] = -1.0
+        told[13] = 1e6
     else:
-        told[11:] = 0.0
+        told[12:] = 0.0
     asks.hear({"r2": dict.fromkeys(knows.channels(FRAME), told)}, FRAME)
     assert asks.seen_in(FRAME) is None

@@ -89,7 +89,7 @@ class LoadWindow:
         self._is_due = False
         self._doubts: deque[float] = deque(maxlen=stride)  # of the last tests, which all borders had a part in
         self._doubt_between = 1.0
-        self._former = FormerLoad(coherence, false_alarm)
+        self._former = FormerLoad(coherence)
         self._stretches = Stretches(GRAM_SIZE + riders, resolution)
 
     @property
@@ -182,8 +182,6 @@ class LoadWindow:
             found, size = self._test_since(model, is_coherent, everything)
             at_border = True
         if not is_coherent:
-            if test_between:
-                self._former.look_again(model, self._stretches.total)
             self._former.compare(model, self._stretches.sums)
         return change
 

@@ -21,6 +21,8 @@ _TESTED = 0.2
 """Directions are tested in which at least this share of the information is motion, and not noise of motion."""
 _OUTWEIGHED = 5.0
 """What is known from so many times less information hardly counts."""
+_SINGULAR = 1e-12
+"""What is added to correlations so that they have an inverse."""
 _LIGHTEST = 1e-3
 """No load is taken to have been lighter than this share of what it seems to be now."""
 _HARDLY = 1e-6
@@ -102,6 +104,13 @@ class KnownLoad(NamedTuple):
         """Whether so much more is known of it, in the mean of all directions, that the other one hardly counts."""
         volumes = [np.linalg.slogdet(load.covariance)[1] for load in (self, other)]
         return bool(volumes[0] + INERTIA_SIZE * np.log(_OUTWEIGHED) < volumes[1])
+
+    def outweighs_everywhere(self, other: KnownLoad) -> bool:
+        """Whether so much more is known of it in every direction."""
+        scale = np.sqrt(other.covariance.diagonal())
+        own, others = (load.covariance / scale[:, None] / scale for load in (self, other))
+        whitening = np.linalg.inv(np.linalg.cholesky(others + _SINGULAR * np.eye(INERTIA_SIZE)))
+        return bool(np.linalg.eigvalsh(whitening @ own @ whitening.T)[-1] < 1.0 / _OUTWEIGHED)
 
 
 def maybe_former(estimate: InertiaEstimate, former: KnownLoad) -> InertiaEstimate:
