@@ -92,7 +92,8 @@ class FormerLoad:
 
     def _may_be_offset(self, model: InertiaModel, former: KnownLoad, since: Array) -> bool:
         # The sensor may have gone off a little later than it seemed, and in the middle of a block.
-        later = since[since[:, 0] >= max(_HALF * since[0, 0], _LEAST * self._coherence, 1.0)][:_MOST]
+        count, longest = since[0, 0], since[1:2, 0].max(initial=0.0)  # much may have come before there were borders
+        later = since[since[:, 0] >= max(min(_HALF * count, longest), _LEAST * self._coherence, 1.0)][:_MOST]
         despite = compare_despite_offset(model, former, later, self._coherence)
         if len(later) > 1 and np.all(despite >= chi_square_threshold(INERTIA_SIZE, _CHANCE_OFFSET)):
             return False
