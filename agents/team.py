@@ -192,9 +192,14 @@ class Team:
         kept = self._beyond_doubt if is_doubtful else self._poses
         return None if kept is None else {name: KnownPose(pose) for name, pose in zip(self._names, kept, strict=True)}
 
+    @property
+    def _is_settled(self) -> bool:
+        """Whether what is remembered of the load is seen with the poses in use, and nothing may have spoilt these."""
+        return self._corrected == self._version > self._fits.spoilt
+
     def known_load(self) -> KnownLoad | None:
         """What the load is in the body frame, for the next team; None if that is not known."""
-        if self._contradictions.by is None and self._corrected == self._version > self._fits.spoilt:
+        if self._contradictions.by is None and self._is_settled:
             return self._memory.known_load()
         load, changed_at = self._load_before
         return load if changed_at == self._memory.changed_at else None
@@ -244,7 +249,7 @@ class Team:
         if self._is_contradicted and not was:
             self._held = None
             self._memory.forget_late(UNNOTICED)
-            if self._corrected == self._version > self._fits.spoilt:
+            if self._is_settled:
                 self._load_before = self._memory.known_load(), self._memory.changed_at
             if not self._early_sums.are_over(self._next):
                 self._memory.forget_early(PACE * UNNOTICED)

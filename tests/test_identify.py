@@ -19,7 +19,6 @@ from coheft.app.mocobots.record import record, record_sphere
 from coheft.errors import RecordingError
 from coheft.estimation.batch.holds import holds_of
 from coheft.estimation.batch.identification import Identification
-from coheft.estimation.batch.payload import central_numbers
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.rigid_body import Inertia
@@ -80,7 +79,7 @@ def honest(recording: Recording, found: Identification, limit: float = 4.5) -> b
     assert truth is not None
     load = truth.load_between(recording.time[0], recording.time[-1])
     assert load is not None
-    deviations = [(central_numbers(found.payload.measured) - central_numbers(load)) / found.payload.std]
+    deviations = [(found.payload.measured.central() - load.central()) / found.payload.std]
     for k in range(1, len(found.names)):
         relative = found.team.relative(0, k)
         error = perturbation_between(relative.pose, truth.poses[0].inverse() @ truth.poses[k])
@@ -140,7 +139,7 @@ def test_recordings_say_what_agents_found_online(ring6: tuple[Recording, dict[st
         assert payload is not None
         seen = found.payload.inertia.carried(found.team.poses[k].inverse())
         theirs = Inertia(payload.mass, payload.com, payload.tensor)
-        difference = central_numbers(seen) - central_numbers(theirs)
+        difference = seen.central() - theirs.central()
         own = np.sqrt(np.diag(payload.covariance))
         if method == "likelihood":
             assert np.abs(difference / own).max() < 1.0, name

@@ -14,7 +14,7 @@ import numpy as np
 from coheft.estimation.inertia import GRAM_SIZE, INERTIA_SIZE, OFFSETS, InertiaModel
 from coheft.estimation.inertia_derivatives import central_derivative
 from coheft.estimation.inertia_estimate import InertiaEstimate
-from coheft.estimation.rigid_body import Inertia, pack_symmetric
+from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array
 
 _TESTED = 0.2
@@ -118,15 +118,10 @@ def maybe_former(estimate: InertiaEstimate, former: KnownLoad) -> InertiaEstimat
     now = estimate.inertia
     mass = max(float(former.parameters[0]), _LIGHTEST * now.mass)
     then = Inertia.from_barycentric([mass, *former.parameters[1:]])
-    apart = _central(then) - _central(now)
+    apart = then.central() - now.central()
     derivative = central_derivative(then)
     covariance = derivative @ former.covariance @ derivative.T + np.outer(apart, apart)
     return replace(estimate, covariance=estimate.covariance + covariance)
-
-
-def _central(inertia: Inertia) -> Array:
-    """``(m, h, J)``, shape (10,)."""
-    return np.concatenate([[inertia.mass], inertia.com, pack_symmetric(inertia.tensor)])
 
 
 def compare_with_load(model: InertiaModel, load: KnownLoad, parts: Array, coherence: float) -> Array:

@@ -13,9 +13,6 @@ from coheft.estimation.spatial import Array
 class Memory(Protocol):
     """What holds the samples that count."""
 
-    def reconsider(self) -> None:
-        """It may not be the load that was expected, though it has seemed to be."""
-
     def push(self, block: int, gram: Array) -> None:
         """Take in a block: its number, larger than all before, and packed Gram matrix (190,), then the riders."""
 
@@ -42,6 +39,9 @@ class Memory(Protocol):
 
     def expect(self, load: KnownLoad) -> None:
         """Before there are any samples: it was this load when it was known last."""
+
+    def reconsider(self) -> None:
+        """It may not be the load that was expected, though it has seemed to be."""
 
     @property
     def first_block(self) -> int:

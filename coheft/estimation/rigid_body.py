@@ -103,6 +103,10 @@ class Inertia:
         about_origin = self.tensor - self.mass * skew(self.com) @ skew(self.com)
         return np.concatenate([[self.mass], self.mass * self.com, pack_symmetric(about_origin)])
 
+    def central(self) -> Array:
+        """``(m, h, J)``, shape (10,), with ``J`` packed."""
+        return np.concatenate([[self.mass], self.com, pack_symmetric(self.tensor)])
+
     def carried(self, pose_j_in_i: Pose) -> Inertia:
         """The same body, known in ``F_j``, seen from ``F_i``: ``h_i = R h_j + p``, ``J_i = R J_j R^T``."""
         rotation = pose_j_in_i.rotation

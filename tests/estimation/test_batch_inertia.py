@@ -16,7 +16,6 @@ from coheft.estimation.batch.identify import parameters_fit
 from coheft.estimation.batch.inertia_fit import fit_parameters, fit_tensor
 from coheft.estimation.batch.payload import (
     PrincipalInertia,
-    central_numbers,
     derivative_by_poses,
     make_payload,
     of_central_numbers,
@@ -54,7 +53,7 @@ def test_both_fits_are_exact_without_noise(count: int) -> None:
     np.testing.assert_allclose(
         fit_tensor(motions[0], wrench, LOAD.com, RATE).solution, pack_symmetric(LOAD.tensor), atol=1e-8
     )
-    np.testing.assert_allclose(parameters_fit(signals, team).numbers, central_numbers(LOAD), atol=1e-8)
+    np.testing.assert_allclose(parameters_fit(signals, team).numbers, LOAD.central(), atol=1e-8)
 
 
 def test_instruments_remove_the_bias_of_inertia() -> None:
@@ -83,7 +82,7 @@ def test_covariance_says_how_much_parameters_scatter() -> None:
     for _ in range(60):
         noisy = with_noise(rng, exact, w=0.0, v=0.0, alpha=0.3, a=0.05)
         fit = parameters_fit(noisy, team)
-        error = fit.numbers - central_numbers(LOAD)
+        error = fit.numbers - LOAD.central()
         squares.append(float(np.mean(error**2 / np.diag(fit.covariance))))
     assert 0.7 < np.mean(squares) < 1.5
 
@@ -115,7 +114,7 @@ def test_standard_deviations_of_moments_follow_the_inertias() -> None:
     rng = np.random.default_rng(5)
     root = 0.01 * rng.normal(size=(6, 6))
     found = PrincipalInertia.of(LOAD.tensor, root @ root.T)
-    samples = central_numbers(LOAD)[4:] + rng.normal(size=(20000, 6)) @ root.T
+    samples = LOAD.central()[4:] + rng.normal(size=(20000, 6)) @ root.T
     tensors = [of_central_numbers(np.concatenate([np.ones(4), row])).tensor for row in samples]
     np.testing.assert_allclose(np.std(np.linalg.eigvalsh(tensors), axis=0), found.std, rtol=0.05)
 

@@ -17,7 +17,7 @@ from coheft.estimation.body_motion import (
     relative_pose_derivative,
 )
 from coheft.estimation.measurement import SensorNoise
-from coheft.estimation.rigid_body import Inertia, pack_symmetric, unpack_symmetric
+from coheft.estimation.rigid_body import Inertia, unpack_symmetric
 from coheft.estimation.spatial import Array, Pose
 from tests.estimation.team import Team, make_team, random_pose
 
@@ -28,12 +28,8 @@ def finite_difference(function: Callable[[Array], Array], size: int, step: float
     return np.stack(columns, axis=-1)
 
 
-def inertia_vector(inertia: Inertia) -> Array:
-    return np.concatenate([[inertia.mass], inertia.com, pack_symmetric(inertia.tensor)])
-
-
 def moved_inertia(inertia: Inertia, change: Array) -> Inertia:
-    m, h, packed = np.split(inertia_vector(inertia) + change, [1, 4])
+    m, h, packed = np.split(inertia.central() + change, [1, 4])
     return Inertia(float(m[0]), h, unpack_symmetric(packed))
 
 
@@ -87,7 +83,7 @@ def test_seen_inertia_derivative(rng: np.random.Generator, inertia: Inertia) -> 
     pose = random_pose(rng)
 
     def seen(d: Array) -> Array:
-        return inertia_vector(moved_inertia(inertia, d[6:]).carried(perturbed(pose, d[:6]).inverse()))
+        return moved_inertia(inertia, d[6:]).carried(perturbed(pose, d[:6]).inverse()).central()
 
     np.testing.assert_allclose(
         inertia_derivatives.seen_inertia_derivative(pose, inertia), finite_difference(seen, 16), atol=1e-7
@@ -171,7 +167,7 @@ def test_maximum_likelihood_reaches_the_bound(small: tuple[Team, FullProblem, Ar
         true_pose = team.poses[1].inverse() @ team.poses[2]
         pose_errors.append(perturbation_between(true_pose, poses[1].inverse() @ poses[2]))
         seen = [body.carried(pose.inverse()) for body, pose in ((inertia, poses[2]), (team.inertia, team.poses[2]))]
-        inertia_errors.append(inertia_vector(seen[0]) - inertia_vector(seen[1]))
+        inertia_errors.append(seen[0].central() - seen[1].central())
     for errors, covariance in (
         (np.array(pose_errors), bound.relative_pose(1, 2)),
         (np.array(inertia_errors), bound.inertia_seen_from(2)),

@@ -15,7 +15,6 @@ from coheft.estimation.batch.inertia_fit import LinearFit, fit_parameters, fit_t
 from coheft.estimation.batch.loop_closure import close_loops, loop_errors
 from coheft.estimation.batch.pairs import kabsch, pair_pose
 from coheft.estimation.batch.payload import (
-    central_numbers,
     derivative_by_poses,
     make_payload,
     of_central_numbers,
@@ -122,7 +121,7 @@ def centre_of(poses: Sequence[Pose]) -> Pose:
 def at_first_grasp(about_centre: Inertia, centre: Pose) -> tuple[Array, Array]:
     """``(m, h, J)`` (10,) in the first robot's frame, and its derivative by ``theta`` about the centre (10, 10)."""
     derivative = central_derivative(about_centre)
-    return central_numbers(about_centre.carried(centre)), derivative
+    return about_centre.carried(centre).central(), derivative
 
 
 def grasps_from_twists(signals: Signals, with_instruments: bool) -> tuple[TeamPoses, list[Array]]:

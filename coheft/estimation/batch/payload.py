@@ -73,13 +73,8 @@ class PrincipalInertia:
         return PrincipalInertia(moments, axes, std)
 
 
-def central_numbers(inertia: Inertia) -> Array:
-    """``(m, h, J)``, ``J`` packed, shape (10,)."""
-    return np.concatenate([[inertia.mass], inertia.com, pack_symmetric(inertia.tensor)])
-
-
 def of_central_numbers(numbers: Array) -> Inertia:
-    """Inverse of ``central_numbers``."""
+    """Inverse of ``Inertia.central``."""
     return Inertia(float(numbers[0]), numbers[1:4], unpack_symmetric(numbers[4:]))
 
 
