@@ -19,9 +19,10 @@ import numpy as np
 
 from benchmarks.bench_server import latencies
 from benchmarks.figures import Effort, Figure, Section
+from benchmarks.network import SETTLED
 from benchmarks.paced_team import Turn, paced_team
 from benchmarks.raw_team import Sizes, raw_team
-from benchmarks.replay import SETTLED, record, sizes
+from benchmarks.replay import record, sizes
 from benchmarks.runner import run_alone
 from benchmarks.scenarios import team_scenario
 from benchmarks.timing import ratio

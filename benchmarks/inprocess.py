@@ -17,7 +17,6 @@ from msgspec.structs import replace
 
 from benchmarks.figures import Effort, Figure, Section, Skipped
 from benchmarks.network import Network
-from benchmarks.replay import SETTLED
 from benchmarks.runner import run_alone
 from benchmarks.scenarios import team_scenario
 from benchmarks.timing import ratio
@@ -95,7 +94,7 @@ def measure(effort: Effort) -> Section:
         for block in _LONGER:
             teams[f"ring of {_SMALL}, blocks of {block}"] = Runner(Network(team_scenario(_SMALL, block=block)), _SMALL)
     for team in teams.values():
-        team.network.settle(SETTLED)
+        team.network.settle()
     for _ in range(_TURNS[effort]):
         for team in teams.values():
             team.turn()

@@ -10,6 +10,11 @@ from coheft.errors import CoheftError
 from coheft.wire.messages import Truth
 from coheft.wire.scenario import Scenario
 
+SETTLED = 12.0
+"""From then on a team does what it does for the rest of the run [s]: it has also summed what came before the sums."""
+_SETTLED_BLOCKS = 150
+"""The same for long blocks: much of a start takes a number of rounds, however long they are."""
+
 
 class Network:
     """A team and its physics in this process; time is counted separately for both.
@@ -37,12 +42,13 @@ class Network:
         """Number of blocks so far."""
         return self._team.simulation.block
 
-    def settle(self, seconds: float) -> None:
-        """All blocks up to a simulated time [s].
+    def settle(self) -> None:
+        """All blocks until a team does what it does for the rest of the run.
 
         Raises:
             CoheftError: Not every agent weighs the load then: it is no team like those that are measured.
         """
+        seconds = max(SETTLED, _SETTLED_BLOCKS * self.block_duration)
         self.run_until(seconds)
         if not self.is_working:
             raise CoheftError(f"after {seconds:g} s not every agent weighs the load: what would be measured is a start")

@@ -18,8 +18,6 @@ from coheft.wire.scenario import Scenario
 
 BLOCKS = 50
 """So many blocks in a row are kept, and said over and over."""
-SETTLED = 12.0
-"""From then on a team does what it does for the rest of the run [s]: it has also summed what came before the sums."""
 SETTING = "replay"
 """Key of the estimator's settings under which an agent finds its file."""
 _KEY = "replay"
@@ -28,7 +26,7 @@ _KEY = "replay"
 def record(scenario: Scenario, folder: Path) -> dict[str, Path]:
     """Run a scenario in this process until it has settled, and write what each agent says then to a file."""
     network = Network(scenario)
-    network.settle(SETTLED)
+    network.settle()
     said: dict[str, list[tuple[bytes, bytes, bytes]]] = {name: [] for name in network.graph}
     for _ in range(BLOCKS):
         network.step()

@@ -21,7 +21,7 @@ import psutil
 import zenoh
 
 from benchmarks.figures import Effort, Figure, Section
-from benchmarks.replay import SETTLED
+from benchmarks.network import SETTLED
 from benchmarks.runner import run_alone
 from benchmarks.timing import ratio
 from coheft.app.processes import ENVIRONMENT
