@@ -13,6 +13,7 @@ from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 
 from coheft.app.inprocess import run_in_process
 from coheft.app.judge import Judge
+from coheft.estimation.measurement import WRENCH
 from coheft.estimation.spatial import Array, rotation_exp
 from coheft.wire.messages import Estimate, Scene, Truth
 from coheft.wire.scenario import Scenario
@@ -172,7 +173,7 @@ def _draw_mass(found: Run) -> None:
     noticed = max(e.load_changes[-1].noticed_at for name in found.scene.robots for e in found.estimates[name][-1:])
     close.axvline(noticed, color=SOFT, linewidth=1.0)
     close.text(noticed + 0.03, low + 0.25, f"noticed after {noticed - found.change:.1f} s", color=SOFT, va="center")
-    close.text(noticed + 0.26, low + 0.62, "hollow: stale", color=SOFT, va="center")
+    close.text(noticed + 0.16, low + 0.9, "hollow: stale", color=SOFT, va="center")
     save(figure, "tutorial-mass.svg")
 
 
@@ -181,7 +182,7 @@ def _draw_sums(found: Run) -> None:
     moment = next(truth for truth in found.truths if truth.time >= 15.0)
     judge = Judge(found.scene, [moment])
     forces = []
-    for name, wrench in zip(found.scene.robots, moment.wrenches, strict=True):
+    for name, wrench in zip(found.scene.robots, moment.samples[:, WRENCH], strict=True):
         carried = judge.pose_payload_in[name].inverse().adjoint() @ wrench
         forces.append(carried[2])
     values = len(forces) * np.array(forces)

@@ -113,7 +113,10 @@ def _value(kind: types.Type) -> str:
         case types.LiteralType():
             return ", ".join(f"`{json.dumps(value)}`" for value in kind.values)
         case types.TupleType():
-            return f"{len(kind.item_types)} numbers{_range(kind.item_types[0])}"
+            ranges = [_range(item) for item in kind.item_types]
+            if len(set(ranges)) == 1:
+                return f"{len(ranges)} numbers{ranges[0]}"
+            return f"{len(ranges)} numbers: {', '.join(each.strip() or 'any' for each in ranges)}"
         case types.VarTupleType(item_type=types.StructType()):
             return "sections"
         case types.VarTupleType():

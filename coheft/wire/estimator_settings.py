@@ -11,7 +11,7 @@ from coheft.wire.section import Section
 
 
 class SeedSettings(Section, frozen=True):
-    """The seed paper's method, see ``agents.seed``.
+    """The seed paper's method (``agents.seed``).
 
     Attributes:
         memory: Time over which old samples are forgotten [s]; the forgetting factor per sample is
@@ -28,7 +28,7 @@ class SeedSettings(Section, frozen=True):
 
 
 class EfficientSettings(Section, frozen=True):
-    """The method at the Cramér-Rao bound, see ``agents.efficient``.
+    """The method at the Cramér-Rao bound (``agents.efficient``).
 
     Attributes:
         start_rotation_deg: When as many relative poses as connect all robots are known to this [degrees], the team's

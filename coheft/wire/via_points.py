@@ -11,7 +11,7 @@ from coheft.wire.section import NotNegative, Section
 
 
 class ViaPoints(Section, frozen=True):
-    """Random via points in the range of ``Motion.translation`` and ``axes``, straight lines between them.
+    """Random via points in the range of the motion's ``translation`` and ``axes``, straight lines between them.
 
     Attributes:
         count: Number of via points.
