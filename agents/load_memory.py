@@ -156,7 +156,7 @@ class LoadMemory:
             return None
         # Until ``correct`` the poses' last step adds up in all samples from before it.
         is_coherent = self._correction is not None
-        if not self._weights.know_load and self._is_enough():
+        if self._is_enough() and self._weights.are_due(self.count):
             self._weights.learn(self._window)
         is_told = self._is_change_told = self._is_change_told and self._window.former is not None
         change = self._window.review(self._weights.model, is_coherent) if self._weights.know_load else None
@@ -214,6 +214,8 @@ class LoadMemory:
         self._changed_at = changed_at
         self._uncorrected.begin()
         self._late.begin()
+        self._weights.begin()
+        self._forces = MeanSquare()
 
     def push_early(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> None:
         """Take in what is from before all others, as ``push``, unless it is of another load.
@@ -233,7 +235,10 @@ class LoadMemory:
             return False
         is_told = self._is_change_told and self._window.former is not None
         self._begin(changed_at)
-        self._window.accept(changed_at, self._weights.model)
+        if self._disturbance.is_spoiling:  # what samples say of the load before is worth nothing
+            self._window.forget_before(changed_at)
+        else:
+            self._window.accept(changed_at, self._weights.model)
         self._is_change_told = True
         return not is_told
 
@@ -281,7 +286,8 @@ class LoadMemory:
         """
         correction, self._correction = self._correction, None
         self._known = None
-        if correction is None:
+        if correction is None:  # what it was to correct is forgotten
+            self._expect_disturbance(told_forces(rows), team)
             return
         told = rows if correction.is_possible(rows, self._changed_at) else None
         if told is not None:
@@ -351,7 +357,7 @@ class LoadMemory:
         if self._comes_again:
             self._uncorrected.begin()
             self._late.begin()
-        self._expect_disturbance(np.zeros(len(team.poses)), team)
+            self._expect_disturbance(np.zeros(len(team.poses)), team)
 
     def payload(self, own: int, team: TeamPoses) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
         """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable.

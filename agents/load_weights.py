@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from agents.disturbance import Disturbance
+from agents.load_moments import number_of_samples
 from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.inertia import GRAM_SIZE, InertiaInformation, InertiaModel, unpacked_gram
 from coheft.estimation.inertia_estimate import InertiaSolution, middle_and_size, solve_inertia
@@ -39,6 +40,8 @@ class LoadWeights:
         self._with_offset = config.efficient.offsets
         self._disturbance = disturbance
         self._parameters: Array | None = None
+        # Of so many samples the load was learned; 0 if they were of another one.
+        self._learned_of = 0.0
         self._see(poses, fusion)
         self._make_model()
 
@@ -51,9 +54,18 @@ class LoadWeights:
             self.learn(window)
 
     def learn(self, window: Memory) -> None:
-        """From now on the load is known."""
+        """From now on the load is what these samples say."""
         self._parameters = self.solution(window.information(self.model)).parameters
+        self._learned_of = number_of_samples(window.total)
         self._make_model()
+
+    def begin(self) -> None:
+        """The load is another one, to be learned as soon as there are samples enough; till then weights stay."""
+        self._learned_of = 0.0
+
+    def are_due(self, count: float) -> bool:
+        """Whether the load is to be learned of so many samples: when there are twice as many as there were."""
+        return count >= 2.0 * self._learned_of
 
     @property
     def know_load(self) -> bool:

@@ -198,11 +198,17 @@ class Team:
         return self._corrected == self._version > self._fits.spoilt
 
     def known_load(self) -> KnownLoad | None:
-        """What the load is in the body frame, for the next team; None if that is not known."""
-        if self._contradictions.by is None and self._is_settled:
-            return self._memory.known_load()
+        """What the load is in the body frame, for the next team; None if that never was known of the present one."""
+        if self._contradictions.by is None:
+            self._note_load()
         load, changed_at = self._load_before
         return load if changed_at == self._memory.changed_at else None
+
+    def _note_load(self) -> None:
+        """What the load is by now, if it is known by now."""
+        load = self._memory.known_load() if self._is_settled else None
+        if load is not None:
+            self._load_before = load, self._memory.changed_at
 
     def found(self) -> Found | None:
         """What is known of poses and load; None as long as no poses have been fitted.
@@ -249,8 +255,7 @@ class Team:
         if self._is_contradicted and not was:
             self._held = None
             self._memory.forget_late(UNNOTICED)
-            if self._is_settled:
-                self._load_before = self._memory.known_load(), self._memory.changed_at
+            self._note_load()
             if not self._early_sums.are_over(self._next):
                 self._memory.forget_early(PACE * UNNOTICED)
             self._early_sums.end()
@@ -366,7 +371,8 @@ class Team:
         if version == self._version:
             return
         self._found_before, self._held = None if self.doubts() else self.found(), None
-        self._load_before = self.known_load(), self._memory.changed_at
+        if self._contradictions.by is None:
+            self._note_load()
         poses = self._fits.take_poses(version)
         self._motion.set_poses(poses)
         feature_map = refit_map(self._poses, poses, self._config.noise, self._motion.slope)

@@ -78,7 +78,8 @@ class Watch:
 
     def clear(self) -> None:
         """Look back no farther than now."""
-        self._grams[:], self._are_like[:], self._blocks = 0.0, False, 0
+        if self._blocks:
+            self._grams[:], self._are_like[:], self._blocks = 0.0, False, 0
 
     def map(self, feature_map: Array) -> None:
         """As if every sample's features had been ``feature_map`` (28, 28) times what they were."""

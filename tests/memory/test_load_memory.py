@@ -185,6 +185,42 @@ def test_what_was_forgotten_does_not_come_back_early(config: AgentConfig, team: 
         assert all(memory.count <= 10 * BLOCK for memory in memories.each)
 
 
+def test_how_certain_a_new_load_is_follows_from_itself(config: AgentConfig, team: Team) -> None:
+    """The motions' noise is felt the more the heavier a load is, whatever the load was before."""
+    memories, fresh = (Memories(config, team, team.poses) for _ in range(2))
+    memories.push(0, 20)
+    memories.fit(team.poses)
+    memories.push(20, 60, load=5.0)
+    changed_at = memories.each[OWN].changed_at
+    assert 20 <= changed_at <= 25
+    fresh.push(changed_at, 40, load=5.0)
+    fresh.fit(team.poses)
+    fresh.push(40, 60, load=5.0)
+    np.testing.assert_allclose(memories.deviations(), fresh.deviations(), rtol=0.02)
+
+
+def test_what_was_felt_with_rough_poses_is_not_called_known(config: AgentConfig, team: Team) -> None:
+    memories = Memories(config, team, team.poses)
+    memories.push(0, 40)
+    memory = memories.each[0]
+    assert memory.is_spoilt  # nobody knows how rough they are
+    assert memory.adopt(21)
+    assert memory.known_load() is None
+
+
+def test_poses_count_as_uncertain_as_they_are_though_samples_were_forgotten_meanwhile(
+    config: AgentConfig, team: Team
+) -> None:
+    memories = Memories(config, team, team.poses)
+    memories.push(0, 40)
+    memories.map_to(team.poses)
+    rows = memories.told()
+    for memory in memories.each:
+        memory.forget_late(0.5)
+    memories.correct(rows)
+    assert not any(memory.is_spoilt for memory in memories.each)
+
+
 def test_a_memory_that_fades_is_corrected_though_samples_come_again(config: AgentConfig, team: Team) -> None:
     fading = msgspec.structs.replace(config, efficient=EfficientSettings(memory=2.0))
     memories = Memories(fading, team, moved(team, 2e-3))
