@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from agents.disturbance import COHERENCE, Disturbance, Uncorrected
+from agents.disturbance import Disturbance, Uncorrected
 from agents.early_blocks import EarlyBlocks
 from agents.late_wrenches import LateWrenches
-from agents.load_moments import CROSS_SHAPE, RIDERS, disturbed, gram_map, load_moments, mapped, number_of_samples
+from agents.load_moments import CROSS_SHAPE, disturbed, gram_map, load_moments, mapped, number_of_samples
 from agents.load_weights import LoadWeights
+from agents.make_memory import make_memory
 from agents.seen_payload import seen_payload
 from agents.wrench_correction import (
     TOLD_SIZE,
@@ -23,17 +24,13 @@ from agents.wrench_correction import (
     told_wrenches_by_motion,
 )
 from coheft.estimation.acceleration import MotionFusion
-from coheft.estimation.forgetting_window import ForgettingWindow
 from coheft.estimation.inertia import (
     GRAM_SIZE,
     INERTIA_SIZE,
-    OFFSET_SIZE,
     InertiaInformation,
     unpacked_gram,
 )
-from coheft.estimation.load_change import LoadWindow
 from coheft.estimation.load_comparison import KnownLoad, maybe_former
-from coheft.estimation.load_samples import Memory
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.config import AgentConfig
@@ -46,8 +43,6 @@ _KNOWN = 0.8
 _NEW = 0.5
 """A load is so much less certain, in variance, as the square of this over the time of its samples: in few samples the
 motions' noise is not what it is on average [s]."""
-_TURNS = 2
-"""Robots take turns of so many blocks in testing whether the load has changed: neighbours tell each other."""
 _LEAST = 0.3
 """Least time of samples from which anything is estimated [s]."""
 _MAY_BE_FORMER = "load: whether it has changed, or a sensor of its wrench is off; shake and turn it"
@@ -78,17 +73,7 @@ class LoadMemory:
         former: KnownLoad | None = None,
     ) -> None:
         self._config = config
-        self._window: Memory
-        memory = config.efficient.memory
-        self._kept = 1.0
-        if memory == "window":
-            coherence = COHERENCE * config.rate
-            self._window = LoadWindow(riders=RIDERS, coherence=coherence, every=_TURNS, turn=own)
-        else:
-            blocks = memory * config.rate / config.block
-            self._kept = float(np.exp(-1.0 / blocks))
-            floor = np.full(INERTIA_SIZE + OFFSET_SIZE * config.efficient.offsets, 1e3)
-            self._window = ForgettingWindow(blocks, floor, riders=RIDERS)
+        self._window = make_memory(config, own)
         if former is not None and not config.efficient.offsets:
             self._window.expect(former)
         # Whether neighbours and observers know of the change that made the load doubtful.
@@ -147,9 +132,9 @@ class LoadMemory:
         self._forces.add(own_wrench[:, :3])
         self._use_known_poses()
         self._last_block = block
-        self._uncorrected.age(self._kept)
+        self._uncorrected.age(self._window.kept)
         if self._correction is not None:
-            self._correction.age(self._kept, moments)
+            self._correction.age(self._window.kept, moments)
         if self._disturbance.is_spoiling:
             self._window.forget_borders_before(block)  # later, too, these samples cannot be told apart by their load
             self._look_back(block, moments)

@@ -12,7 +12,7 @@ What a robot knows of itself goes into the sums unchecked, so all robots watch w
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,7 +20,9 @@ from agents.completeness import Completeness
 from agents.contradictions import Contradictions
 from agents.early_sums import PACE, EarlySums
 from agents.found import Found
-from agents.known_pose import WELL_KNOWN, KnownPose, known_from_before, passed_on
+from agents.held_block import Block, HeldBlock
+from agents.known_pose import WELL_KNOWN, KnownPose, known_from_before
+from agents.legacy import Legacy
 from agents.load_changes import LoadChanges
 from agents.load_memory import LoadMemory
 from agents.pose_fits import UNNOTICED, PoseFits, largest_step
@@ -33,7 +35,7 @@ from coheft.estimation.measurement import KINEMATICS, WRENCH
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import PosePrior, TeamPoses, refit_map, seen_from
+from coheft.estimation.team_registration import PosePrior, refit_map, seen_from
 from coheft.wire.config import AgentConfig
 from consensus.flood import Flood, Floods
 from consensus.graph import Neighbours, hearing
@@ -41,24 +43,10 @@ from consensus.schedule import choose_schedule
 
 _LITTLE = 0.5
 """When a fit moves no pose by more of its standard deviations, it does not matter with which ones samples are seen."""
-_JUMP = 30.0
-"""A block whose squared residuals are so many times what they should be is held until the next one has come: a load
-changes for longer than a block."""
 _NONSENSE = 15.0
-"""The same for the motion of the body, which does not change suddenly: such a block is not used."""
+"""A block whose squared residuals to the motion of the body are so many times what they should be is not used."""
 _UNLIKELY = 3.0
 """The same for samples from before the start: there is no hurry to use them."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Block:
-    """What a complete sum says: body motion (B, 12), total and own wrench (B, 6), moments of the own pose."""
-
-    number: int
-    motion: Array
-    wrench: Array
-    own_wrench: Array
-    moments: RegistrationMoments
 
 
 class Team:
@@ -102,11 +90,8 @@ class Team:
         self._hearing = hearing(graph)
 
         self._motion = TotalMotion(config, self._poses)
-        self._beyond_doubt: tuple[Pose, ...] | None = None
-        self._sure: tuple[tuple[Pose, ...], TeamPoses] | None = None
+        self._legacy = Legacy()
         self._found_before: Found | None = None
-        # And what was known of the load, with its first block.
-        self._load_before: tuple[KnownLoad | None, int] = None, -1
         self._neighbours_poses: dict[str, PoseEstimate] = {}
         self._memory = LoadMemory(config, self._own, self._poses, self._motion.fusion, self._fitted, former)
 
@@ -133,7 +118,7 @@ class Team:
                 "misfits": self._contradictions.flood,
             }
         )
-        self._held: _Block | None = None
+        self._held = HeldBlock()
         self._is_contradicted = False
         self._completeness = Completeness(config, schedule.rounds, settling)
         self.total_block = -1
@@ -166,9 +151,7 @@ class Team:
         self._fits.common.add(index, (newest, early))
         self._contradictions.step(index)
         if not self.doubts():
-            self._beyond_doubt = self._poses
-            if self._fitted is not None and self._fits.is_sure(self._version):
-                self._sure = self._poses, self._fitted
+            self._legacy.note_poses(self._poses, self._fitted if self._fits.is_sure(self._version) else None)
         told["load_change"] = np.array([float(self._memory.changed_at)])
         return told | self._floods.channels()
 
@@ -182,15 +165,10 @@ class Team:
         return dict(zip(self._names, self._poses, strict=True))
 
     def poses_to_keep(self) -> dict[str, KnownPose] | None:
-        """Of all members, in the body frame, for the next team; None if they cannot be relied upon.
-
-        Whatever contradicts the team's motion has been at work for a while when it is noticed.
-        """
-        if self._sure is not None:
-            return dict(zip(self._names, passed_on(*self._sure), strict=True))
+        """Of all members, in the body frame, for the next team; None if they cannot be relied upon."""
         is_doubtful = self._contradictions.by is not None or self._version <= self._fits.spoilt
-        kept = self._beyond_doubt if is_doubtful else self._poses
-        return None if kept is None else {name: KnownPose(pose) for name, pose in zip(self._names, kept, strict=True)}
+        kept = self._legacy.poses(None if is_doubtful else self._poses)
+        return None if kept is None else dict(zip(self._names, kept, strict=True))
 
     @property
     def _is_settled(self) -> bool:
@@ -201,14 +179,10 @@ class Team:
         """What the load is in the body frame, for the next team; None if that never was known of the present one."""
         if self._contradictions.by is None:
             self._note_load()
-        load, changed_at = self._load_before
-        return load if changed_at == self._memory.changed_at else None
+        return self._legacy.load(self._memory.changed_at)
 
     def _note_load(self) -> None:
-        """What the load is by now, if it is known by now."""
-        load = self._memory.known_load() if self._is_settled else None
-        if load is not None:
-            self._load_before = load, self._memory.changed_at
+        self._legacy.note_load(self._memory.known_load() if self._is_settled else None, self._memory.changed_at)
 
     def found(self) -> Found | None:
         """What is known of poses and load; None as long as no poses have been fitted.
@@ -253,7 +227,7 @@ class Team:
         """When there is one, what was learned while it went unnoticed does not count."""
         was, self._is_contradicted = self._is_contradicted, self._contradictions.by is not None
         if self._is_contradicted and not was:
-            self._held = None
+            self._held.drop()
             self._memory.forget_late(UNNOTICED)
             self._note_load()
             if not self._early_sums.are_over(self._next):
@@ -311,23 +285,18 @@ class Team:
             return None
         entered, sums, motion = seen
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
-        found = _Block(block, motion, sums[:, 0], entered.samples[:, WRENCH], moments)
         is_like_others = self._contradictions.add(moments)
-        held, self._held = self._held, None
-        if self._is_contradicted:
-            return None
         misfit = block_misfit(moments, self._poses[self._own], self._config.noise)
-        if not is_like_others or misfit > _NONSENSE:
+        if self._is_contradicted or not is_like_others or misfit > _NONSENSE:
+            self._held.drop()
             return None
-        if self._memory.surprise(motion, found.wrench) <= _JUMP:
-            return self._learn(found, index)
-        if held is None:
-            self._held = found
-            return None
-        self._learn(held, index)  # its moments count for nobody: others may not have waited
-        return self._learn(found, index)
+        found = Block(block, motion, sums[:, 0], entered.samples[:, WRENCH], moments)
+        learned = None  # moments of one that was held count for nobody: others may not have waited
+        for each in self._held.admit(found, self._memory.surprise(motion, found.wrench)):
+            learned = self._learn(each, index)
+        return learned
 
-    def _learn(self, found: _Block, index: int) -> RegistrationMoments | None:
+    def _learn(self, found: Block, index: int) -> RegistrationMoments | None:
         self._completeness.note(found.number)
         changed_at = self._memory.push(found.number, found.motion, found.wrench, found.own_wrench)
         if changed_at is not None:
@@ -356,7 +325,7 @@ class Team:
             come_again=not self._motion.needs_slope,
         )
         if self._version == 0 and self._fits.prior is None:
-            self._sure = None  # what was known before was wrong
+            self._legacy.forget_sure_poses()
         if self._fits.again_before > self._early_sums.start:
             self._early_sums.begin(self._fits.again_before)
             self._contradictions.forget_early()
@@ -370,7 +339,8 @@ class Team:
         """All samples so far count from now on as if they had been carried with the poses of a version."""
         if version == self._version:
             return
-        self._found_before, self._held = None if self.doubts() else self.found(), None
+        self._found_before = None if self.doubts() else self.found()
+        self._held.drop()
         if self._contradictions.by is None:
             self._note_load()
         poses = self._fits.take_poses(version)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from agents import team
+from agents import legacy
 from agents.early_sums import PACE
 from agents.known_pose import KnownPose, passed_on
 from agents.load_memory import LoadMemory
@@ -100,7 +100,7 @@ def test_a_pose_from_a_former_team_that_is_wrong_is_found_out(monkeypatch: pytes
         told.append(known[2])
         return known
 
-    monkeypatch.setattr(team, "passed_on", with_one_wrong)
+    monkeypatch.setattr(legacy, "passed_on", with_one_wrong)
     story = started_again("r2")
     assert told
     for estimates in story.estimates.values():

@@ -35,6 +35,11 @@ class ForgettingWindow:
         self._factors = np.array([[self._factor], [self._factor**2]])
 
     @property
+    def kept(self) -> float:
+        """See ``Memory``."""
+        return self._factor
+
+    @property
     def doubt(self) -> float:
         """One: nothing is tested."""
         return 1.0

@@ -37,6 +37,10 @@ _LENGTHS = (1, 3)
 """A while is so many stretches long,"""
 _BETWEEN_EVERY = 16
 """and they are tested with every so many tests of borders, in case the load was another one for a while."""
+_RESOLUTION = 8
+"""Borders remain at most about one over this of their age apart."""
+_STRIDE = 3
+"""A review tests every third border, and others the next time; all after a detection."""
 _YOUNG = 12
 """Up to so many borders, all are tested every time."""
 _DRIFT = 2
@@ -53,9 +57,6 @@ class LoadWindow:
     """All blocks since the load last changed.
 
     Args:
-        resolution: Borders remain at most about ``1 / resolution`` of their age apart.
-        stride: A review tests every ``stride``-th border, others the next time; of a young load all are tested, and
-            after a detection.
         false_alarm: Probability of one at a single test.
         riders: Numbers per block that are summed along with the Gram matrix, for the caller's use.
         every: Only one in so many reviews tests anything, unless the load is young.
@@ -68,15 +69,12 @@ class LoadWindow:
 
     def __init__(
         self,
-        resolution: int = 8,
-        stride: int = 3,
         false_alarm: float = FALSE_ALARM,
         riders: int = 0,
         coherence: float = 0.0,
         every: int = 1,
         turn: int = 0,
     ) -> None:
-        self._stride = stride
         self._false_alarm = false_alarm
         self._coherence = coherence
         self._every = every
@@ -87,10 +85,15 @@ class LoadWindow:
         self._moved: Array = np.zeros(0)
         # Everything has to be tested: samples have come early, or are seen otherwise than before.
         self._is_due = False
-        self._doubts: deque[float] = deque(maxlen=stride)  # of the last tests, which all borders had a part in
+        self._doubts: deque[float] = deque(maxlen=_STRIDE)  # of the last tests, which all borders had a part in
         self._doubt_between = 1.0
         self._former = FormerLoad(coherence)
-        self._stretches = Stretches(GRAM_SIZE + riders, resolution)
+        self._stretches = Stretches(GRAM_SIZE + riders, _RESOLUTION)
+
+    @property
+    def kept(self) -> float:
+        """One: all."""
+        return 1.0
 
     @property
     def doubt(self) -> float:
@@ -166,7 +169,7 @@ class LoadWindow:
         self._is_due &= is_coherent
         everything = slice(1, None)
         found, size = self._test_since(
-            model, is_coherent, everything if is_unknown else slice(1 + turn % self._stride, None, self._stride)
+            model, is_coherent, everything if is_unknown else slice(1 + turn % _STRIDE, None, _STRIDE)
         )
         if size > 1.0 and not is_unknown:
             found, size = self._test_since(model, is_coherent, everything)

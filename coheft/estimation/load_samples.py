@@ -20,6 +20,10 @@ class Memory(Protocol):
         """Take in a block from before all others: its number, smaller than all before, and moments."""
 
     @property
+    def kept(self) -> float:
+        """Share that is left of what counted before when a block comes."""
+
+    @property
     def doubt(self) -> float:
         """How many times larger covariances are than those of samples that agree.
 
