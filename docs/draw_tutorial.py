@@ -49,7 +49,8 @@ class Run:
 
 def run(scenario: Scenario) -> Run:
     """Run it in this process."""
-    truths, estimates = [], {name: [] for name in scenario.robot_names}
+    truths: list[Truth] = []
+    estimates: dict[str, list[Estimate]] = {name: [] for name in scenario.robot_names}
     for record in run_in_process(scenario):
         truths.append(record.truth)
         for name, estimate in record.estimates.items():
