@@ -13,9 +13,7 @@ from coheft.estimation.load_samples import Memory
 from coheft.wire.config import AgentConfig
 
 _TURNS = 2
-"""Robots take turns of so many blocks in testing whether the load has changed, for neighbours tell each other;"""
-_TURN = 0.08
-"""and of more, shorter blocks, so that a turn takes about so long [s]."""
+"""Robots take turns of so many blocks in testing whether the load has changed: neighbours tell each other."""
 _FLOOR = 1e3
 """A memory that fades knows every number of the load within so much, in its unit."""
 
@@ -24,7 +22,6 @@ def make_memory(config: AgentConfig, own: int) -> Memory:
     """The one that an agent is told to have; ``own`` is the robot's index in its team."""
     memory = config.efficient.memory
     if memory == "window":
-        turns = max(_TURNS, config.blocks(_TURN))
-        return LoadWindow(riders=RIDERS, coherence=COHERENCE * config.rate, every=turns, turn=own)
+        return LoadWindow(riders=RIDERS, coherence=COHERENCE * config.rate, every=_TURNS, turn=own)
     floor = np.full(INERTIA_SIZE + OFFSET_SIZE * config.efficient.offsets, _FLOOR)
     return ForgettingWindow(memory * config.rate / config.block, floor, riders=RIDERS)

@@ -40,7 +40,7 @@ contradict the team's motion."""
 _SOON = 1.0
 """After poses that may be spoilt, samples over so long are enough, however many were left out [s]."""
 _STUCK = 1.0
-"""When all poses have been told for so long and are not in use, they never will be [s]; nor will robots agree on which
+"""When poses have been told for so long and are not in use, they never will be [s]; nor will robots agree on which
 samples they have when they could not for so long, and sums were complete."""
 _IN_VAIN = 3
 """Scores that were told so many times in a row without a fit never lead to one."""
@@ -151,7 +151,7 @@ class PoseFits:
             self._fit(index, version, poses, slope, are_rough, come_again)
         told_version, _ = self._fits.row(0)
         fitted = self._fits.rows(told_version) if told_version > self.carried else None
-        self._uncarried = 0 if fitted is None else self._uncarried + 1
+        self._uncarried = 0 if self._fits.newest <= self.carried else self._uncarried + 1
         if fitted is not None and index >= fitted[0, 0] >= fitted[0, 1] and all(map(Pose.is_rigid, _poses(fitted))):
             self._told_poses[told_version] = _poses(fitted)
             self.carried = told_version

@@ -75,6 +75,11 @@ class Flood:
         return int(self._table[robot, 0]), self._table[robot, 1:].copy()
 
     @property
+    def newest(self) -> int:
+        """The largest stamp of all rows, -1 if there are none."""
+        return int(self._table[:, 0].max())
+
+    @property
     def table(self) -> Array:
         """All rows, shape (N, 1 + width): stamps first."""
         return self._table.copy()
