@@ -127,10 +127,10 @@ class EfficientEstimator:
     def _announce_pose(
         self, index: int, pose: Pose, frame: int, refined: bool, deviations: Array | None = None
     ) -> None:
-        """Tell it, and a start of the sums that is far enough ahead for everybody to hear of it in time."""
+        """Tell it, and a start of the sums: a block at which, where nothing is lost, everybody has heard of it."""
         graph = self._gossip.graph
         if graph is not None:
-            self._gossip.announce_ready(index + 2 * hearing(graph), pose, frame, refined, deviations)
+            self._gossip.announce_ready(index + hearing(graph), pose, frame, refined, deviations)
 
     def _assemble(self, start: int, index: int) -> None:
         """The team's sums begin; not if somebody's pose is missing, or in another frame.
