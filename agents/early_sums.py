@@ -70,6 +70,10 @@ class EarlySums:
     def end(self) -> None:
         """Let nothing through of what is remembered."""
         self._end = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """What is remembered is not to go through, even if these sums begin again."""
         self._history.clear()
 
     def are_over(self, index: int) -> bool:

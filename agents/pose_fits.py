@@ -55,9 +55,12 @@ _UNTRIED = 1.5
 _SCORE_SIZE = 9
 """The version of the poses that a score is at, how badly they fit, to how many samples, and the score."""
 _POSE_SIZE = 12
-_FIT_SIZE = 3 + _POSE_SIZE
+_FIT_SIZE = 4 + _POSE_SIZE
 """From which block on the poses count, before which one samples go through sums again, whether what was known of poses
-before is in them, and a pose."""
+before is in them, whether the samples cannot all be true, and a pose."""
+_NOISY = 1.45
+"""Mean square of the residuals, in units of what is usual, beyond which not all samples can be true: somebody's sensor
+was off for a while, by too little to be noticed at once."""
 
 
 class PoseFits:
@@ -113,6 +116,7 @@ class PoseFits:
         self.again_before = start
         self._regrowth = regrowth
         self._patience, self._uncarried = config.blocks(_STUCK) + 2 * hearing, 0
+        self._usual, self._was_noisy = 1.0, False
         self._told_poses: dict[int, tuple[Pose, ...]] = {}
         self._chunks: dict[int, int] = {}
 
@@ -157,6 +161,8 @@ class PoseFits:
             self.carried = told_version
             if self.prior is not None and not fitted[0, 2]:
                 self.prior, self.spoilt = None, max(self.spoilt, 0)
+            if fitted[0, 3]:
+                self.spoilt = told_version
             if fitted[0, 1] > self.again_before:
                 self.again_before = int(fitted[0, 1])
                 self.common.begin_again(self.again_before)
@@ -268,13 +274,25 @@ class PoseFits:
             fitted = register_team(poses, scores, self.told_moments, noise, slope=slope, prior=prior).poses
             turns = [perturbation_between(old, new)[:3] for old, new in zip(poses, fitted, strict=True)]
             are_rough |= prior is None and self.prior is not None
-            are_far = are_rough or np.linalg.norm(turns, axis=1).max() > _FAR
+            are_noisy = self._are_noisy(float(rows[:, 1].max()), come_again)
+            are_far = are_rough or are_noisy or np.linalg.norm(turns, axis=1).max() > _FAR
             again_before = since if are_far and come_again else self.again_before
         else:  # somebody has it wrong which samples all have: begin anew
-            fitted, again_before, prior = tuple(poses), since, None
+            fitted, again_before, prior, are_noisy = tuple(poses), since, None, False
         for robot, pose in enumerate(fitted):
-            row = np.array([since, again_before, float(prior is not None), *pose.numbers()])
+            row = np.array([since, again_before, float(prior is not None), float(are_noisy), *pose.numbers()])
             self._fits.tell(robot, self._tells, row)
+
+    def _are_noisy(self, square: float, can_be_left_out: bool) -> bool:
+        """Whether some samples must be wrong, by the mean square of the residuals of the worst robot.
+
+        If it is as large with others, noise is larger than the sensors claim, and that is what it is from now on.
+        """
+        if self._was_noisy:
+            self._usual, self._was_noisy = max(1.0, square), False
+        else:
+            self._was_noisy = can_be_left_out and square > _NOISY * self._usual
+        return self._was_noisy
 
     def _prior_that_fits(self, poses: Sequence[Pose], scores: Array, slope: Array) -> PosePrior | None:
         """What was known of poses before, in weights of the samples; None if the samples contradict it."""
@@ -286,8 +304,8 @@ class PoseFits:
 
 
 def _poses(fitted: Array) -> tuple[Pose, ...]:
-    """Of all robots, from rows (N, 15) that the reference robot has told."""
-    return tuple(Pose.of_numbers(row[3:]) for row in fitted)
+    """Of all robots, from rows (N, 16) that the reference robot has told."""
+    return tuple(Pose.of_numbers(row[4:]) for row in fitted)
 
 
 def largest_step(fitted: TeamPoses, steps: Sequence[Array]) -> float:

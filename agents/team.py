@@ -327,6 +327,8 @@ class Team:
         if self._version == 0 and self._fits.prior is None:
             self._legacy.forget_sure_poses()
         if self._fits.again_before > self._early_sums.start:
+            if self._fits.spoilt >= self._fits.carried:
+                self._early_sums.forget()
             self._early_sums.begin(self._fits.again_before)
             self._contradictions.forget_early()
         rows = self._wrenches.rows(self._version)

@@ -64,7 +64,7 @@ def test_poses_that_one_robot_cannot_use_are_not_waited_for(monkeypatch: pytest.
         told = fits._fits._table
         if not (told[0, 0] > fits.carried and (told[:, 0] == told[0, 0]).all()):
             return False
-        told[1, 4] += 1.0
+        told[1, 5] += 1.0
         return True
 
     found = statuses(monkeypatch, spoil)

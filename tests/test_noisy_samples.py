@@ -1,0 +1,45 @@
+"""Residuals that are larger than noise explains: some samples are wrong, or noise is larger than sensors claim."""
+
+from __future__ import annotations
+
+from msgspec.structs import replace
+
+from agents.pose_fits import PoseFits
+from coheft.wire.config import agent_config
+from tests.in_process import changed, steps
+
+CLAIMED = 0.8
+"""Share of their noise that sensors claim: squares are 1.56 times as large as that says."""
+
+
+def fits_of_ring3() -> PoseFits:
+    config = agent_config(changed("ring3"), "r1", ("r2", "r3"))
+    return PoseFits(config, robots=3, own=0, start=0, under_way=1, hearing=2, regrowth=1.0)
+
+
+def test_wrong_samples_are_left_out_each_time_that_they_come():
+    fits = fits_of_ring3()
+    squares = [0.9, 1.1, 5.0, 1.0, 0.9, 1.6, 1.1]
+    assert [fits._are_noisy(square, can_be_left_out=True) for square in squares] == [
+        *(False, False, True, False, False, True, False)
+    ]
+
+
+def test_samples_that_cannot_be_left_out_count():
+    assert not fits_of_ring3()._are_noisy(5.0, can_be_left_out=False)
+
+
+def test_what_is_not_better_without_the_samples_is_noise():
+    fits = fits_of_ring3()
+    squares = [1.6, 1.6, 1.7, 1.6, 3.0]
+    assert [fits._are_noisy(square, can_be_left_out=True) for square in squares] == [True, False, False, False, True]
+
+
+def test_a_team_weighs_its_load_if_sensors_are_noisier_than_they_claim():
+    scenario = changed("ring3", load_changes=(), duration=12.0)
+    claimed = replace(scenario, sensors=replace(scenario.sensors, noise_scale=CLAIMED * scenario.sensors.noise_scale))
+    last: dict[str, str] = {}
+    for _, outboxes in steps(scenario, anew={0: claimed}):
+        last |= {name: each.estimate.status for name, each in outboxes.items() if each.estimate is not None}
+    assert last == dict.fromkeys(last, "valid")
+    assert len(last) == 3
