@@ -116,7 +116,7 @@ class PoseFits:
         self.again_before = start
         self._regrowth = regrowth
         self._patience, self._uncarried = config.blocks(_STUCK) + 2 * hearing, 0
-        self._usual, self._was_noisy = 1.0, False
+        self._usual, self._left_out = 1.0, 0.0  # squares of residuals; of the samples that were left out last
         self._told_poses: dict[int, tuple[Pose, ...]] = {}
         self._chunks: dict[int, int] = {}
 
@@ -162,7 +162,7 @@ class PoseFits:
             if self.prior is not None and not fitted[0, 2]:
                 self.prior, self.spoilt = None, max(self.spoilt, 0)
             if fitted[0, 3]:
-                self.spoilt = told_version
+                self.spoilt = max(self.spoilt, told_version)
             if fitted[0, 1] > self.again_before:
                 self.again_before = int(fitted[0, 1])
                 self.common.begin_again(self.again_before)
@@ -263,7 +263,8 @@ class PoseFits:
     ) -> None:
         """As the reference robot: all poses after the joint step, once everybody's score at those in use is known."""
         rows = self._scores.rows(self._tells)
-        if self._tells <= self.carried or self._fits.row(0)[0] >= self._tells or rows is None:
+        told_version, _ = self._fits.row(0)
+        if self._tells <= self.carried or max(told_version, 0) != version or rows is None:
             return
         if np.any(rows[:, 0] != version):
             return
@@ -288,11 +289,12 @@ class PoseFits:
 
         If it is as large with others, noise is larger than the sensors claim, and that is what it is from now on.
         """
-        if self._was_noisy:
-            self._usual, self._was_noisy = max(1.0, square), False
-        else:
-            self._was_noisy = can_be_left_out and square > _NOISY * self._usual
-        return self._was_noisy
+        if can_be_left_out and square > _NOISY * max(self._usual, self._left_out):
+            self._left_out = square
+            return True
+        self._usual = max(1.0, square if self._left_out else min(square, self._usual))
+        self._left_out = 0.0
+        return False
 
     def _prior_that_fits(self, poses: Sequence[Pose], scores: Array, slope: Array) -> PosePrior | None:
         """What was known of poses before, in weights of the samples; None if the samples contradict it."""

@@ -29,6 +29,18 @@ def test_samples_that_cannot_be_left_out_count():
     assert not fits_of_ring3()._are_noisy(5.0, can_be_left_out=False)
 
 
+def test_samples_that_become_worse_and_worse_are_left_out():
+    fits = fits_of_ring3()
+    squares = [1.6, 2.5, 4.0, 1.0, 1.6]
+    assert [fits._are_noisy(square, can_be_left_out=True) for square in squares] == [True, True, True, False, True]
+
+
+def test_noise_that_has_become_smaller_is_small():
+    fits = fits_of_ring3()
+    squares = [1.6, 1.6, 1.0, 1.6]
+    assert [fits._are_noisy(square, can_be_left_out=True) for square in squares] == [True, False, False, True]
+
+
 def test_what_is_not_better_without_the_samples_is_noise():
     fits = fits_of_ring3()
     squares = [1.6, 1.6, 1.7, 1.6, 3.0]
