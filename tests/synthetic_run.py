@@ -10,7 +10,7 @@ import numpy as np
 from coheft.app.record import Record
 from coheft.app.report import RunInfo
 from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.spatial import Array, Pose, quaternion_from_rotation
 from coheft.wire.messages import (
     Estimate,
     LoadChangeNotice,
@@ -43,15 +43,18 @@ def total_wrench(block: int) -> Array:
 
 
 def truth(block: int, payload: Inertia) -> Truth:
+    """No two numbers of it are the same, so that none is taken for another."""
+    rng = np.random.default_rng(block)
+    pose = Pose.exp(rng.normal(scale=0.3, size=6))
     return Truth(
         block=block,
         time=(block + 1) * BLOCK,
         payload=PayloadTruth(payload.mass, payload.com, payload.tensor),
         loads=[LOAD] if payload is HEAVY else [],
-        position=np.zeros(3),
-        quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+        position=pose.translation,
+        quaternion=quaternion_from_rotation(pose.rotation),
         total_wrench=total_wrench(block),
-        samples=np.zeros((3, 15)),
+        samples=rng.normal(size=(3, 15)),
     )
 
 

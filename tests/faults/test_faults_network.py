@@ -8,8 +8,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from agents.inbox import NeighbourInbox
 from coheft.app.faults.draw import draw_schedule
-from coheft.app.faults.messages import flip_bits
+from coheft.app.faults.messages import flip_bits, malformed
 from coheft.app.faults.network import Network
 from coheft.app.faults.schedule import (
     AnyFault,
@@ -108,6 +109,17 @@ def test_harmless_messages_come_besides_the_others_which_do_not_change(fault: An
     assert sum(map(len, with_them)) > sum(map(len, without))
     assert numbers(without) == numbers(arrivals(loss))
     assert all(set(few) <= set(many) for many, few in zip(numbers(with_them), numbers(without), strict=True))
+
+
+def test_nobody_uses_a_malformed_message():
+    rng = np.random.default_rng(2)
+    for _ in range(40):
+        inbox = NeighbourInbox(["r1"])
+        inbox.take(3, [])
+        used, gossip, _ = inbox.take(4, [malformed(said(3), rng)], lambda channels: channels["samples"].shape == (3, 4))
+        assert (used, gossip) == ({}, [])
+        used, _, _ = inbox.take(5, [said(4)], lambda channels: channels["samples"].shape == (3, 4))
+        assert set(used) == {"r1"}, "nor does it harm those that come after it"
 
 
 def test_replayed_messages_are_of_the_kind_that_was_asked_for():

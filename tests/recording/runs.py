@@ -10,6 +10,7 @@ import numpy as np
 from coheft.app.heard import News
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.writer import RunWriter
+from coheft.estimation.rigid_body import Inertia
 from coheft.wire.messages import LoadChangeNotice, Problem
 from coheft.wire.requests import Status
 from coheft.wire.scenario_file import load_scenario
@@ -23,13 +24,20 @@ BEGIN = Status(
 )  # fmt: skip
 
 
+def mistaken_for(payload: Inertia) -> Inertia:
+    """What all robots take it for."""
+    return Inertia(1.1 * payload.mass, payload.com + np.array([0.01, -0.02, 0.03]), 0.8 * payload.tensor)
+
+
 def news_of_a_run(blocks: int = 20) -> list[News]:
     """A load comes at half time; the robots notice at once. Estimates of r1 come before the truth about them."""
     news: list[News] = []
     for block in range(blocks):
         payload = LIGHT if block < blocks // 2 else HEAVY
         changes = [LoadChangeNotice((block + 1) * BLOCK, blocks // 2 * BLOCK)] if block == blocks // 2 else []
-        estimates = {name: estimate(name, block, payload, changes=changes, wrench_error=0.1) for name in ROBOTS}
+        estimates = {
+            name: estimate(name, block, mistaken_for(payload), changes=changes, wrench_error=0.1) for name in ROBOTS
+        }
         news += [estimates["r1"], truth(block, payload), estimates["r2"], estimates["r3"]]
         if block == 3:
             news.append(Problem(source="r2", text="refused something"))
