@@ -296,7 +296,8 @@ def test_nonsense_teaches_nobody_a_pose(nonsense: dict[str, Array]) -> None:
     assert robot.frame.found_pose() is None
 
 
-def test_what_is_no_pose_is_not_taken_for_one(team: Team) -> None:
+@pytest.mark.parametrize("spoil", ["no rotation", "too few", "too many", "too narrow", "a row alone", "no frame"])
+def test_what_is_no_pose_is_not_taken_for_one(team: Team, spoil: str) -> None:
     team.restart("r4")
     team.run(1)
     team.dissolve(others_than("r4"))
@@ -304,10 +305,21 @@ def test_what_is_no_pose_is_not_taken_for_one(team: Team) -> None:
     robot = team.robots["r4"]
     told = robot.frame.kept_pose()
     assert told is not None
-    rows = np.ones((len(robot.gossip.records["r3"].neighbours), 19))
-    rows[:, 0] = robot.gossip.own.since
-    robot.frame.hear_kept_poses({"r3": {"kept_frame": np.array([float(told[1])]), "kept_poses": rows}})
+    frame = np.array([float(told[1])])
+    rows = np.tile([robot.gossip.own.since, *KnownPose(Pose.identity()).numbers()], (2, 1))
+    wrong = {
+        "no rotation": (frame, np.where(np.arange(19) > 0, 1.0, rows)),
+        "too few": (frame, rows[:1]),
+        "too many": (frame, np.vstack([rows, rows])),
+        "too narrow": (frame, rows[:, :-1]),
+        "a row alone": (frame, rows[0]),
+        "no frame": (np.zeros(0), rows),
+    }
+    frame_told, rows_told = wrong[spoil]
+    robot.frame.hear_kept_poses({"r3": {"kept_frame": frame_told, "kept_poses": rows_told}})
     assert robot.frame.kept_pose() == told
+    robot.frame.hear_kept_poses({"r3": {"kept_frame": frame, "kept_poses": rows}})
+    assert robot.frame.kept_pose() != told, "another pose of the right shape is taken"
 
 
 def test_what_was_measured_at_other_times_is_forgotten() -> None:

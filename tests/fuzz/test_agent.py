@@ -90,8 +90,12 @@ def said(outboxes: list[Outbox]) -> list[bytes]:
 def assert_finite(outboxes: list[Outbox]) -> None:
     for outbox in outboxes:
         arrays = [outbox.reference.motion, outbox.reference.wrench, *outbox.message.channels.values()]
-        if outbox.estimate is not None and (payload := outbox.estimate.payload) is not None:
-            arrays += [payload.com, payload.tensor, payload.covariance]
+        if (estimate := outbox.estimate) is not None:
+            arrays.append(estimate.total_wrench)
+            arrays += [number for pose in estimate.poses.values() for number in (pose.rotation, pose.translation)]
+            arrays += [pose.covariance for pose in estimate.poses.values()]
+            if (payload := estimate.payload) is not None:
+                arrays += [payload.com, payload.tensor, payload.covariance]
         assert all(np.isfinite(array).all() for array in arrays)
 
 

@@ -20,6 +20,7 @@ from coheft.wire.messages import (
     PROTOCOL_VERSION,
     Estimate,
     LinkState,
+    LoadState,
     Message,
     NeighbourMessage,
     Problem,
@@ -68,7 +69,9 @@ def test_requests_are_carried_out_or_refused_with_a_reason(clock, tmp_path):
         team.wait_for_block(10)
         assert "mass of a load is -1.0 kg" in team.refusal(InjectRequest(mass=-1.0, position=(0.0, 0.0, 0.0)))
         assert "there is no load 7" in team.refusal(RemoveRequest(load=7))
-        assert team.ask(InjectRequest(**GENTLE)).slots_free == 1
+        status = team.ask(InjectRequest(**GENTLE, size=(0.02, 0.03, 0.04)))
+        assert status.slots_free == 1
+        assert status.loads == [LoadState(1, 0.5, (0.1, 0.0, 0.1), (0.02, 0.03, 0.04))]
         assert [load.id for load in team.ask(InjectRequest(**GENTLE)).loads] == [1, 2]
         assert "slot" in team.refusal(InjectRequest(**GENTLE))
         assert [load.id for load in team.ask(RemoveRequest(load=1)).loads] == [2]

@@ -15,7 +15,9 @@ from typing import IO, Any
 
 import pytest
 
+from coheft.app.observer import ask_run
 from coheft.app.run_folder import RUN_FILE
+from coheft.wire.requests import StatusRequest
 from tests.integration.command_line import Run
 from tests.waiting import LIMIT, wait_until
 
@@ -220,9 +222,11 @@ def test_loads_come_and_go_in_a_run_and_nonsense_is_refused(start: Callable[...,
     assert "mass" in text
 
     for number in range(1, 5):
-        status, text = run.ask("inject", "--mass", "0.5", "--at", "0.1", "0", "0.1")
+        status, text = run.ask("inject", "--mass", "0.5", "--at", "0.1", "0", "0.1", "--size", "0.2", "0.1", "0.05")
         assert status == 0, text
         assert f"load {number} of 0.5 kg" in text
+    wanted = [(0.5, (0.1, 0.0, 0.1), (0.2, 0.1, 0.05))] * 4
+    assert [(load.mass, load.position, load.size) for load in ask_run(StatusRequest(), run.folder).loads] == wanted
     status, text = run.ask("inject", "--mass", "0.5", "--at", "0.1", "0", "0.1")
     assert status == 1
     assert "refused" in text

@@ -17,7 +17,10 @@ from tests.escapes import COLOUR, SEQUENCE
 COHEFT = [sys.executable, "-m", "coheft"]
 LIMIT = 110.0
 
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="terminals as on POSIX")
+pytestmark = [
+    pytest.mark.skipif(os.name != "posix", reason="terminals as on POSIX"),
+    pytest.mark.usefixtures("own_state_folder"),
+]
 
 
 def in_terminal(*arguments: str, **environment: str) -> tuple[int, str]:
