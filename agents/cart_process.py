@@ -12,6 +12,7 @@ from typing import NoReturn
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded: small products, many processes
 
+import numpy as np
 from msgspec import structs
 
 from agents.cart import CartAgent
@@ -24,6 +25,9 @@ from coheft.wire.codec import check_array, check_field
 from coheft.wire.inbox import Event, LinkChange
 from coheft.wire.messages import Hello, Message, Ready
 from coheft.wire.supervised import supervised_main
+
+_LARGEST = 1e12
+"""No number of a sum that is under way is as large as this."""
 
 
 class CartAgentProcess:
@@ -133,6 +137,8 @@ def check_content(message: CartMessage) -> None:
     rounds = message.valid.size
     check_array(message.valid, (rounds,), "valid")
     check_array(message.stages, (rounds, 1, CHANNELS), "stages")
+    if not np.abs(message.stages).max(initial=0.0) < _LARGEST:  # false for what is not a number, too
+        raise MessageError(f"stages hold numbers that are not finite, or not below {_LARGEST:g}")
     impossible = [record.robot for record in message.gossip if not is_possible(record)]
     if impossible:
         raise MessageError(f"what it says about {impossible[0]!r} is impossible")

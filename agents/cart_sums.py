@@ -19,6 +19,10 @@ from consensus.schedule import choose_schedule
 
 _WRENCH, _LEVERAGE, _MOTION = slice(0, 3), slice(3, 12), slice(12, 18)
 CHANNELS = 18
+_LARGEST = 1e6
+"""No total is as large as this, in its unit."""
+_LEAST_LEVERAGE = 1e-6
+"""Nor do all hands together have as little leverage as this in any direction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +97,8 @@ class CartSums:
         leaving = index - self._pipeline.rounds
         if leaving < self._start:
             return None
-        if finished is None:
-            return Lost(leaving)
-        return _totals(leaving, self._members, self._scale * finished[0])
+        totals = None if finished is None else _totals(leaving, self._members, self._scale * finished[0])
+        return totals if totals is not None and _are_possible(totals) else Lost(leaving)
 
     @property
     def stages(self) -> Array:
@@ -139,3 +142,9 @@ class CartSums:
 
 def _totals(block: int, members: int, sums: Array) -> Totals:
     return Totals(block, members, sums[_WRENCH], sums[_LEVERAGE].reshape(3, 3), sums[_MOTION] / members)
+
+
+def _are_possible(totals: Totals) -> bool:
+    """Whether no message has made nonsense of them."""
+    size = max(np.abs(each).max() for each in (totals.wrench_b, totals.leverage, totals.motion))
+    return bool(size < _LARGEST and np.linalg.eigvalsh(totals.leverage)[0] > _LEAST_LEVERAGE)
