@@ -90,6 +90,20 @@ def test_information_is_that_of_the_weighted_regressor() -> None:
     np.testing.assert_allclose(information.vector, vector, rtol=1e-8, atol=1e-8 * np.abs(vector).max())
 
 
+def test_a_disturbance_adds_to_scores_what_weighted_regressors_make_of_its_covariance() -> None:
+    team = make_team(seed=2, duration=1.0)
+    fusion, theta = fusion_of(team), team.inertia.barycentric()
+    model = InertiaModel(fusion.wrench_covariance, fusion.acceleration_covariance, theta)
+    root = np.random.default_rng(5).normal(size=(6, 6))
+    model.expect_disturbance(root @ root.T)
+    added = model.disturbance(packed_gram(features(team.motion, true_wrench(team))))
+    spatial = spatial_inertia(theta)
+    covariance = fusion.wrench_covariance + spatial @ fusion.acceleration_covariance @ spatial.T
+    by_root = wrench_regressor(team.motion).transpose(0, 2, 1) @ np.linalg.solve(covariance, root)
+    expected = np.sum(by_root @ by_root.transpose(0, 2, 1), axis=0)
+    np.testing.assert_allclose(added, expected, rtol=1e-8, atol=1e-8 * expected.max())
+
+
 def test_products_of_w_make_the_wrench_of_turning() -> None:
     team = make_team(seed=3, duration=0.1)
     w, zero = team.motion[:, :3], np.zeros((len(team.motion), 3))

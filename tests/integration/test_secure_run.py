@@ -7,12 +7,13 @@ import stat
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import msgspec
 import pytest
 import zenoh
+from cryptography import x509
 
 from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, run_command_line
 from coheft.app.hosts import Hosts, free_ports, load_hosts
@@ -279,6 +280,9 @@ def test_keys_that_would_open_nothing_are_refused_before_the_run(secure, tmp_pat
 
 def test_the_command_line_makes_keys_and_runs_with_them(tmp_path):
     assert run_command_line(["keys", str(tmp_path / "keys"), "ring3", "--days", "2"]) == EXIT_CONVERGED
+    certificate = x509.load_pem_x509_certificate((tmp_path / "keys" / "r1.crt").read_bytes())
+    left = certificate.not_valid_after_utc - datetime.now(UTC)
+    assert timedelta(days=1.9) < left <= timedelta(days=2)
     assert run_command_line(["keys", str(tmp_path / "keys"), "ring3"]) == EXIT_ERROR
     parts = tmp_path / "parts"
     command = ["run", "ring3", "--keys", str(tmp_path / "keys"), "--write-configs", str(parts)]
