@@ -87,6 +87,25 @@ def test_errors_are_of_the_bound_s_size(studied: tuple[StudyReport, list[Trial]]
         assert 0.2 < ratio_of_roots(central, bounds).value < 2.5, quantity.name
 
 
+def test_what_robots_claim_is_hardly_more_than_the_bound(studied: tuple[StudyReport, list[Trial]]) -> None:
+    # Claims hardly depend on the noise that was drawn: two short runs are enough.
+    for trial in studied[1]:
+        claimed = trial.outcomes["efficient"].errors
+        for quantity in QUANTITIES:
+            bounds = quantity.expected_squares(trial.bound.of(quantity))
+            ratios = quantity.expected_squares(claimed.covariances_of(quantity)) / bounds
+            assert ((ratios > 0.95) & (ratios < 1.3)).all(), f"{quantity.name}: {ratios}"
+
+
+def test_robots_come_as_near_as_all_samples_at_one_place_do(studied: tuple[StudyReport, list[Trial]]) -> None:
+    result = studied[0].results["efficient"]
+    for name in NAMES:
+        assert result.decentralised_over_centralised[name] < 1.4, name
+        if (recovered := getattr(result.recovery, name, None)) is not None:
+            assert recovered.missing == 0
+            assert 0.1 < recovered.ratio < 2.5, name
+
+
 def assert_same(trial: Trial, other: Trial) -> None:
     ours, theirs = trial.outcomes["efficient"], other.outcomes["efficient"]
     np.testing.assert_array_equal(ours.errors.payload, theirs.errors.payload)
