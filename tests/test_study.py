@@ -97,6 +97,15 @@ def test_what_robots_claim_is_hardly_more_than_the_bound(studied: tuple[StudyRep
             assert ((ratios > 0.95) & (ratios < 1.3)).all(), f"{quantity.name}: {ratios}"
 
 
+def test_the_seed_method_claims_no_less_than_the_bound() -> None:
+    _, (trial, *_) = run_study(plan(runs=1, estimators=["seed"]), jobs=1)
+    claimed = trial.outcomes["seed"].errors
+    for quantity in QUANTITIES:
+        bounds = quantity.expected_squares(trial.bound.of(quantity))
+        ratios = quantity.expected_squares(claimed.covariances_of(quantity)) / bounds
+        assert ((ratios > 1.0) & (ratios < 30.0)).all(), f"{quantity.name}: {ratios}"
+
+
 def test_robots_come_as_near_as_all_samples_at_one_place_do(studied: tuple[StudyReport, list[Trial]]) -> None:
     result = studied[0].results["efficient"]
     for name in NAMES:
