@@ -85,7 +85,7 @@ class Contradictions:
             self._count_blame()
         self._has_looked = False
         # Nobody can have told that yet, and it would win over all that the robot tells until then.
-        self._is_wrong = bool(self.flood.table[:, 0].max() > index + AHEAD)
+        self._is_wrong = self.flood.newest > index + AHEAD
 
     def _count_blame(self) -> None:
         """One more block that somebody is blamed in, or nobody; one that is blamed again and again is blamed, too."""
@@ -99,6 +99,8 @@ class Contradictions:
     @property
     def by(self) -> str | None:
         """The robot whose measurements contradict the team's motion most, if any do."""
+        if self.flood.newest < 0:
+            return None  # nobody has ever told of any
         misfits = self.flood.table[:, 1]
         worst = int(misfits.argmax())
         return self._names[worst] if misfits[worst] > MISFIT else None

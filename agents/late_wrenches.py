@@ -36,7 +36,7 @@ class LateWrenches:
     def begin(self) -> None:
         """It is another load from now on."""
         self._sums = np.zeros(FEATURES)
-        self._unknowns: Array | None = None
+        self._wrench_of_features: Array | None = None
         self._contradicted = 0
 
     @property
@@ -52,7 +52,7 @@ class LateWrenches:
     @property
     def need_solution(self) -> bool:
         """Whether it is time to find anew what the load is."""
-        return self._unknowns is None or self._blocks % self._look_every == 0
+        return self._wrench_of_features is None or self._blocks % self._look_every == 0
 
     def add(self, sums: Array) -> None:
         """Take in a block: the sum of its samples' features, shape (19,)."""
@@ -66,13 +66,15 @@ class LateWrenches:
         """Another block has been looked at."""
         self._blocks += 1
 
-    def solve(self, information: InertiaInformation | None) -> None:
-        """Find what the load is, from all that is remembered; None if that is too little."""
-        if information is None:
-            self._unknowns = None
-            return
+    def forget_solution(self) -> None:
+        """Too little is remembered to say what the load is."""
+        self._wrench_of_features = None
+
+    def solve(self, model: InertiaModel, information: InertiaInformation) -> None:
+        """Find what the load is, from all that is remembered."""
         ridge = _SINGULAR * np.diag(information.uncompensated.diagonal())
-        self._unknowns = np.asarray(np.linalg.solve(information.matrix + ridge, information.vector))
+        unknowns = np.linalg.solve(information.matrix + ridge, information.vector)
+        self._wrench_of_features = np.asarray(model.regressor_coefficients @ unknowns)
 
     def compare(self, model: InertiaModel, disturbance: Array) -> None:
         """Hold them against the load.
@@ -81,18 +83,18 @@ class LateWrenches:
             model: The weights.
             disturbance: Covariance (6, 6) of what poses add to wrenches.
         """
-        if self._unknowns is None or self._sums[0] < 1.0:
+        if self._wrench_of_features is None or self._sums[0] < 1.0:
             return
         # Noise averages out, what poses add does not.
         count = self._sums[0]
         mean = self._sums / count
-        residual = mean[WRENCH_FEATURES] - mean @ (model.regressor_coefficients @ self._unknowns)
+        residual = mean[WRENCH_FEATURES] - mean @ self._wrench_of_features
         statistic = float(residual @ np.linalg.solve(model.residual_covariance / count + disturbance, residual))
         self._contradicted = 0 if statistic < _CONTRADICTION else self._contradicted + 1
 
     def surprise(self, model: InertiaModel, motion: Array, wrench: Array) -> float:
         """Mean square of a block's residuals, in units of the noise, by what is known of the load; 0 if nothing is."""
-        if self._unknowns is None:
+        if self._wrench_of_features is None:
             return 0.0
-        residuals = wrench - features(motion, wrench) @ (model.regressor_coefficients @ self._unknowns)
+        residuals = wrench - features(motion, wrench) @ self._wrench_of_features
         return float(np.vdot(residuals @ model.weight, residuals) / residuals.size)

@@ -24,12 +24,7 @@ from agents.wrench_correction import (
     told_wrenches_by_motion,
 )
 from coheft.estimation.acceleration import MotionFusion
-from coheft.estimation.inertia import (
-    GRAM_SIZE,
-    INERTIA_SIZE,
-    InertiaInformation,
-    unpacked_gram,
-)
+from coheft.estimation.inertia import FEATURES, GRAM_SIZE, INERTIA_SIZE, InertiaInformation
 from coheft.estimation.load_comparison import KnownLoad, maybe_former
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
@@ -173,7 +168,7 @@ class LoadMemory:
 
     def _look_back(self, block: int, moments: Array) -> None:
         """Hold the wrenches of late against what is remembered; if they do not fit for long, forget it."""
-        self._late.add(unpacked_gram(moments[:GRAM_SIZE])[0])
+        self._late.add(moments[:FEATURES])  # the Gram matrix's first row
         if self._correction is not None:
             return  # motions are seen with new poses, wrenches with old ones
         self._late.count_block()
@@ -187,10 +182,10 @@ class LoadMemory:
 
     def _compare(self, is_new: bool) -> None:
         if not self._is_enough():
-            self._late.solve(None)
+            self._late.forget_solution()
             return
         if is_new:
-            self._late.solve(self._window.information(self._weights.model))
+            self._late.solve(self._weights.model, self._window.information(self._weights.model))
         self._late.compare(self._weights.model, self._disturbance.covariance)
 
     def _begin(self, changed_at: int) -> None:

@@ -12,8 +12,9 @@ from coheft.estimation.load_change import LoadWindow
 from coheft.estimation.load_samples import Memory
 from coheft.wire.config import AgentConfig
 
-_TURNS = 2
-"""Robots take turns of so many blocks in testing whether the load has changed: neighbours tell each other."""
+_TURN, _FEWEST = 0.08, 2
+"""Robots take turns of so long, or of so many blocks, in testing whether the load has changed: neighbours tell each
+other [s, blocks]."""
 _FLOOR = 1e3
 """A memory that fades knows every number of the load within so much, in its unit."""
 
@@ -22,6 +23,7 @@ def make_memory(config: AgentConfig, own: int) -> Memory:
     """The one that an agent is told to have; ``own`` is the robot's index in its team."""
     memory = config.efficient.memory
     if memory == "window":
-        return LoadWindow(riders=RIDERS, coherence=COHERENCE * config.rate, every=_TURNS, turn=own)
+        turns = max(_FEWEST, config.blocks(_TURN))
+        return LoadWindow(riders=RIDERS, coherence=COHERENCE * config.rate, every=turns, turn=own)
     floor = np.full(INERTIA_SIZE + OFFSET_SIZE * config.efficient.offsets, _FLOOR)
     return ForgettingWindow(memory * config.rate / config.block, floor, riders=RIDERS)

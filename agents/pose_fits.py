@@ -28,6 +28,8 @@ from consensus.flood import Flood
 
 _SHORTEST_ROUND = 0.2
 """Shortest time between two fits of the poses [s]."""
+_SELDOM = 5.0
+"""Longest time between them, however old the team is: only a fit shows that a sensor is off by little [s]."""
 _FIRST = 0.4
 """Time of samples for the first one [s]."""
 UNNOTICED = 0.5
@@ -243,7 +245,7 @@ class PoseFits:
             return
         self._tells, self._told_chunk, self._told_count = self._tells + 1, self.common.chunks, count
         self._chunks[self._tells] = self.common.chunks
-        grown = round(self._config.efficient.refit_share * steps)
+        grown = min(round(self._config.efficient.refit_share * steps), self._config.blocks(_SELDOM))
         self._tell_step = steps + max(self._longest, self._shortest, grown)
         if can_tell:
             moments = self.common.total
@@ -262,11 +264,11 @@ class PoseFits:
         self, index: int, version: int, poses: Sequence[Pose], slope: Array, are_rough: bool, come_again: bool
     ) -> None:
         """As the reference robot: all poses after the joint step, once everybody's score at those in use is known."""
-        rows = self._scores.rows(self._tells)
         told_version, _ = self._fits.row(0)
-        if self._tells <= self.carried or max(told_version, 0) != version or rows is None:
+        if self._tells <= self.carried or max(told_version, 0) != version:
             return
-        if np.any(rows[:, 0] != version):
+        rows = self._scores.rows(self._tells)
+        if rows is None or np.any(rows[:, 0] != version):
             return
         since = index + self._hearing
         if np.all(rows[:, 2] == self.told_moments.count):
@@ -276,6 +278,8 @@ class PoseFits:
             turns = [perturbation_between(old, new)[:3] for old, new in zip(poses, fitted, strict=True)]
             are_rough |= prior is None and self.prior is not None
             are_noisy = self._are_noisy(float(rows[:, 1].max()), come_again)
+            if are_noisy:
+                fitted = tuple(poses)  # nothing is to be learned from such samples
             are_far = are_rough or are_noisy or np.linalg.norm(turns, axis=1).max() > _FAR
             again_before = since if are_far and come_again else self.again_before
         else:  # somebody has it wrong which samples all have: begin anew

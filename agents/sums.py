@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.acceleration import CHANNELS, summands
-from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.measurement import SAMPLE_SIZE, SensorNoise
 from coheft.estimation.spatial import Array, Pose
 from consensus.rounds import make_rounds
 from consensus.schedule import Schedule
@@ -56,6 +56,8 @@ class TeamSums:
         noise: SensorNoise,
     ) -> None:
         self._noise = noise
+        # Summands are linear in the samples: what they are of each of a sample's numbers, carried with a pose.
+        self._carrying: tuple[Pose | None, Array] = None, np.zeros((SAMPLE_SIZE, CHANNELS))
         self._scale = schedule.scale
         self._rounds = make_rounds(schedule, channel, name, neighbours, samples, CHANNELS)
         self._under_way: deque[Entered | None] = deque([None] * schedule.rounds, maxlen=schedule.rounds)
@@ -87,8 +89,12 @@ class TeamSums:
 
     def _carried(self, entered: Entered) -> Array:
         """Own ``summands`` in the body frame, shape (B, 18)."""
-        own = summands(entered.samples, self._noise) @ entered.pose.adjoint().T
-        return own.reshape(len(own), CHANNELS)
+        pose, carried = self._carrying
+        if pose is not entered.pose:
+            each = summands(np.eye(SAMPLE_SIZE), self._noise) @ entered.pose.adjoint().T
+            carried = each.reshape(SAMPLE_SIZE, CHANNELS)
+            self._carrying = entered.pose, carried
+        return entered.samples @ carried
 
     def fit(self, channels: Mapping[str, Array]) -> bool:
         """Whether what a neighbour sent of these sums, if anything, has the right shapes."""

@@ -64,7 +64,6 @@ class Team:
 
     Attributes:
         total_block: Block of the newest total, -1 while there is none.
-        total_wrench: Total wrench (6,) about the origin of ``F_i`` at its last sample.
     """
 
     def __init__(
@@ -121,8 +120,7 @@ class Team:
         self._held = HeldBlock()
         self._is_contradicted = False
         self._completeness = Completeness(config, schedule.rounds, settling)
-        self.total_block = -1
-        self.total_wrench = np.zeros(6)
+        self.total_block, self._total = -1, (Pose.identity(), np.zeros(6))
         self._load_changes = load_changes
 
     def step(self, index: int, samples: Array | None, inbox: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
@@ -158,6 +156,12 @@ class Team:
     def fits(self, channels: Mapping[str, Array]) -> bool:
         """Whether what a neighbour sent has the shapes of this team."""
         return self._floods.fit(channels) and self._sums.fit(channels) and self._early_sums.fit(channels)
+
+    @property
+    def total_wrench(self) -> Array:
+        """Total wrench (6,) about the origin of ``F_i`` at the last sample of ``total_block``."""
+        pose, wrench = self._total
+        return pose.inverse().adjoint() @ wrench
 
     @property
     def poses(self) -> dict[str, Pose]:
@@ -274,8 +278,7 @@ class Team:
         newest = self._motion.add(entered, sums)
         if newest is None:
             return None
-        self.total_block = entered.block
-        self.total_wrench = entered.pose.inverse().adjoint() @ sums[-1, 0]
+        self.total_block, self._total = entered.block, (entered.pose, sums[-1, 0])
         return self._look_at(newest, index)
 
     def _look_at(self, block: int, index: int) -> RegistrationMoments | None:

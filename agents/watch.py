@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.measurement import GYRO, KINEMATICS, SensorNoise
+from coheft.estimation.measurement import GYRO, KINEMATICS, SensorNoise, kinematic_weights
 from coheft.estimation.registration import (
     ACCELERATION_ROWS,
     ALPHA,
@@ -113,7 +113,10 @@ class Watch:
         sums = self._grams[:, 0]
         usual = self._are_like @ sums if self._are_like.any() else sums.sum(axis=0)
         means = block.gram[0] / block.count - usual / usual[0]
-        return self._statistic(means, 1.0 / block.count + 1.0 / usual[0], TWIST_ROWS, pose, variances)
+        share = 1.0 / block.count + 1.0 / usual[0]
+        residual = residual_operator(pose)[TWIST_ROWS] @ means / self._deviations[TWIST_ROWS]
+        most = float(residual @ residual) / share  # errors of the pose only explain more
+        return most if most < _JUMP_LIMIT else self._statistic(means, share, TWIST_ROWS, pose, variances)
 
     def _statistic(self, means: Array, share: float, rows: slice, pose: Pose, variances: Array) -> float:
         """Chi-square of the residuals at mean features (28,), with this share of a sample's variance."""
@@ -135,5 +138,5 @@ class Watch:
 def block_misfit(moments: RegistrationMoments, pose: Pose, noise: SensorNoise) -> float:
     """Mean square of one block's residuals in units of the noise, offsets and means left out."""
     operator, gram = residual_operator(pose)[TWIST_ROWS], moments.centred()
-    weights = noise.per_column()[KINEMATICS][TWIST_ROWS, None] ** -2
+    weights = kinematic_weights(noise)[TWIST_ROWS, None]
     return float(np.vdot(weights * (operator @ gram), operator) / (6.0 * max(moments.count, 1.0)))

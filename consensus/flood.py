@@ -32,18 +32,19 @@ class Flood:
         self._news: dict[int, None] = {}
         self._turn = 0
         self._digest: float | None = None
+        self._newest = -1
 
     def tell(self, robot: int, stamp: int, row: Array) -> None:
         """Put in a row: the own one, or one that this robot has worked out for another."""
         self._table[robot, 0], self._table[robot, 1:] = stamp, row
         self._news[robot] = None
-        self._digest = None
+        self._note_stamps()
 
     def hear(self, neighbour: str, digest: float | None, rows: Array | None) -> None:
         """Take in what a neighbour told: its ``digest``, and rows of its table if it sent some."""
         if digest is not None:
             self._heard[neighbour] = digest
-        if rows is None or not self.fits(rows) or np.any(rows[:, :2] % 1.0):
+        if rows is None or digest == self.digest or not self.fits(rows) or np.any(rows[:, :2] % 1.0):
             return
         robots = rows[:, 0].astype(np.int64)
         if not self._are_robots(robots):
@@ -52,7 +53,11 @@ class Flood:
         if newer.any():
             self._table[robots[newer]] = rows[newer, 1:]
             self._news |= dict.fromkeys(robots[newer].tolist())
-            self._digest = None
+            self._note_stamps()
+
+    def _note_stamps(self) -> None:
+        """They have changed."""
+        self._digest, self._newest = None, int(self._table[:, 0].max())
 
     def _are_robots(self, robots: npt.NDArray[np.int64]) -> bool:
         """Whether these can be the numbers of the rows in a message: of a small table all, in order."""
@@ -77,7 +82,7 @@ class Flood:
     @property
     def newest(self) -> int:
         """The largest stamp of all rows, -1 if there are none."""
-        return int(self._table[:, 0].max())
+        return self._newest
 
     @property
     def table(self) -> Array:

@@ -65,7 +65,9 @@ class Pipeline:
             The values (B, C) of the block that has now gone through all rounds, or None if it is incomplete. Then
             ``enter`` the next block.
         """
-        moved = own_gains[:, None, None] * self.stages
+        # One place more than there are stages: every round moves a value on by one, and the last one leaves.
+        places = np.empty((self.rounds + 1, *self.stages.shape[1:]))
+        moved = np.multiply(own_gains[:, None, None], self.stages, out=places[1:])
         valid = self.valid.copy()
         for neighbour in neighbours:
             if neighbour.stages is None or neighbour.valid is None or not self._fits(neighbour.stages, neighbour.valid):
@@ -76,10 +78,8 @@ class Pipeline:
                 carried = carried.reshape(-1, carried.shape[2]) @ neighbour.transport.T
             moved += neighbour.gains[:, None, None] * carried.reshape(moved.shape)
             valid &= neighbour.valid
-        finished = moved[-1].copy() if valid[-1] else None
-        self.stages[1:] = moved[:-1]
-        self.valid[1:] = valid[:-1]
-        return finished
+        self.stages, self.valid[1:] = places[:-1], valid[:-1]
+        return places[-1] if valid[-1] else None
 
     def clear(self) -> None:
         """A block was missed: nothing that is under way can be completed."""

@@ -104,4 +104,4 @@ class StageRounds:
     def channels(self) -> dict[str, Array]:
         """See ``Rounds``."""
         versions = np.where(self._pipeline.valid, np.array(self._versions, dtype=np.float64), -1.0)
-        return {self._channel: self._pipeline.stages.copy(), self._channel_versions: versions}
+        return {self._channel: self._pipeline.stages, self._channel_versions: versions}

@@ -159,11 +159,11 @@ def test_a_load_far_from_hands_in_a_line_is_weighed() -> None:
     assert all(len(noticed) < 3 for noticed in changes(recording).values())
 
 
-def test_a_change_is_noticed_by_all_at_once_and_what_is_new_is_soon_known() -> None:
+def test_a_change_that_one_notices_is_known_to_all_and_what_is_new_is_soon_known() -> None:
     recording = run_with_faults(scenario(duration=7.6, load_changes=(DROPPED,)))
     noticed = {estimate.load_changes[0].noticed_at for estimate in recording.last().values()}
-    assert len(noticed) == 1
-    assert 0.0 < noticed.pop() - DROPPED.at < 0.2
+    assert max(noticed) - min(noticed) < 1.01 * 0.02, "neighbours hear of it with the next block"
+    assert all(0.0 < each - DROPPED.at < 0.2 for each in noticed)
     assert_sure_and_right(recording)
 
 

@@ -58,15 +58,14 @@ def compare_loads(model: InertiaModel, total: Array, parts: Array, coherence: fl
     if len(basis) == 0:
         return np.zeros(len(parts)), 0
     part = part.seen_by(basis)
-    gain = part.matrix / shares
+    one, gain = np.eye(len(basis)), part.matrix / shares
     score = part.vector - gain @ (basis @ everything.vector)
-    cross = gain @ part.by_noise
-    spread = part.by_noise - cross - cross.swapaxes(-1, -2) + gain @ gain.swapaxes(-1, -2)
-    one = np.eye(len(basis))
+    of_part, of_rest = part.by_noise, one - part.by_noise
     if coherence > 0.0:
-        for share, sums in ((one - gain, parts), (gain, total - parts)):
-            disturbance = basis @ _disturbance(model, sums, coherence) @ basis.T
-            spread += share @ disturbance @ share.swapaxes(-1, -2)
+        of_part = of_part + basis @ _disturbance(model, parts, coherence) @ basis.T
+        of_rest = of_rest + basis @ _disturbance(model, total - parts, coherence) @ basis.T
+    keep = one - gain
+    spread = keep @ of_part @ keep.swapaxes(-1, -2) + gain @ of_rest @ gain.swapaxes(-1, -2)
     whitened = np.linalg.solve(spread + 1e-9 * one, score[..., None])[..., 0]
     return (score * whitened).sum(axis=1), len(basis)
 

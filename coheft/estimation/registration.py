@@ -20,7 +20,7 @@ import numpy as np
 
 from coheft.estimation.body_motion import BODY_W, MOTION_SIZE
 from coheft.estimation.inertia import symmetric_products
-from coheft.estimation.measurement import KINEMATICS, SensorNoise
+from coheft.estimation.measurement import SensorNoise, kinematic_weights
 from coheft.estimation.rigid_body import inertia_operator
 from coheft.estimation.spatial import CROSS_OF_AXES, Array, Pose, skew
 
@@ -139,7 +139,7 @@ def score_and_information(moments: RegistrationMoments, pose: Pose, noise: Senso
     The body's motion is taken as it is. Constant offsets of gyro and velocity are allowed for: these residuals are
     centred. The accelerometer's are not, because gravity, nearly constant, says most about the rotation.
     """
-    weights = noise.per_column()[KINEMATICS] ** -2
+    weights = kinematic_weights(noise)
     operator, derivative = residual_operator(pose), residual_derivative(pose)
     score, information, cost = np.zeros(6), np.zeros((6, 6)), 0.0
     for rows, gram in ((TWIST_ROWS, moments.centred()), (ACCELERATION_ROWS, moments.gram)):

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.body_motion import perturbation_between, perturbed, relative_pose_derivative
-from coheft.estimation.measurement import KINEMATICS, SensorNoise
+from coheft.estimation.measurement import SensorNoise, kinematic_weights
 from coheft.estimation.observability import (
     AllSeen,
     PoseEstimate,
@@ -240,7 +240,7 @@ def team_information(
     Returns:
         Two matrices, shape (6 N, 6 N). The motion's own noise makes the first too large by the second.
     """
-    weights = noise.per_column()[KINEMATICS] ** -2
+    weights = kinematic_weights(noise)
     size = 6 * len(poses)
     information, from_noise = np.zeros((size, size)), np.zeros((size, size))
     priors = (NO_SLOPE, slope)
@@ -255,7 +255,7 @@ def team_information(
             total -= explained @ coupling.reshape(size, -1).T
             for k, pose in enumerate(poses):
                 own, derivative = slice(6 * k, 6 * k + 6), residual_derivative(pose)[:, rows]
-                total[own, own] += np.einsum("kab,lab->kl", weight * derivative @ features, derivative)
+                total[own, own] += (weight * derivative @ features).reshape(6, -1) @ derivative.reshape(6, -1).T
     return information, from_noise
 
 
@@ -283,7 +283,7 @@ def _fusion(
         perturbations of all poses first, shape (6 N, 6, 28).
     """
     rows, columns = channel
-    weight = noise.per_column()[KINEMATICS][rows, None] ** -2
+    weight = kinematic_weights(noise)[rows, None]
     by_motion = [_predicted(pose)[rows, columns] for pose in poses]
     information = np.sum([b.T @ (weight * b) for b in by_motion], axis=0) + prior
     covariance = np.linalg.inv(information + _NO_PRIOR * np.eye(6))
@@ -298,7 +298,7 @@ def refit_map(old: Sequence[Pose], new: Sequence[Pose], noise: SensorNoise, slop
     What it neglects is the change of poses times the residuals. In the products of ``w``, the (small) share of the
     velocities in ``w`` is left as it was. What the gyros' slope says of the motion does not depend on the poses.
     """
-    weights = noise.per_column()[KINEMATICS] ** -2
+    weights = kinematic_weights(noise)
     feature_map = np.eye(FEATURES)
     before, after = ([_predicted(pose) for pose in poses] for poses in (old, new))
     no_prior = _NO_PRIOR * np.eye(6)
