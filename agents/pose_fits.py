@@ -22,7 +22,13 @@ from agents.common_moments import CommonMoments
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.registration import RegistrationMoments, least_squares, score_and_information
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import PosePrior, TeamPoses, fitted_poses, register_team
+from coheft.estimation.team_registration import (
+    PosePrior,
+    TeamPoses,
+    fitted_poses,
+    register_team,
+    residual_shares,
+)
 from coheft.wire.config import AgentConfig
 from consensus.flood import Flood
 
@@ -55,14 +61,18 @@ _UNTRIED = 1.5
 """Poses are so much less certain, in variance, as the square of this over the time of samples that they were fitted to
 [s]: what is left out of their covariance is of second order, and matters when they are new."""
 _SCORE_SIZE = 9
-"""The version of the poses that a score is at, how badly they fit, to how many samples, and the score."""
+"""The version of the poses that a score is at, the mean square of the residuals in units of what noise leaves in them,
+of how many samples, and the score."""
 _POSE_SIZE = 12
 _FIT_SIZE = 4 + _POSE_SIZE
 """From which block on the poses count, before which one samples go through sums again, whether what was known of poses
 before is in them, whether the samples cannot all be true, and a pose."""
-_NOISY = 1.45
-"""Mean square of the residuals, in units of what is usual, beyond which not all samples can be true: somebody's sensor
-was off for a while, by too little to be noticed at once."""
+_SLACK, _ROUGH_SLACK = 0.03, 0.6
+"""Share by which the mean square of residuals may be larger than usual, always; and at the first fit, where poses are
+rough."""
+_SIGMAS = 6.0
+"""Standard deviations by which it may be larger by chance. Else not all samples can be true: somebody's sensor was off
+for a while, by too little to be noticed at once."""
 
 
 class PoseFits:
@@ -250,7 +260,8 @@ class PoseFits:
         if can_tell:
             moments = self.common.total
             score, information, cost = score_and_information(moments, poses[self._own], self._config.noise)
-            square = least_squares(score, information, cost) / (9.0 * max(moments.count, 1.0))
+            share = residual_shares(poses, self._config.noise)[self._own]
+            square = least_squares(score, information, cost) / (9.0 * share * max(moments.count, 1.0))
             self._scores.tell(self._own, self._tells, np.concatenate([[version, square, moments.count], score]))
             self.told_moments = moments
 
@@ -277,7 +288,7 @@ class PoseFits:
             fitted = register_team(poses, scores, self.told_moments, noise, slope=slope, prior=prior).poses
             turns = [perturbation_between(old, new)[:3] for old, new in zip(poses, fitted, strict=True)]
             are_rough |= prior is None and self.prior is not None
-            are_noisy = self._are_noisy(float(rows[:, 1].max()), come_again)
+            are_noisy = come_again and self._are_noisy(float(rows[:, 1].max()), is_first=version == 0)
             if are_noisy:
                 fitted = tuple(poses)  # nothing is to be learned from such samples
             are_far = are_rough or are_noisy or np.linalg.norm(turns, axis=1).max() > _FAR
@@ -288,12 +299,15 @@ class PoseFits:
             row = np.array([since, again_before, float(prior is not None), float(are_noisy), *pose.numbers()])
             self._fits.tell(robot, self._tells, row)
 
-    def _are_noisy(self, square: float, can_be_left_out: bool) -> bool:
+    def _are_noisy(self, square: float, is_first: bool) -> bool:
         """Whether some samples must be wrong, by the mean square of the residuals of the worst robot.
 
         If it is as large with others, noise is larger than the sensors claim, and that is what it is from now on.
         """
-        if can_be_left_out and square > _NOISY * max(self._usual, self._left_out):
+        # Of 9 residuals in a sample, about 6 in a small team are not of the motion, which all find together.
+        by_chance = _SIGMAS * np.sqrt(2.0 / (6.0 * max(self.told_moments.count, 1.0)))
+        limit = 1.0 + (_ROUGH_SLACK if is_first else _SLACK) + by_chance
+        if square > limit * max(self._usual, self._left_out):
             self._left_out = square
             return True
         self._usual = max(1.0, square if self._left_out else min(square, self._usual))

@@ -291,6 +291,21 @@ def _fusion(
     return information, covariance, np.concatenate(coupling)
 
 
+def residual_shares(poses: Sequence[Pose], noise: SensorNoise) -> Array:
+    """Share of the square of each robot's noise that is left in its residuals to the motion in the sums, shape (N,).
+
+    The rest is in that motion as well: ``1 - tr(P B_i^T W B_i) / 9``, with names as in ``team_information``.
+    """
+    shares = np.ones(len(poses))
+    for rows, columns in _CHANNELS:
+        _, covariance, _ = _fusion(poses, noise, (rows, columns), NO_SLOPE)
+        weight = kinematic_weights(noise)[rows, None]
+        for robot, pose in enumerate(poses):
+            by_motion = _predicted(pose)[rows, columns]
+            shares[robot] -= np.vdot(by_motion @ covariance, weight * by_motion) / len(kinematic_weights(noise))
+    return shares
+
+
 def refit_map(old: Sequence[Pose], new: Sequence[Pose], noise: SensorNoise, slope: Array = NO_SLOPE) -> Array:
     """Features of a sample had its body motion been found with the poses ``new`` instead of ``old``, shape (28, 28).
 

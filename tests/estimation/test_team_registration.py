@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
+import pytest
 from scipy.stats import chi2
 
 from coheft.estimation.acceleration import (
@@ -22,7 +23,13 @@ from coheft.estimation.measurement import KINEMATICS, SensorNoise
 from coheft.estimation.observability import Visibility, all_seen, seen_information
 from coheft.estimation.registration import RegistrationMoments, score_and_information
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import TeamPoses, refit_map, register_team, team_information
+from coheft.estimation.team_registration import (
+    TeamPoses,
+    refit_map,
+    register_team,
+    residual_shares,
+    team_information,
+)
 from coheft.estimation.twist_registration import TwistMoments, register_twists
 from tests.estimation.team import Team, make_team
 
@@ -114,6 +121,21 @@ def test_noise_in_the_information_is_what_it_is_said_to_be() -> None:
     said = np.trace(half @ from_noise[6:, 6:] @ half.T)
     assert said > 0.1
     assert abs(np.mean(excess) - said) < 0.1 * said
+
+
+@pytest.mark.parametrize("count", [3, 6])
+def test_residuals_are_as_large_as_what_noise_leaves_in_them(count: int) -> None:
+    team = make_team(seed=2, count=count, duration=20.0)
+    samples = team.measured(np.random.default_rng(3))
+    shares = residual_shares(team.poses, team.noise)
+    assert 9.0 * (count - shares.sum()) < 12.0 + 1e-9, "the motion in the sums has 12 numbers"
+    for pose, share, moments in zip(
+        team.poses, shares, all_moments(samples, fused_motion(samples, team.poses, team.noise)), strict=True
+    ):
+        _, _, cost = score_and_information(moments, pose, team.noise)
+        square = 2.0 * cost / (9.0 * moments.count)
+        by_chance = np.sqrt(2.0 * share / (9.0 * moments.count))
+        assert abs(square - share) < 5.0 * by_chance
 
 
 def test_refit_map_does_what_summing_again_would_do() -> None:
