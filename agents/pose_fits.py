@@ -55,6 +55,8 @@ _IN_VAIN = 3
 _FAR = np.radians(2.0)
 """When a fit turns a pose by more, how samples seen with the old poses would look with the new ones is not known well
 enough [rad]."""
+_FAR_SHIFT = 0.05
+"""The same for a shift [m]: what velocities say of ``w`` was wrong then, and so were the products of ``w``."""
 _LEFT = 0.25
 """Share of a fit's last step that may be left to go, because the fit is not linear."""
 _UNTRIED = 1.5
@@ -286,12 +288,12 @@ class PoseFits:
             noise, scores = self._config.noise, rows[:, 3:]
             prior = self._prior_that_fits(poses, scores, slope)
             fitted = register_team(poses, scores, self.told_moments, noise, slope=slope, prior=prior).poses
-            turns = [perturbation_between(old, new)[:3] for old, new in zip(poses, fitted, strict=True)]
+            steps = np.array([perturbation_between(old, new) for old, new in zip(poses, fitted, strict=True)])
             are_rough |= prior is None and self.prior is not None
             are_noisy = come_again and self._are_noisy(float(rows[:, 1].max()), is_first=version == 0)
             if are_noisy:
                 fitted = tuple(poses)  # nothing is to be learned from such samples
-            are_far = are_rough or are_noisy or np.linalg.norm(turns, axis=1).max() > _FAR
+            are_far = are_rough or are_noisy or _is_far(steps)
             again_before = since if are_far and come_again else self.again_before
         else:  # somebody has it wrong which samples all have: begin anew
             fitted, again_before, prior, are_noisy = tuple(poses), since, None, False
@@ -326,6 +328,12 @@ class PoseFits:
 def _poses(fitted: Array) -> tuple[Pose, ...]:
     """Of all robots, from rows (N, 16) that the reference robot has told."""
     return tuple(Pose.of_numbers(row[4:]) for row in fitted)
+
+
+def _is_far(steps: Array) -> bool:
+    """Whether a fit moves a pose so far, perturbations (N, 6), that samples seen with the old ones do not count."""
+    turns, shifts = np.linalg.norm(steps.reshape(-1, 2, 3), axis=2).max(axis=0)
+    return bool(turns > _FAR or shifts > _FAR_SHIFT)
 
 
 def largest_step(fitted: TeamPoses, steps: Sequence[Array]) -> float:
