@@ -57,6 +57,8 @@ _FAR = np.radians(2.0)
 enough [rad]."""
 _FAR_SHIFT = 0.05
 """The same for a shift [m]: what velocities say of ``w`` was wrong then, and so were the products of ``w``."""
+_FAR_IN_DEVIATIONS = 15.0
+"""A shift by less, in the deviations of the new pose, does not count as one: then those errors are smaller still."""
 _LEFT = 0.25
 """Share of a fit's last step that may be left to go, because the fit is not linear."""
 _UNTRIED = 1.5
@@ -287,13 +289,13 @@ class PoseFits:
         if np.all(rows[:, 2] == self.told_moments.count):
             noise, scores = self._config.noise, rows[:, 3:]
             prior = self._prior_that_fits(poses, scores, slope)
-            fitted = register_team(poses, scores, self.told_moments, noise, slope=slope, prior=prior).poses
-            steps = np.array([perturbation_between(old, new) for old, new in zip(poses, fitted, strict=True)])
+            registered = register_team(poses, scores, self.told_moments, noise, slope=slope, prior=prior)
+            fitted, is_far = registered.poses, _is_far(poses, registered)
             are_rough |= prior is None and self.prior is not None
             are_noisy = come_again and self._are_noisy(float(rows[:, 1].max()), is_first=version == 0)
             if are_noisy:
                 fitted = tuple(poses)  # nothing is to be learned from such samples
-            are_far = are_rough or are_noisy or _is_far(steps)
+            are_far = are_rough or are_noisy or is_far
             again_before = since if are_far and come_again else self.again_before
         else:  # somebody has it wrong which samples all have: begin anew
             fitted, again_before, prior, are_noisy = tuple(poses), since, None, False
@@ -330,10 +332,13 @@ def _poses(fitted: Array) -> tuple[Pose, ...]:
     return tuple(Pose.of_numbers(row[4:]) for row in fitted)
 
 
-def _is_far(steps: Array) -> bool:
-    """Whether a fit moves a pose so far, perturbations (N, 6), that samples seen with the old ones do not count."""
-    turns, shifts = np.linalg.norm(steps.reshape(-1, 2, 3), axis=2).max(axis=0)
-    return bool(turns > _FAR or shifts > _FAR_SHIFT)
+def _is_far(poses: Sequence[Pose], fitted: TeamPoses) -> bool:
+    """Whether a fit moves a pose so far that samples seen with the old ones do not count."""
+    pairs = zip(poses[1:], fitted.poses[1:], strict=True)
+    steps = np.array([perturbation_between(old, new) for old, new in pairs]).reshape(-1, 2, 3)
+    turns, shifts = np.linalg.norm(steps, axis=2).T
+    uncertain = np.linalg.norm(fitted.deviations[1:, 3:], axis=1)
+    return bool(np.any((turns > _FAR) | (shifts > np.maximum(_FAR_SHIFT, _FAR_IN_DEVIATIONS * uncertain))))
 
 
 def largest_step(fitted: TeamPoses, steps: Sequence[Array]) -> float:
