@@ -13,7 +13,7 @@ from agents.late_wrenches import LateWrenches
 from agents.load_moments import CROSS_SHAPE, disturbed, gram_map, load_moments, mapped, number_of_samples
 from agents.load_weights import LoadWeights
 from agents.make_memory import make_memory
-from agents.seen_payload import seen_payload
+from agents.seen_payload import SeenPayload, StandingPayload, seen_payload
 from agents.wrench_correction import (
     TOLD_SIZE,
     MeanSquare,
@@ -29,7 +29,6 @@ from coheft.estimation.load_comparison import KnownLoad, maybe_former
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages import PayloadEstimate
 
 _OTHER_LOAD = 3.0
 """An early block with such a mean square of its residuals over what it should be, and all before it, are of another."""
@@ -40,6 +39,7 @@ _NEW = 0.5
 motions' noise is not what it is on average [s]."""
 _LEAST = 0.3
 """Least time of samples from which anything is estimated [s]."""
+_MISFIT = "load: the forces of late do not fit what is remembered of it"
 _MAY_BE_FORMER = "load: whether it has changed, or a sensor of its wrench is off; shake and turn it"
 
 
@@ -85,6 +85,7 @@ class LoadMemory:
         self._weights = LoadWeights(config, poses, fusion, self._disturbance)
         self._late = LateWrenches(config.rate / config.block)
         self._known = known
+        self._standing = StandingPayload()
 
     @property
     def changed_at(self) -> int:
@@ -339,15 +340,24 @@ class LoadMemory:
             self._late.begin()
             self._expect_disturbance(np.zeros(len(team.poses)), team)
 
-    def payload(self, own: int, team: TeamPoses) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
+    def payload(self, own: int, team: TeamPoses) -> SeenPayload:
         """Mass properties in ``F_i`` with their covariance, that of all poses included; and what is not observable.
 
         As long as nobody can tell whether the load has changed, the covariance counts with both.
         """
         if not self._is_enough():
-            return None, ()
+            return SeenPayload(None, (), self._last_block)
         if self._late.contradict:
-            return None, ("load: the forces of late do not fit what is remembered of it",)
+            return SeenPayload(None, (_MISFIT,), self._last_block)
+        window, does_fade = self._window, self._window.kept < 1.0
+        return self._standing.find(
+            count=np.nan if does_fade else self.count,
+            objects=(team, self._weights.model, self._wrenches_by_motion, window.former),
+            numbers=(own, window.doubt, window.first_block, self._disturbance.size),
+            solve=lambda: self._solve(own, team),
+        )
+
+    def _solve(self, own: int, team: TeamPoses) -> SeenPayload:
         information, sums = self._window.information(self._weights.model), self._window.total
         solution = self._weights.solution(information)
         solution = replace(solution, covariance=solution.covariance + self._by_uncorrected(information))
@@ -359,7 +369,7 @@ class LoadMemory:
             estimate = maybe_former(estimate, former)
         inflation = self._window.doubt * (1.0 + (_NEW * self._config.rate / self.count) ** 2)
         payload, unseen = seen_payload(estimate, by_poses, own, team, inflation, solution.length)
-        return payload, unseen if former is None else (*unseen, _MAY_BE_FORMER)
+        return SeenPayload(payload, unseen if former is None else (*unseen, _MAY_BE_FORMER), self._last_block)
 
     def _by_uncorrected(self, information: InertiaInformation) -> Array:
         """Covariance (10, 10) of ``theta`` by what poses do to samples and was not corrected."""

@@ -12,7 +12,7 @@ from coheft.estimation.load_change import LoadWindow
 from coheft.estimation.load_samples import Memory
 from coheft.wire.config import AgentConfig
 
-_TURN, _FEWEST = 0.08, 2
+_TURN, _FEWEST = 0.12, 2
 """Robots take turns of so long, or of so many blocks, in testing whether the load has changed: neighbours tell each
 other [s, blocks]."""
 _FLOOR = 1e3

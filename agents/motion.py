@@ -74,7 +74,7 @@ class Excitation:
         self._omegas = 2.0 * np.pi * np.array(waves.frequencies)
         # Angles during a block, as turns from its first sample on: sines of sums take less time than sines.
         steps = self._omegas * (np.arange(block) / rate)[:, None, None]
-        self._phases, self._turns = np.array(waves.phases), (np.cos(steps), np.sin(steps))
+        self._phases, self._turns = np.array(waves.phases), np.array([np.sin(steps), np.cos(steps)])
         self._ramp = motion.ramp
         self._rate = rate
         self._block = block
@@ -83,9 +83,9 @@ class Excitation:
         """See ``ReferenceMotion.reference``."""
         start = block * self._block / self._rate
         phases = self._omegas * start + self._phases
-        (cosine, sine), at_start = self._turns, (self._amplitudes * np.cos(phases), self._amplitudes * np.sin(phases))
-        wave = (sine * at_start[0] + cosine * at_start[1]).sum(axis=1)
-        wave_rate = (self._omegas * (cosine * at_start[0] - sine * at_start[1])).sum(axis=1)
+        cosine, sine = self._amplitudes * np.cos(phases), self._amplitudes * np.sin(phases)
+        gains = np.array([[cosine, sine], [-self._omegas * sine, self._omegas * cosine]])
+        wave, wave_rate = np.einsum("pbka,opka->oba", self._turns, gains)
         if start >= self._ramp:
             return np.concatenate([wave, wave_rate], axis=1)
         ramp, ramp_rate = self._ramp_at(start + np.arange(self._block) / self._rate)

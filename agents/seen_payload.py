@@ -2,14 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from typing import NamedTuple
 
-from coheft.estimation.inertia_derivatives import central_derivative, seen_inertia_derivative
+from coheft.estimation.inertia_derivatives import seen_inertia_derivative
 from coheft.estimation.inertia_estimate import InertiaEstimate, unseen_quantities
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array
 from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.messages import PayloadEstimate
+
+_GROWN = 1.02
+"""While samples have grown by no more than this, their estimate is nearly the same: 1 % of a deviation at most."""
+
+
+class SeenPayload(NamedTuple):
+    """What a robot publishes of the load.
+
+    Attributes:
+        payload: Mass properties in ``F_i``, None while there are none.
+        unseen: What of them is not observable, in words.
+        block: The newest block that is in it.
+    """
+
+    payload: PayloadEstimate | None
+    unseen: tuple[str, ...]
+    block: int
+
+
+class StandingPayload:
+    """What was found last, which stands until there is something new to say."""
+
+    def __init__(self) -> None:
+        self._found: SeenPayload | None = None
+        self._count = 0.0
+        self._objects: tuple[object, ...] = ()
+        self._numbers: tuple[float, ...] = ()
+
+    def find(
+        self, count: float, objects: tuple[object, ...], numbers: tuple[float, ...], solve: Callable[[], SeenPayload]
+    ) -> SeenPayload:
+        """It, or the solution anew.
+
+        Args:
+            count: Number of samples that it is to be found from.
+            objects: What else it follows from, and is replaced when it changes.
+            numbers: The same of numbers.
+            solve: Finds it.
+        """
+        is_same = numbers == self._numbers and all(
+            one is other for one, other in zip(objects, self._objects, strict=True)
+        )
+        if self._found is None or not is_same or not self._count <= count <= _GROWN * self._count:
+            self._found, self._count, self._objects, self._numbers = solve(), count, objects, numbers
+        return self._found
 
 
 def seen_payload(
@@ -27,7 +73,7 @@ def seen_payload(
     """
     pose = team.poses[own]
     derivative = seen_inertia_derivative(pose, estimate.inertia)
-    seen_by_poses = derivative[:, 6:] @ central_derivative(estimate.inertia) @ by_poses
+    seen_by_poses = derivative[:, 6:] @ estimate.to_central @ by_poses
     seen_by_poses[:, 6 * own : 6 * own + 6] += derivative[:, :6]
     covariance = derivative[:, 6:] @ estimate.covariance @ derivative[:, 6:].T
     covariance += seen_by_poses @ team.covariance @ seen_by_poses.T

@@ -196,8 +196,7 @@ class Team:
         """
         is_coherent = self._corrected == self._version or (self._corrected > 0 and self._largest_step < _LITTLE)
         if self._fitted is not None and is_coherent:
-            payload, unseen = self._memory.payload(self._own, self._fitted)
-            return Found(self._neighbours_poses, payload, unseen, self._completeness.newest)
+            return Found(self._neighbours_poses, *self._memory.payload(self._own, self._fitted))
         if self._found_before is not None and self._memory.changed_at > self._found_before.learned_block:
             return replace(self._found_before, payload=None)
         return self._found_before

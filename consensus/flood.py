@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from itertools import islice
 
 import numpy as np
-import numpy.typing as npt
 
 from coheft.estimation.spatial import Array
 from coheft.wire.message_size import PER_MESSAGE
@@ -27,7 +26,9 @@ class Flood:
     """
 
     def __init__(self, robots: int, width: int) -> None:
-        self._table = np.full((robots, 1 + width), -1.0)
+        # As rows are sent: the robot's number, the stamp, and what it tells.
+        self._rows = np.full((robots, 2 + width), -1.0)
+        self._rows[:, 0] = np.arange(robots)
         self._heard: dict[str, float] = {}
         self._news: dict[int, None] = {}
         self._turn = 0
@@ -36,7 +37,7 @@ class Flood:
 
     def tell(self, robot: int, stamp: int, row: Array) -> None:
         """Put in a row: the own one, or one that this robot has worked out for another."""
-        self._table[robot, 0], self._table[robot, 1:] = stamp, row
+        self._rows[robot, 1], self._rows[robot, 2:] = stamp, row
         self._news[robot] = None
         self._note_stamps()
 
@@ -44,40 +45,40 @@ class Flood:
         """Take in what a neighbour told: its ``digest``, and rows of its table if it sent some."""
         if digest is not None:
             self._heard[neighbour] = digest
-        if rows is None or digest == self.digest or not self.fits(rows) or np.any(rows[:, :2] % 1.0):
+        if rows is None or digest == self.digest or not self.fits(rows) or not self._are_of_robots(rows):
             return
         robots = rows[:, 0].astype(np.int64)
-        if not self._are_robots(robots):
-            return
-        newer = rows[:, 1] > self._table[robots, 0]
+        newer = rows[:, 1] > self._rows[robots, 1]
         if newer.any():
-            self._table[robots[newer]] = rows[newer, 1:]
+            self._rows[robots[newer]] = rows[newer]
             self._news |= dict.fromkeys(robots[newer].tolist())
             self._note_stamps()
 
     def _note_stamps(self) -> None:
         """They have changed."""
-        self._digest, self._newest = None, int(self._table[:, 0].max())
+        self._digest, self._newest = None, int(self._rows[:, 1].max())
 
-    def _are_robots(self, robots: npt.NDArray[np.int64]) -> bool:
-        """Whether these can be the numbers of the rows in a message: of a small table all, in order."""
-        count = len(self._table)
+    def _are_of_robots(self, rows: Array) -> bool:
+        """Whether rows can be in a message: their stamps whole numbers, and of a small table all, in order."""
+        if (rows[:, 1] % 1.0).any():
+            return False
+        robots, count = rows[:, 0], len(self._rows)
         if count <= PER_MESSAGE:
-            return np.array_equal(robots, np.arange(count))
-        return bool(robots.min() >= 0 and robots.max() < count)
+            return len(robots) == count and bool((robots == self._rows[:, 0]).all())
+        return bool(robots.min() >= 0.0 and robots.max() < count and not (robots % 1.0).any())
 
     def fits(self, rows: Array) -> bool:
         """Whether rows that a neighbour sent have the right shape."""
-        most = min(len(self._table), PER_MESSAGE)
-        return rows.ndim == 2 and 0 < len(rows) <= most and rows.shape[1] == 1 + self._table.shape[1]
+        most = min(len(self._rows), PER_MESSAGE)
+        return rows.ndim == 2 and 0 < len(rows) <= most and rows.shape[1] == self._rows.shape[1]
 
     def rows(self, stamp: int) -> Array | None:
         """Everybody's row (N, width) if all bear this stamp, else None."""
-        return self._table[:, 1:].copy() if np.all(self._table[:, 0] == stamp) else None
+        return self._rows[:, 2:].copy() if (self._rows[:, 1] == stamp).all() else None
 
     def row(self, robot: int) -> tuple[int, Array]:
         """The newest row of one robot, and its stamp, -1 if there is none."""
-        return int(self._table[robot, 0]), self._table[robot, 1:].copy()
+        return int(self._rows[robot, 1]), self._rows[robot, 2:].copy()
 
     @property
     def newest(self) -> int:
@@ -87,13 +88,13 @@ class Flood:
     @property
     def table(self) -> Array:
         """All rows, shape (N, 1 + width): stamps first."""
-        return self._table.copy()
+        return self._rows[:, 1:].copy()
 
     @property
     def digest(self) -> float:
         """Checksum of the stamps: a sum would be the same for two tables each with a row that the other lacks."""
         if self._digest is None:
-            self._digest = float(zlib.crc32(self._table[:, 0].tobytes()))
+            self._digest = float(zlib.crc32(self._rows[:, 1].tobytes()))
         return self._digest
 
     def told(self) -> Array | None:
@@ -103,21 +104,22 @@ class Flood:
         """
         digest = self.digest
         if all(heard == digest for heard in self._heard.values()):
-            self._news.clear()
+            self.note_all_know()
             return None
-        robots = self._next_rows()
-        return np.column_stack([robots, self._table[robots]])
+        return self._rows[self._next_rows()] if len(self._rows) > PER_MESSAGE else self._rows.copy()
+
+    def note_all_know(self) -> None:
+        """All neighbours know everything: nothing is news to them."""
+        self._news.clear()
 
     def _next_rows(self) -> list[int]:
-        count = len(self._table)
-        if count <= PER_MESSAGE:
-            return list(range(count))
+        """Of a large table."""
         chosen = list(islice(self._news, PER_MESSAGE))
         for robot in chosen:
             del self._news[robot]
         while len(chosen) < PER_MESSAGE:
             chosen.append(self._turn)
-            self._turn = (self._turn + 1) % count
+            self._turn = (self._turn + 1) % len(self._rows)
         return chosen
 
 
@@ -126,27 +128,40 @@ class Floods:
 
     def __init__(self, tables: Mapping[str, Flood]) -> None:
         self._tables = dict(tables)
+        self._heard: dict[str, list[float]] = {}
 
     def hear(self, neighbour: str, channels: Mapping[str, Array]) -> None:
         """Take in a neighbour's ``channels``."""
         digests = channels.get("digests")
         if digests is None or digests.shape != (len(self._tables),):
             return
-        for digest, (name, flood) in zip(digests, self._tables.items(), strict=True):
-            flood.hear(neighbour, float(digest), channels.get(name))
+        heard = digests.tolist()
+        if heard == self._heard.get(neighbour) == self._digests():
+            return  # as usual: it knows what we know
+        self._heard[neighbour] = heard
+        for digest, (name, flood) in zip(heard, self._tables.items(), strict=True):
+            flood.hear(neighbour, digest, channels.get(name))
 
     def fit(self, channels: Mapping[str, Array]) -> bool:
         """Whether what a neighbour sent of these tables, if anything, has the right shapes."""
         digests = channels.get("digests")
         return (digests is None or digests.shape == (len(self._tables),)) and all(
-            name not in channels or flood.fits(channels[name]) for name, flood in self._tables.items()
+            self._tables[name].fits(channels[name]) for name in channels.keys() & self._tables.keys()
         )
 
     def channels(self) -> dict[str, Array]:
         """What to send to the neighbours."""
-        told = {"digests": np.array([flood.digest for flood in self._tables.values()])}
+        digests = self._digests()
+        told = {"digests": np.array(digests)}
+        if all(heard == digests for heard in self._heard.values()):
+            for flood in self._tables.values():
+                flood.note_all_know()
+            return told
         for name, flood in self._tables.items():
             rows = flood.told()
             if rows is not None:
                 told[name] = rows
         return told
+
+    def _digests(self) -> list[float]:
+        return [flood.digest for flood in self._tables.values()]

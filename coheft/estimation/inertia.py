@@ -14,7 +14,7 @@ for, in one product.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -183,16 +183,20 @@ class InertiaModel:
             covariance = wrench_covariance + spatial @ acceleration_covariance @ spatial.T
         self.residual_covariance = covariance
         self.weight: Array = np.linalg.inv(covariance).astype(np.float64)
-        size = self.unknowns + 1
         self._coefficients = coefficients = regressor_coefficients(with_offset)
         self.regressor_coefficients = coefficients[:, :, :-1]
-        products = _products(coefficients, self.weight)
-        noise = np.einsum("kl,klij->ij", acceleration_covariance, products[_ACCELERATIONS, _ACCELERATIONS])
-        self._table = _packed_table(products)
-        self._table[0] -= noise[np.triu_indices(size)]
-        self._unpack = _unpacking(size)
+        noise = _noise(coefficients, self.weight, acceleration_covariance)
+        self._table = _packed_table(coefficients, self.weight)
+        self._table[0] -= noise[np.triu_indices(len(noise))]
+        self._unpack = _unpacking(len(noise))
         self._noise = noise[:-1, :-1]
         self._disturbance_table = np.zeros_like(self._table)
+
+    @cached_property
+    def weighted_regressor(self) -> Array:
+        """``regressor^T weight``, linear in the features as well, shape (19, u, 6)."""
+        result: Array = self.regressor_coefficients.swapaxes(1, 2) @ self.weight
+        return result
 
     def with_offset(self) -> InertiaModel:
         """The same weights, with the constant offset among the unknowns."""
@@ -225,7 +229,7 @@ class InertiaModel:
             size: Of what spoils all samples; what spoils some of them besides is told with them.
         """
         self._shape, self.disturbance_size, self._sibling = shape, size, None
-        self._disturbance_table = _packed_table(_products(self._coefficients, self.weight @ shape @ self.weight))
+        self._disturbance_table = _packed_table(self._coefficients, self.weight @ shape @ self.weight)
 
     def disturbance(self, grams: Array) -> Array:
         """What the disturbance adds to the score's covariance, if it is new with every sample, shape (..., u, u)."""
@@ -233,19 +237,36 @@ class InertiaModel:
         return result
 
 
-def _products(coefficients: Array, weight: npt.NDArray[np.floating]) -> Array:
-    """Entry [k, l, i, j]: what the product of features k and l adds to entry (i, j) of ``[X | y]^T weight [X | y]``."""
-    features, size = len(coefficients), coefficients.shape[-1]
+def _noise(coefficients: Array, weight: Array, acceleration_covariance: Array) -> Array:
+    """What noise of ``(a, alpha)`` (6, 6) adds to a sample's ``[X | y]^T weight [X | y]``, as that is expected."""
+    of_accelerations = coefficients[_ACCELERATIONS]
+    spread = np.tensordot(acceleration_covariance, of_accelerations, axes=1)
+    result: Array = np.einsum("kai,kaj->ij", of_accelerations, weight @ spread)
+    return result
+
+
+def _packed_table(coefficients: Array, weight: Array) -> Array:
+    """From packed Gram matrices (190,) of features to the upper triangle of ``[X | y]^T weight [X | y]``."""
+    features, _, size = coefficients.shape
     flat = coefficients.transpose(1, 0, 2).reshape(6, features * size)
-    return (flat.T @ weight @ flat).reshape(features, size, features, size).transpose(0, 2, 1, 3)
+    # Entry [k, i, l, j]: what the product of features k and l adds to entry (i, j).
+    products = (flat.T @ weight @ flat).ravel()
+    one, other, diagonal = _table_places(size)
+    table = products.take(one)
+    table += products.take(other)
+    table[diagonal] *= 0.5
+    return table
 
 
-def _packed_table(products: Array) -> Array:
-    """From packed Gram matrices to the upper triangle of what ``products`` make of them."""
-    table = products[_ROWS, _COLUMNS] + products[_COLUMNS, _ROWS]
-    table[_ROWS == _COLUMNS] *= 0.5
-    rows, columns = np.triu_indices(products.shape[-1])
-    return np.ascontiguousarray(table[:, rows, columns])
+@lru_cache
+def _table_places(size: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Where a table's entries are among the products of features (k, l), and of (l, k); and which rows have k = l."""
+    rows, columns = np.triu_indices(size)
+
+    def places(first: npt.NDArray[np.intp], second: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+        return (first[:, None] * size + rows) * FEATURES * size + second[:, None] * size + columns
+
+    return places(_ROWS, _COLUMNS), places(_COLUMNS, _ROWS), np.flatnonzero(_ROWS == _COLUMNS)
 
 
 def spatial_inertia(parameters: Array) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from coheft.estimation.inertia import INERTIA_SIZE
@@ -12,6 +14,8 @@ _DOUBLE_CROSS = pack_symmetric(
     CROSS_OF_AXES[:, None] @ CROSS_OF_AXES + CROSS_OF_AXES @ CROSS_OF_AXES[:, None]
 ).transpose(2, 0, 1)
 """Shape (6, 3, 3): ``result @ h`` is the derivative of the packed ``[h]x [h]x`` by ``h``."""
+_POSES = 64
+"""What follows from so many poses is kept."""
 
 
 def barycentric_derivative(inertia: Inertia) -> Array:
@@ -45,12 +49,21 @@ def seen_inertia_derivative(pose_i: Pose, inertia: Inertia) -> Array:
         Shape (10, 16): by the perturbation of ``pose_i``, then by ``(m, h, J)``.
     """
     to_i = pose_i.rotation.T
-    derivative = np.zeros((INERTIA_SIZE, 6 + INERTIA_SIZE))
-    derivative[0, 6] = 1.0
+    derivative = _of_axes(pose_i).copy()
     derivative[1:4, 0:3] = to_i @ skew(inertia.com - pose_i.translation)
-    derivative[1:4, 3:6] = -to_i
-    derivative[1:4, 7:10] = to_i
     turned = inertia.tensor @ CROSS_OF_AXES - CROSS_OF_AXES @ inertia.tensor
     derivative[4:, 0:3] = pack_symmetric(to_i @ turned @ to_i.T).T
+    return derivative
+
+
+@lru_cache(maxsize=_POSES)
+def _of_axes(pose_i: Pose) -> Array:
+    """What of ``seen_inertia_derivative`` does not depend on the inertia; read only."""
+    to_i = pose_i.rotation.T
+    derivative = np.zeros((INERTIA_SIZE, 6 + INERTIA_SIZE))
+    derivative[0, 6] = 1.0
+    derivative[1:4, 3:6] = -to_i
+    derivative[1:4, 7:10] = to_i
     derivative[4:, 10:] = packed_rotation(to_i)
+    derivative.flags.writeable = False
     return derivative

@@ -11,7 +11,7 @@ import numpy as np
 from coheft.estimation.consistency import is_possible, nearest_possible
 from coheft.estimation.inertia import INERTIA_SIZE, InertiaInformation
 from coheft.estimation.inertia_derivatives import central_derivative
-from coheft.estimation.rigid_body import Inertia, pack_symmetric, unpack_symmetric
+from coheft.estimation.rigid_body import Inertia, pack_symmetric, unit_point, unpack_symmetric
 from coheft.estimation.spatial import Array, Pose
 
 _GRAVITY = 9.81
@@ -51,6 +51,7 @@ class InertiaEstimate:
     Attributes:
         inertia: Always physically possible. Where something is unseen it holds the guess.
         covariance: Of ``(m, h, J)`` [kg, m, kg·m²] with ``J`` packed, at the centre of mass, shape (10, 10).
+        to_central: Derivative of ``(m, h, J)`` by ``theta``, shape (10, 10).
         parameters: ``theta = (m, m h, I_o)`` as it was solved for, shape (10,): not forced to be possible.
         parameters_covariance: Of ``theta``, shape (10, 10).
         offset: Constant excess ``(F_0, T_0)`` of the total wrench [N, N·m], shape (6,), or None if not estimated.
@@ -59,6 +60,7 @@ class InertiaEstimate:
 
     inertia: Inertia
     covariance: Array
+    to_central: Array
     parameters: Array
     parameters_covariance: Array
     offset: Array | None
@@ -111,6 +113,7 @@ class InertiaSolution:
         return InertiaEstimate(
             inertia=inertia,
             covariance=covariance,
+            to_central=to_central,
             parameters=self.parameters,
             parameters_covariance=self.covariance,
             offset=self.offset,
@@ -191,7 +194,8 @@ class _SeenData:
         spread = inverse @ (mass**2 * self.score_covariance[first:, first:] + one) @ inverse
         covariance = (seen @ spread @ seen.T + unseen @ unseen.T)[:INERTIA_SIZE, :INERTIA_SIZE]
         guess = np.zeros(len(seen))
-        guess[:INERTIA_SIZE] = Inertia(mass, com, mass * length**2 / 3.0 * np.eye(3)).barycentric()
+        guess[0], guess[1:4], guess[4:INERTIA_SIZE] = mass, mass * com, mass * unit_point(com)
+        guess[4:7] += mass * length**2 / 3.0
         error = information.vector - information.matrix @ guess
         return guess + seen @ (inverse @ (seen.T @ error)), covariance
 

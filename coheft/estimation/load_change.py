@@ -120,12 +120,12 @@ class LoadWindow:
     @property
     def first_block(self) -> int:
         """See ``Memory``."""
-        return int(self._stretches.firsts[0]) if len(self._stretches) else -1
+        return self._stretches.first
 
     @property
     def borders(self) -> npt.NDArray[np.int64]:
         """First blocks of the stretches that can be told apart, oldest first."""
-        return self._stretches.firsts.copy()
+        return self._stretches.firsts
 
     @property
     def total(self) -> Array:

@@ -62,10 +62,12 @@ def compare_loads(model: InertiaModel, total: Array, parts: Array, coherence: fl
     score = part.vector - gain @ (basis @ everything.vector)
     of_part, of_rest = part.by_noise, one - part.by_noise
     if coherence > 0.0:
-        of_part = of_part + basis @ _disturbance(model, parts, coherence) @ basis.T
-        of_rest = of_rest + basis @ _disturbance(model, total - parts, coherence) @ basis.T
-    keep = one - gain
-    spread = keep @ of_part @ keep.swapaxes(-1, -2) + gain @ of_rest @ gain.swapaxes(-1, -2)
+        each, all_of_them = (basis @ model.disturbance(sums[..., :GRAM_SIZE]) @ basis.T for sums in (parts, total))
+        of_part = of_part + _disturbance_size(model, parts, coherence) * each
+        of_rest = of_rest + _disturbance_size(model, total - parts, coherence) * (all_of_them - each)
+    # (1 - gain) of_part (1 - gain)^T + gain of_rest gain^T
+    kept = of_part - gain @ of_part
+    spread = kept + (gain @ of_rest - kept) @ gain.swapaxes(-1, -2)
     whitened = np.linalg.solve(spread + 1e-9 * one, score[..., None])[..., 0]
     return (score * whitened).sum(axis=1), len(basis)
 
@@ -187,13 +189,18 @@ class _Evidence(NamedTuple):
 
 def _disturbance(model: InertiaModel, sums: Array, coherence: float) -> Array:
     """Covariance of what a disturbance adds to the scores of samples (..., 190 + riders), shape (..., u, u)."""
-    grams = sums[..., :GRAM_SIZE]
     if coherence == 0.0:
-        return np.zeros((*grams.shape[:-1], model.unknowns, model.unknowns))
-    share = np.minimum(1.0, coherence / np.maximum(grams[..., 0], 1.0))
-    size = model.disturbance_size * grams[..., 0] + sums[..., GRAM_SIZE]
-    result: Array = (share * size)[..., None, None] * model.disturbance(grams)
+        return np.zeros((*sums.shape[:-1], model.unknowns, model.unknowns))
+    result: Array = _disturbance_size(model, sums, coherence) * model.disturbance(sums[..., :GRAM_SIZE])
     return result
+
+
+def _disturbance_size(model: InertiaModel, sums: Array, coherence: float) -> Array:
+    """How many times what it would be if it were new with every sample and of size one, shape (..., 1, 1)."""
+    count = sums[..., 0]
+    share = np.minimum(1.0, coherence / np.maximum(count, 1.0))
+    size: Array = (share * (model.disturbance_size * count + sums[..., GRAM_SIZE]))[..., None, None]
+    return size
 
 
 def signal_directions(matrix: Array, covariance: Array, least: float) -> tuple[Array, Array, Array]:

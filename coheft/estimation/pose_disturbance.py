@@ -24,25 +24,25 @@ def wrench_disturbance(poses: Sequence[Pose], covariance: Array, mean_square_for
     Returns:
         Shape (6, 6) [N², N²·m, N²·m²].
     """
-    count = len(poses)
-    alone = np.eye(6 * count) - _as_one_body(poses)
-    blocks = (alone @ covariance @ alone.T).reshape(count, 6, count, 6)[range(count), :, range(count)]
-    # Of robot j's unit force along its axis a, by perturbation k: entry [j, k, :, a].
-    by_pose = np.array([adjoint_derivative(pose) for pose in poses])[..., :3]
-    result: Array = np.einsum(
-        "jkra,jkl,jlsa,j->rs", by_pose, blocks, by_pose, np.asarray(mean_square_forces) / 3.0, optimize=True
+    count, forces = len(poses), np.asarray(mean_square_forces) / 3.0
+    moved = _as_one_body(poses)
+    stacked = moved.reshape(-1, 6)
+    # Perturbations of all poses have in common what they say of one small motion of the body frame, by least squares.
+    common = np.linalg.solve(stacked.T @ stacked, stacked.T)
+    by_robot = covariance.reshape(len(poses), 6, len(poses), 6)[range(len(poses)), :, range(len(poses))]
+    coupled = moved @ (common @ covariance).reshape(6, -1, 6).swapaxes(0, 1)
+    alone = (
+        by_robot - coupled - coupled.swapaxes(1, 2) + moved @ (common @ covariance @ common.T) @ moved.swapaxes(1, 2)
     )
+    # Of robot j's unit force along its axis a, by perturbation k: entry [j, k, a, :].
+    by_pose = np.array([adjoint_derivative(pose) for pose in poses])[..., :3].swapaxes(2, 3).reshape(count, 6, -1)
+    spread = forces[:, None, None] * (alone @ by_pose)
+    result: Array = by_pose.reshape(-1, 6).T @ spread.reshape(-1, 6)
     return result
 
 
 def _as_one_body(poses: Sequence[Pose]) -> Array:
-    """Projects perturbations of all poses on what they have in common: one small motion of the body frame.
-
-    Returns:
-        Shape (6 N, 6 N).
-    """
+    """Perturbations of all poses when the body frame is perturbed, shape (N, 6, 6)."""
     moved = np.tile(np.eye(6), (len(poses), 1, 1))
     moved[:, 3:, :3] = -skew(np.array([pose.translation for pose in poses]))
-    stacked = moved.reshape(-1, 6)
-    result: Array = stacked @ np.linalg.pinv(stacked)
-    return result
+    return moved

@@ -25,9 +25,10 @@ class PoseSensitivity:
     """How sums over the team follow when poses are perturbed.
 
     Attributes:
-        adjoints: Derivative of every ``Ad(g_j)`` by its pose's perturbation, shape (N, 6, 6, 6), perturbations second.
+        adjoints: Derivative of every ``Ad(g_j)`` by its pose's perturbation, transposed, shape (N, 6, 6, 6):
+            perturbations third.
         motion: Derivative of the fused ``(a, alpha)`` by all perturbations, linear in the sample's motion features,
-            shape (6 N, 6, 13).
+            shape (6, 6 N, 13).
     """
 
     adjoints: Array
@@ -43,7 +44,8 @@ class PoseSensitivity:
             slope: What the gyros' slope says about ``(a, alpha)``, shape (6, 6), if motions were found with it.
         """
         motion = motion_by_poses(poses, noise, slope)[:, :, REGISTRATION_FEATURES]
-        return PoseSensitivity(np.array([adjoint_derivative(pose) for pose in poses]), motion)
+        adjoints = np.array([adjoint_derivative(pose).transpose(2, 0, 1) for pose in poses])
+        return PoseSensitivity(adjoints, np.ascontiguousarray(motion))
 
 
 def inertia_by_poses(
@@ -70,13 +72,13 @@ def inertia_by_poses(
     Returns:
         Shape (10, 6 N).
     """
-    # Weighted regressor's coefficients, shape (19, u, 6), and X^T W = sum over features x_f weighted[f].
-    weighted = model.regressor_coefficients.swapaxes(1, 2) @ model.weight
-    of_motion = weighted[MOTION_FEATURES].swapaxes(0, 1).reshape(model.unknowns, -1)
+    of_motion = model.weighted_regressor[MOTION_FEATURES].swapaxes(0, 1).reshape(model.unknowns, -1)
+    robots, features, _ = crosses.shape
     # Moments of the features with dAd_j u_j, and with M d(a, alpha), shape (6 N, features, 6).
-    wrench: Array = (crosses[:, None] @ sensitivity.adjoints.swapaxes(2, 3)).reshape(-1, *crosses.shape[1:])
-    needed = spatial_inertia(parameters) @ sensitivity.motion @ gram[MOTION_FEATURES, MOTION_FEATURES]
-    wrench = np.subtract(wrench, needed.swapaxes(1, 2))
-    score = of_motion @ wrench.reshape(len(wrench), -1).T
-    solution = np.linalg.inv(information.matrix) @ score
+    wrench = (crosses @ sensitivity.adjoints.reshape(robots, 6, -1)).reshape(robots, features, 6, 6)
+    moved = (spatial_inertia(parameters) @ sensitivity.motion.reshape(6, -1)).reshape(-1, features)
+    needed = (moved @ gram[MOTION_FEATURES, MOTION_FEATURES]).reshape(6, -1, features)
+    moments = wrench.swapaxes(1, 2).reshape(-1, features, 6) - needed.transpose(1, 2, 0)
+    score = of_motion @ moments.reshape(len(moments), -1).T
+    solution = np.linalg.solve(information.matrix, score).astype(np.float64)
     return solution[:INERTIA_SIZE]

@@ -48,6 +48,14 @@ def inertia_operator(x: npt.ArrayLike) -> Array:
     return matrix
 
 
+def unit_point(place: Array) -> Array:
+    """Inertia about the origin of a mass of 1 kg at ``place`` (3,), packed: ``|p|^2 1 - p p^T``, shape (6,)."""
+    products = place[PACKED_ROWS] * place[PACKED_COLUMNS]
+    packed: Array = -products
+    packed[:3] += products[:3].sum()
+    return packed
+
+
 def packed_rotation(rotation: Array) -> Array:
     """``K(R)`` (6, 6) with ``K(R) @ pack_symmetric(J) == pack_symmetric(R @ J @ R.T)``."""
     turned = rotation @ unpack_symmetric(np.eye(6)) @ rotation.T
@@ -95,13 +103,12 @@ class Inertia:
         parameters = np.asarray(parameters, dtype=np.float64)
         mass = float(parameters[0])
         com = parameters[1:4] / mass
-        tensor = unpack_symmetric(parameters[4:]) + mass * skew(com) @ skew(com)
-        return Inertia(mass, com, tensor)
+        return Inertia(mass, com, unpack_symmetric(parameters[4:] - mass * unit_point(com)))
 
     def barycentric(self) -> Array:
         """``(m, m h, I_o)``, shape (10,): what enters the dynamics linearly, ``I_o`` about the frame's origin."""
-        about_origin = self.tensor - self.mass * skew(self.com) @ skew(self.com)
-        return np.concatenate([[self.mass], self.mass * self.com, pack_symmetric(about_origin)])
+        about_origin = pack_symmetric(self.tensor) + self.mass * unit_point(self.com)
+        return np.concatenate([[self.mass], self.mass * self.com, about_origin])
 
     def central(self) -> Array:
         """``(m, h, J)``, shape (10,), with ``J`` packed."""

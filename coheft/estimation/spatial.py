@@ -13,6 +13,7 @@ In these orders twists and wrenches are carried by the same 6x6 matrix, ``Pose.a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -178,11 +179,16 @@ class Pose:
         """Matrix (6, 6) that carries twists ``(w, v)``, and wrenches ``(f, t)``, from ``F_j`` to ``F_i``.
 
         ``w_i = R w_j, v_i = R v_j + p x R w_j`` and ``f_i = R f_j, t_i = R t_j + p x R f_j`` are the same
-        matrix (Murray, Li, Sastry 1994, eqs 2.57 and 2.66, in the orders above).
+        matrix (Murray, Li, Sastry 1994, eqs 2.57 and 2.66, in the orders above); read only.
         """
+        return self._adjoint
+
+    @cached_property
+    def _adjoint(self) -> Array:
         matrix = np.zeros((6, 6))
         matrix[:3, :3] = matrix[3:, 3:] = self.rotation
         matrix[3:, :3] = skew(self.translation) @ self.rotation
+        matrix.flags.writeable = False
         return matrix
 
 

@@ -6,6 +6,7 @@ histogram, after Bifet and Gavalda (2007).
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable
 
 import numpy as np
@@ -28,30 +29,46 @@ class Stretches:
     def __init__(self, size: int, resolution: int) -> None:
         self._resolution = resolution
         self.count = 0
-        # Border k is the beginning of block _firsts[k], the _orders[k]-th that came; _sums[k] is all that came since.
-        self._firsts = np.zeros(64, dtype=np.int64)
-        self._orders = np.zeros(64, dtype=np.int64)
-        self._sums = np.zeros((64, size))
-        self._borders = 0
+        # Border k is the beginning of block _firsts[k], the _orders[k]-th that came.
+        self._firsts: list[int] = []
+        self._orders: list[int] = []
+        # What came since the older borders is in rows _places[k] of _sums, but for the _late blocks: of these there is
+        # the sum of what came before each of them. So a block costs little, and ``sums`` are brought up to date in one.
+        self._sums = np.zeros((0, size))
+        self._places: list[int] = []
+        self._before_late: list[Array] = []
+        self._late = np.zeros(size)
 
     def __len__(self) -> int:
         """Number of stretches, and of borders."""
-        return self._borders
+        return len(self._firsts)
+
+    @property
+    def first(self) -> int:
+        """First block of the oldest stretch, -1 if there is none."""
+        return self._firsts[0] if self._firsts else -1
 
     @property
     def firsts(self) -> npt.NDArray[np.int64]:
         """First blocks of the stretches, oldest first, shape (k,)."""
-        return self._firsts[: self._borders]
+        return np.array(self._firsts, dtype=np.int64)
 
     @property
     def sums(self) -> Array:
         """Of all that came since each of them, shape (k, size)."""
-        return self._sums[: self._borders]
+        if self._before_late or len(self._places) < len(self._sums):
+            late = self._late - np.array(self._before_late).reshape(-1, len(self._late))
+            self._set_sums(np.concatenate([self._sums[self._places] + self._late, late]))
+        return self._sums
+
+    def _set_sums(self, sums: Array) -> None:
+        self._sums, self._places = sums, list(range(len(sums)))
+        self._before_late, self._late = [], np.zeros_like(self._late)
 
     @property
     def total(self) -> Array:
         """Sum over all blocks that count, shape (size,)."""
-        return self._sums[0].copy() if self._borders else np.zeros(self._sums.shape[1])
+        return self._sums[self._places[0]] + self._late if self._places else self._late
 
     def joined(self, neighbours: int) -> Array:
         """Sums of so many stretches in a row: entry k is from border k to border ``k + neighbours``."""
@@ -63,34 +80,31 @@ class Stretches:
         Args:
             update: From the sums of all stretches that end now, shape (k, size), to their new values.
         """
-        if self._borders:
-            self._sums[: self._borders] = update(self.sums)
+        if self._firsts:
+            self._set_sums(update(self.sums))
 
     def push(self, block: int, sums: Array) -> None:
         """Take in a block: its number, larger than all before, and what is summed of it."""
         self._make_room()
-        end = self._borders
-        self._firsts[end], self._orders[end] = block, self.count
-        self._sums[end] = 0.0
-        self._borders += 1
-        self._sums[: self._borders] += sums
+        self._before_late.append(self._late)
+        self._late = self._late + sums
+        self._firsts.append(block)
+        self._orders.append(self.count)
         self.count += 1
 
     def push_early(self, block: int, sums: Array) -> bool:
         """Take in a block from before all others, if there are any; returns whether there are."""
-        if not self._borders:
+        if not self._firsts:
             return False
         self._make_room()
-        for array in (self._firsts, self._orders, self._sums):
-            array[1 : 1 + self._borders] = array[: self._borders].copy()
-        self._firsts[0], self._orders[0] = block, self._orders[1] - 1
-        self._sums[0] += sums
-        self._borders += 1
+        self._set_sums(np.concatenate([self.sums[:1] + sums, self.sums]))
+        self._firsts.insert(0, block)
+        self._orders.insert(0, self._orders[0] - 1)
         return True
 
     def border(self, block: int) -> int:
         """The oldest border that does not lie before a block, as an index of ``firsts``; one past the end if none."""
-        return int(np.searchsorted(self.firsts, block))
+        return bisect_left(self._firsts, block)
 
     def forget_before(self, block: int) -> None:
         """Forget all blocks with smaller numbers, and those that cannot be told apart from them any more."""
@@ -98,12 +112,10 @@ class Stretches:
 
     def forget_since(self, block: int) -> None:
         """Forget all blocks from this one on, and those that cannot be told apart from them any more."""
-        kept = int(np.searchsorted(self.firsts, block, side="right")) - 1
-        if kept <= 0:
-            self._borders = 0
-        else:
-            self._sums[:kept] -= self._sums[kept]
-            self._borders = kept
+        kept = max(0, bisect_right(self._firsts, block) - 1)
+        if kept < len(self):
+            self._set_sums(self.sums - self.sums[kept])
+            self._drop(kept, len(self))
 
     def forget_borders_before(self, block: int) -> None:
         """Keep all blocks, but no border before this one, except the oldest."""
@@ -111,19 +123,14 @@ class Stretches:
 
     def _drop(self, first: int, end: int) -> None:
         """Drop the borders from ``first`` on, before ``end``."""
-        left = self._borders - (end - first)
-        for array in (self._firsts, self._orders, self._sums):
-            array[first:left] = array[end : self._borders].copy()
-        self._borders = left
+        if end > len(self._places):
+            self.sums  # noqa: B018  brings them up to date
+        del self._firsts[first:end], self._orders[first:end], self._places[first:end]
 
     def _make_room(self) -> None:
         """For another border: drop the newest one whose neighbours are close to each other for their age."""
-        orders = self._orders[: self._borders]
-        close = (orders[2:] - orders[:-2]) * self._resolution <= self.count - orders[2:]
-        if close.any():
-            drop = 1 + int(np.flatnonzero(close)[-1])
-            self._drop(drop, drop + 1)
-        if self._borders == len(self._firsts):
-            self._firsts = np.concatenate([self._firsts, np.zeros_like(self._firsts)])
-            self._orders = np.concatenate([self._orders, np.zeros_like(self._orders)])
-            self._sums = np.concatenate([self._sums, np.zeros_like(self._sums)])
+        orders = self._orders
+        for border in range(len(orders) - 2, 0, -1):
+            if (orders[border + 1] - orders[border - 1]) * self._resolution <= self.count - orders[border + 1]:
+                self._drop(border, border + 1)
+                break

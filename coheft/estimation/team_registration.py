@@ -27,27 +27,14 @@ from coheft.estimation.observability import (
     all_seen,
     seen_information,
 )
-from coheft.estimation.registration import (
-    ACCELERATION,
-    ACCELERATION_ROWS,
-    FEATURES,
-    OWN,
-    PRODUCTS,
-    TWIST,
-    TWIST_ROWS,
-    RegistrationMoments,
-    residual_derivative,
-    residual_operator,
-)
-from coheft.estimation.rigid_body import pack_symmetric, unpack_symmetric
+from coheft.estimation.registration import ACCELERATION, FEATURES, PRODUCTS, TWIST, RegistrationMoments
+from coheft.estimation.rigid_body import packed_rotation
 from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.team_sensing import channels
 
 NO_SLOPE: Array = np.zeros((6, 6))
 """What the gyros' slope says of motions that were found without it."""
 NO_SLOPE.flags.writeable = False
-_NO_PRIOR = 1e-6
-"""Information on each sample's body motion, in SI units, that keeps matrices regular where two robots do not see all
-of alpha."""
 _DOUBT = 5.0
 """Standard deviations of the noise in the information by which a direction must exceed it to count as seen."""
 _UNSEEN = 1e-3
@@ -56,8 +43,6 @@ _SIGMAS = 6.0
 """By so many standard deviations of a chi-square samples may contradict what was known before."""
 _MANY = 64
 """Of more poses nobody looks for directions that were not seen unless there may be some: that takes long."""
-_CHANNELS = ((TWIST_ROWS, TWIST), (ACCELERATION_ROWS, ACCELERATION))
-"""Residuals, and the part of the body's motion that they are to find."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,23 +225,29 @@ def team_information(
     Returns:
         Two matrices, shape (6 N, 6 N). The motion's own noise makes the first too large by the second.
     """
-    weights = kinematic_weights(noise)
-    size = 6 * len(poses)
+    count, size = len(poses), 6 * len(poses)
     information, from_noise = np.zeros((size, size)), np.zeros((size, size))
-    priors = (NO_SLOPE, slope)
-    for channel, gram, prior in zip(_CHANNELS, (moments.centred(), moments.gram), priors, strict=True):
-        rows, columns = channel
-        seen, covariance, coupling = _fusion(poses, noise, channel, prior)
-        weight = weights[rows, None]
-        noise_gram = np.zeros((FEATURES, FEATURES))
-        noise_gram[columns, columns] = moments.count * covariance @ seen @ covariance
-        for total, features in ((information, gram), (from_noise, noise_gram)):
-            explained = (covariance @ coupling @ features).reshape(size, -1)
-            total -= explained @ coupling.reshape(size, -1).T
-            for k, pose in enumerate(poses):
-                own, derivative = slice(6 * k, 6 * k + 6), residual_derivative(pose)[:, rows]
-                total[own, own] += (weight * derivative @ features).reshape(6, -1) @ derivative.reshape(6, -1).T
+    grams, priors = (moments.centred(), moments.gram), (NO_SLOPE, slope)
+    for channel, gram, prior in zip(channels(poses, noise), grams, priors, strict=True):
+        covariance = channel.covariance(prior)
+        noise_gram = moments.count * covariance @ (channel.information + prior) @ covariance
+        explained = (covariance @ channel.coupling.reshape(6, -1)).reshape(6, size, -1)
+        weighted = channel.weights[:, None] * channel.by_pose
+        # The noise's moments are those of the motion alone.
+        everything = slice(None)
+        for total, features, columns in ((information, gram, everything), (from_noise, noise_gram, channel.columns)):
+            total -= _contracted(explained[..., columns] @ features, channel.coupling[..., columns])
+            own, other = (each[..., columns].reshape(size, -1, len(features)) for each in (weighted, channel.by_pose))
+            own = (own @ features).reshape(count, 6, -1) @ other.reshape(count, 6, -1).swapaxes(1, 2)
+            total.reshape(count, 6, count, 6)[range(count), :, range(count)] += own
     return information, from_noise
+
+
+def _contracted(first: Array, second: Array) -> Array:
+    """Sum over the first and last dimensions of arrays (m, k, n): shape (k, k)."""
+    first, second = (each.swapaxes(0, 1).reshape(each.shape[1], -1) for each in (first, second))
+    result: Array = first @ second.T
+    return result
 
 
 def motion_by_poses(poses: Sequence[Pose], noise: SensorNoise, slope: Array = NO_SLOPE) -> Array:
@@ -266,29 +257,11 @@ def motion_by_poses(poses: Sequence[Pose], noise: SensorNoise, slope: Array = NO
     products: up to 1 % of what poses do to the inertia.
 
     Returns:
-        Shape (6 N, 6, 28), the perturbations of all poses first.
+        Shape (6, 6 N, 28), the motion first, then the perturbations of all poses.
     """
-    _, covariance, coupling = _fusion(poses, noise, _CHANNELS[1], slope)
-    result: Array = -covariance @ coupling
-    return result
-
-
-def _fusion(
-    poses: Sequence[Pose], noise: SensorNoise, channel: tuple[slice, slice], prior: Array
-) -> tuple[Array, Array, Array]:
-    """What some of the sensors, one of ``_CHANNELS``, and a prior (6, 6) say of the body's motion in a sample.
-
-    Returns:
-        The information ``sum_i B_i^T W B_i + prior`` (6, 6), its inverse ``P``, and all ``B_i^T W D_i``, the
-        perturbations of all poses first, shape (6 N, 6, 28).
-    """
-    rows, columns = channel
-    weight = kinematic_weights(noise)[rows, None]
-    by_motion = [_predicted(pose)[rows, columns] for pose in poses]
-    information = np.sum([b.T @ (weight * b) for b in by_motion], axis=0) + prior
-    covariance = np.linalg.inv(information + _NO_PRIOR * np.eye(6))
-    coupling = [(weight * b).T @ -residual_derivative(p)[:, rows] for b, p in zip(by_motion, poses, strict=True)]
-    return information, covariance, np.concatenate(coupling)
+    _, accelerations = channels(poses, noise)
+    found = -accelerations.covariance(slope) @ accelerations.coupling.reshape(6, -1)
+    return found.reshape(accelerations.coupling.shape)
 
 
 def residual_shares(poses: Sequence[Pose], noise: SensorNoise) -> Array:
@@ -297,12 +270,10 @@ def residual_shares(poses: Sequence[Pose], noise: SensorNoise) -> Array:
     The rest is in that motion as well: ``1 - tr(P B_i^T W B_i) / 9``, with names as in ``team_information``.
     """
     shares = np.ones(len(poses))
-    for rows, columns in _CHANNELS:
-        _, covariance, _ = _fusion(poses, noise, (rows, columns), NO_SLOPE)
-        weight = kinematic_weights(noise)[rows, None]
-        for robot, pose in enumerate(poses):
-            by_motion = _predicted(pose)[rows, columns]
-            shares[robot] -= np.vdot(by_motion @ covariance, weight * by_motion) / len(kinematic_weights(noise))
+    for channel in channels(poses, noise):
+        by_motion = channel.predicted[:, :, channel.columns]
+        found = channel.weights[:, None] * (by_motion @ channel.covariance(NO_SLOPE))
+        shares -= (found * by_motion).sum(axis=(1, 2)) / len(kinematic_weights(noise))
     return shares
 
 
@@ -313,33 +284,12 @@ def refit_map(old: Sequence[Pose], new: Sequence[Pose], noise: SensorNoise, slop
     What it neglects is the change of poses times the residuals. In the products of ``w``, the (small) share of the
     velocities in ``w`` is left as it was. What the gyros' slope says of the motion does not depend on the poses.
     """
-    weights = kinematic_weights(noise)
     feature_map = np.eye(FEATURES)
-    before, after = ([_predicted(pose) for pose in poses] for poses in (old, new))
-    no_prior = _NO_PRIOR * np.eye(6)
-
-    def fit(rows: slice, columns: slice, predictions: Sequence[Array], prior: Array) -> Array:
-        """Weighted least squares of the motion's ``columns`` to what is predicted for ``rows``, and to what it was."""
-        weighted = [new_operator[rows, columns].T * weights[rows] for new_operator in after]
-        seen = np.sum([b @ p[rows, columns] for b, p in zip(weighted, after, strict=True)], axis=0)
-        vector = np.sum([b @ p[rows] for b, p in zip(weighted, predictions, strict=True)], axis=0)
-        result: Array = np.linalg.solve(seen + prior, vector + prior @ np.eye(FEATURES)[columns])
-        return result
-
-    feature_map[TWIST] = fit(TWIST_ROWS, TWIST, before, no_prior)
+    (old_twists, old_accelerations), (twists, accelerations) = (channels(poses, noise) for poses in (old, new))
+    feature_map[TWIST] = twists.find(old_twists.predicted, NO_SLOPE)
     turn = feature_map[TWIST.start : TWIST.start + 3, TWIST.start : TWIST.start + 3]
-    feature_map[PRODUCTS, PRODUCTS] = pack_symmetric(turn @ unpack_symmetric(np.eye(6)) @ turn.T).T
-    centripetal = []
-    for old_operator, new_operator in zip(before, after, strict=True):
-        rest = old_operator.copy()
-        rest[:, PRODUCTS] -= new_operator[:, PRODUCTS] @ feature_map[PRODUCTS, PRODUCTS]
-        centripetal.append(rest)
-    feature_map[ACCELERATION] = fit(ACCELERATION_ROWS, ACCELERATION, centripetal, no_prior + slope)
+    feature_map[PRODUCTS, PRODUCTS] = packed_rotation(turn)
+    rest = old_accelerations.predicted.copy()
+    rest[:, :, PRODUCTS] -= accelerations.predicted[:, :, PRODUCTS] @ feature_map[PRODUCTS, PRODUCTS]
+    feature_map[ACCELERATION] = accelerations.find(rest, slope)
     return feature_map
-
-
-def _predicted(pose: Pose) -> Array:
-    """Matrix (9, 28) from a sample's features to what the robot's sensors should read."""
-    operator = -residual_operator(pose)
-    operator[:, OWN] = 0.0
-    return operator

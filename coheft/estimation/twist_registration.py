@@ -8,6 +8,7 @@ depends on the data only through the moments of ``(xi_i, xi_j)``: constant memor
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from coheft.estimation.body_motion import perturbed
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.observability import PoseEstimate, Visibility, seen_information
 from coheft.estimation.spatial import CROSS_OF_AXES, Array, Pose, rotation_from_quaternion, skew
+
+_POSES = 64
+"""What follows from so many poses is kept."""
 
 _STEPS = 12
 _CLOSE = 1e-6
@@ -182,12 +186,14 @@ def _weighted_residual(pose: Pose, sigma_i: Array, sigma_j: Array) -> tuple[Arra
     return carried, residual, np.asarray(np.linalg.inv(covariance), dtype=np.float64)
 
 
+@lru_cache(maxsize=_POSES)
 def adjoint_derivative(pose: Pose) -> Array:
-    """Derivatives of ``pose.adjoint()`` by the pose's perturbation, shape (6, 6, 6), the perturbation first."""
+    """Derivatives of ``pose.adjoint()`` by its perturbation, shape (6, 6, 6), the perturbation first; read only."""
     turned = CROSS_OF_AXES @ pose.rotation
     derivative = np.zeros((6, 6, 6))
     derivative[:3, :3, :3] = derivative[:3, 3:, 3:] = derivative[3:, 3:, :3] = turned
     derivative[:3, 3:, :3] = skew(pose.translation) @ turned
+    derivative.flags.writeable = False
     return derivative
 
 

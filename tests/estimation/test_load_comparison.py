@@ -21,7 +21,7 @@ def estimate_of(inertia: Inertia, covariance: Array) -> InertiaEstimate:
     """As if by least squares, with a covariance (10, 10) of ``theta``."""
     to_central = central_derivative(inertia)
     central = to_central @ covariance @ to_central.T
-    return InertiaEstimate(inertia, central, inertia.barycentric(), covariance, None, ())
+    return InertiaEstimate(inertia, central, to_central, inertia.barycentric(), covariance, None, ())
 
 
 @pytest.mark.parametrize("seed", range(5))
