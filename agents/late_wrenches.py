@@ -8,7 +8,9 @@ from coheft.estimation.inertia import FEATURES, WRENCH_FEATURES, InertiaInformat
 from coheft.estimation.spatial import Array
 
 _LOOK = 0.1
-"""Time between two solutions for what the load is, to hold what comes against [s]."""
+"""Time between two looks at them [s]."""
+_GROWN = 1.02
+"""While samples have grown by no more than this, what the load is need not be found anew."""
 _RECENT = 0.25
 """Time over which recent residuals are averaged [s]."""
 _CONTRADICTION = 80.0
@@ -28,8 +30,8 @@ class LateWrenches:
 
     def __init__(self, blocks_per_second: float) -> None:
         self._kept = float(np.exp(-1.0 / (_RECENT * blocks_per_second)))
-        self._give_up_after = max(1, round(_GIVE_UP * blocks_per_second))
         self._look_every = max(1, round(_LOOK * blocks_per_second))
+        self._give_up_after = max(1, round(_GIVE_UP * blocks_per_second / self._look_every))
         self._blocks = 0
         self.begin()
 
@@ -37,6 +39,7 @@ class LateWrenches:
         """It is another load from now on."""
         self._sums = np.zeros(FEATURES)
         self._wrench_of_features: Array | None = None
+        self._solved_of = 0.0
         self._contradicted = 0
 
     @property
@@ -49,10 +52,9 @@ class LateWrenches:
         """Whether they have not fitted it for so long that it must be another one."""
         return self._contradicted > self._give_up_after
 
-    @property
-    def need_solution(self) -> bool:
-        """Whether it is time to find anew what the load is."""
-        return self._wrench_of_features is None or self._blocks % self._look_every == 0
+    def need_solution(self, count: float) -> bool:
+        """Whether to find anew what the load is, of so many samples; always if that is not a number."""
+        return self._wrench_of_features is None or not self._solved_of <= count <= _GROWN * self._solved_of
 
     def add(self, sums: Array) -> None:
         """Take in a block: the sum of its samples' features, shape (19,)."""
@@ -62,9 +64,10 @@ class LateWrenches:
         """All features are ``feature_map`` (19, 19) times what they were."""
         self._sums = feature_map @ self._sums
 
-    def count_block(self) -> None:
-        """Another block has been looked at."""
+    def are_due(self) -> bool:
+        """Another block has come: whether it is time to look at them."""
         self._blocks += 1
+        return self._blocks % self._look_every == 0
 
     def forget_solution(self) -> None:
         """Too little is remembered to say what the load is."""
@@ -75,6 +78,7 @@ class LateWrenches:
         ridge = _SINGULAR * np.diag(information.uncompensated.diagonal())
         unknowns = np.linalg.solve(information.matrix + ridge, information.vector)
         self._wrench_of_features = np.asarray(model.regressor_coefficients @ unknowns)
+        self._solved_of = float(information.count)
 
     def compare(self, model: InertiaModel, disturbance: Array) -> None:
         """Hold them against the load.

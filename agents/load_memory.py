@@ -172,8 +172,9 @@ class LoadMemory:
         self._late.add(moments[:FEATURES])  # the Gram matrix's first row
         if self._correction is not None:
             return  # motions are seen with new poses, wrenches with old ones
-        self._late.count_block()
-        self._compare(is_new=self._late.need_solution)
+        if not self._late.are_due():
+            return
+        self._compare(is_new=self._late.need_solution(self._growing_count))
         if self._late.have_long_contradicted:
             count = self.count
             self._forget_before(block)
@@ -252,6 +253,11 @@ class LoadMemory:
     def count(self) -> float:
         """Number of samples that count."""
         return number_of_samples(self._window.total)
+
+    @property
+    def _growing_count(self) -> float:
+        """The same where samples are what they were as long as there are about as many; else not a number."""
+        return np.nan if self._window.kept < 1.0 else self.count
 
     def told(self) -> Array:
         """What everybody has to know of the samples so far, see ``WrenchCorrection.told``."""
@@ -349,11 +355,10 @@ class LoadMemory:
             return SeenPayload(None, (), self._last_block)
         if self._late.contradict:
             return SeenPayload(None, (_MISFIT,), self._last_block)
-        window, does_fade = self._window, self._window.kept < 1.0
         return self._standing.find(
-            count=np.nan if does_fade else self.count,
-            objects=(team, self._weights.model, self._wrenches_by_motion, window.former),
-            numbers=(own, window.doubt, window.first_block, self._disturbance.size),
+            count=self._growing_count,
+            objects=(team, self._weights.model, self._wrenches_by_motion, self._window.former),
+            numbers=(own, self._window.doubt, self._window.first_block, self._disturbance.size),
             solve=lambda: self._solve(own, team),
         )
 

@@ -15,6 +15,9 @@ from coheft.wire.plugins import told
 from coheft.wire.scenario import Motion
 from coheft.wire.waves import Waves
 
+_AT_ONCE = 320
+"""Samples for which references are worked out at once: that takes hardly longer than for a few."""
+
 
 class ReferenceMotion(Protocol):
     """One robot's reference motion. Deterministic: equal inputs give equal outputs, bit for bit."""
@@ -78,20 +81,32 @@ class Excitation:
         self._ramp = motion.ramp
         self._rate = rate
         self._block = block
+        self._at_once = max(1, _AT_ONCE // block)
+        self._first, self._references = -1, np.empty((0, block, 12))
 
     def reference(self, block: int) -> Array:
-        """See ``ReferenceMotion.reference``."""
-        start = block * self._block / self._rate
-        phases = self._omegas * start + self._phases
+        """See ``ReferenceMotion.reference``; read only."""
+        place = block % self._at_once
+        if block - place != self._first:
+            self._first, self._references = block - place, self._from(block - place)
+        reference: Array = self._references[place]
+        return reference
+
+    def _from(self, first: int) -> Array:
+        """References of several blocks, shape (n, B, 12)."""
+        start = (first + np.arange(self._at_once)) * self._block / self._rate
+        phases = self._omegas * start[:, None, None] + self._phases
         cosine, sine = self._amplitudes * np.cos(phases), self._amplitudes * np.sin(phases)
         gains = np.array([[cosine, sine], [-self._omegas * sine, self._omegas * cosine]])
-        wave, wave_rate = np.einsum("pbka,opka->oba", self._turns, gains)
-        if start >= self._ramp:
-            return np.concatenate([wave, wave_rate], axis=1)
-        ramp, ramp_rate = self._ramp_at(start + np.arange(self._block) / self._rate)
-        return np.concatenate([ramp * wave, ramp * wave_rate + ramp_rate * wave], axis=1)
+        waves = np.einsum("pbka,opnka->nboa", self._turns, gains)
+        if start[0] < self._ramp:
+            ramp, ramp_rate = self._ramp_at(start[:, None] + np.arange(self._block) / self._rate)
+            waves = np.stack([ramp * waves[:, :, 0], ramp * waves[:, :, 1] + ramp_rate * waves[:, :, 0]], axis=2)
+        references: Array = waves.reshape(self._at_once, self._block, 12)
+        references.flags.writeable = False
+        return references
 
     def _ramp_at(self, time: Array) -> tuple[Array, Array]:
-        """Smooth step from 0 to 1 over the ramp, and its rate, each (B, 1)."""
-        s = np.clip(time / self._ramp, 0.0, 1.0)[:, None]
+        """Smooth step from 0 to 1 over the ramp, and its rate, at times (n, B), each (n, B, 1)."""
+        s = np.clip(time / self._ramp, 0.0, 1.0)[..., None]
         return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s) / self._ramp

@@ -19,7 +19,7 @@ _LARGEST = 1e100
 """Products of larger steps are no numbers."""
 
 
-def outliers(steps: Array) -> npt.NDArray[np.bool_]:
+def outliers(steps: Array) -> npt.NDArray[np.bool_] | None:
     """Which signals have one.
 
     Args:
@@ -27,12 +27,12 @@ def outliers(steps: Array) -> npt.NDArray[np.bool_]:
             is looked at, to its last.
 
     Returns:
-        Shape (c,).
+        Shape (c,); None if none has.
     """
     sizes = np.abs(steps)
     largest = sizes.max(initial=0.0)
     if 2.0 * largest <= _OUTLIER:
-        return np.zeros(steps.shape[1], dtype=np.bool_)
+        return None
     if largest > _LARGEST:
         steps = np.clip(steps, -_LARGEST, _LARGEST)
         sizes = np.abs(steps)
@@ -42,4 +42,4 @@ def outliers(steps: Array) -> npt.NDArray[np.bool_]:
     bends = np.abs(steps[1:] - steps[:-1])
     if len(bends):
         far |= bends[-1] > np.maximum(_OUTLIER, _UNUSUAL * bends[:-1].max(axis=0, initial=0.0))
-    return far
+    return far if far.any() else None

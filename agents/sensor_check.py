@@ -38,8 +38,8 @@ class SensorCheck:
         found = self._find(np.concatenate([self._last, samples]))
         self.fault = None if self._before else found
         self._before = found is None
-        last = samples[-1:]
-        self._last = last[np.abs(last).max(axis=1) <= _LARGEST]  # else it would spoil the next block, too
+        is_spoiling = found is not None and not np.abs(samples[-1]).max() <= _LARGEST  # the next block, too
+        self._last = samples[:0] if is_spoiling else samples[-1:]
         return found is None
 
     def _find(self, samples: Array) -> str | None:
@@ -59,7 +59,7 @@ class SensorCheck:
             if at_limit.any():
                 return _in_words("is saturated", np.any(at_limit, axis=0))
         far = outliers(steps)
-        return _in_words("has outliers", far) if far.any() else None
+        return None if far is None else _in_words("has outliers", far)
 
 
 def _frozen(samples: Array, steps: Array, before: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from agents.outliers import outliers
 from agents.sums import Entered
-from coheft.estimation.acceleration import MotionFusion, derivative, slope_kernel
+from coheft.estimation.acceleration import CHANNELS, MotionFusion, derivative, slope_kernel
 from coheft.estimation.spatial import Array, Pose
 from coheft.wire.config import AgentConfig
 
@@ -72,10 +72,10 @@ class TotalMotion:
 
         Every robot has looked at its own samples: then these are hardly of a sensor, but of somebody's memory.
         """
-        rows = sums if before is None else np.concatenate([before[-1:], sums])
+        rows = (sums if before is None else np.concatenate([before[-1:], sums])).reshape(-1, CHANNELS)
         with np.errstate(over="ignore"):  # a flipped bit can make any number of any other
-            steps = np.diff(rows.reshape(len(rows), -1), axis=0) / self._deviations
-        return not outliers(steps).any()
+            steps = (rows[1:] - rows[:-1]) / self._deviations
+        return outliers(steps) is None
 
     def look_at(self, block: int, after: int, use_poses: Callable[[int], None]) -> tuple[Entered, Array, Array] | None:
         """What a block shows.

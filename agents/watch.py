@@ -7,6 +7,8 @@ sums say the body has, and they can tell each other how well that fits.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from coheft.estimation.measurement import GYRO, KINEMATICS, SensorNoise, kinematic_weights
@@ -16,6 +18,7 @@ from coheft.estimation.registration import (
     FEATURES,
     TWIST_ROWS,
     RegistrationMoments,
+    half_squares,
     residual_derivative,
     residual_operator,
     score_and_information,
@@ -95,15 +98,22 @@ class Watch:
         if self._blocks == 0:
             return 0.0
         recent = RegistrationMoments(self._grams.sum(axis=0))
-        count = recent.count
-        _, information, cost = score_and_information(recent, pose, self._noise)
-        by_noise = 9.0 * count
-        by_poses = _OTHERS * float(information.diagonal() @ variances)
-        limit = (1.0 + _SLACK) * (by_noise + by_poses) + _SIGMAS * np.sqrt(2.0 * by_noise)
-        by_mean = self._mean_statistic(recent, pose, variances) / _MEAN_LIMIT
-        return float(max(2.0 * cost / limit, by_mean, self._clock_misfit(recent, pose)))
+        most = self._misfit(recent, pose, None)  # errors of the pose only explain more
+        return most if most <= MISFIT else self._misfit(recent, pose, variances)
 
-    def _mean_statistic(self, recent: RegistrationMoments, pose: Pose, variances: Array) -> float:
+    def _misfit(self, recent: RegistrationMoments, pose: Pose, variances: Array | None) -> float:
+        """The same of the moments of all that is looked back on; ``variances`` None: as if the pose were exact."""
+        by_noise, by_poses = 9.0 * recent.count, 0.0
+        if variances is None:
+            cost = half_squares(recent, pose, self._noise)
+        else:
+            _, information, cost = score_and_information(recent, pose, self._noise)
+            by_poses = _OTHERS * float(information.diagonal() @ variances)
+        limit = (1.0 + _SLACK) * (by_noise + by_poses) + _SIGMAS * math.sqrt(2.0 * by_noise)
+        by_mean = self._mean_statistic(recent, pose, variances) / _MEAN_LIMIT
+        return max(2.0 * cost / limit, by_mean, self._clock_misfit(recent, pose))
+
+    def _mean_statistic(self, recent: RegistrationMoments, pose: Pose, variances: Array | None) -> float:
         """Chi-square of the accelerometer's mean residual; constant offsets of other sensors do no harm."""
         means = recent.gram[0] / recent.count
         return self._statistic(means, 1.0 / recent.count, ACCELERATION_ROWS, pose, variances)
@@ -114,13 +124,23 @@ class Watch:
         usual = self._are_like @ sums if self._are_like.any() else sums.sum(axis=0)
         means = block.gram[0] / block.count - usual / usual[0]
         share = 1.0 / block.count + 1.0 / usual[0]
-        residual = residual_operator(pose)[TWIST_ROWS] @ means / self._deviations[TWIST_ROWS]
-        most = float(residual @ residual) / share  # errors of the pose only explain more
+        most = self._statistic(means, share, TWIST_ROWS, pose, None)  # errors of the pose only explain more
         return most if most < _JUMP_LIMIT else self._statistic(means, share, TWIST_ROWS, pose, variances)
 
-    def _statistic(self, means: Array, share: float, rows: slice, pose: Pose, variances: Array) -> float:
-        """Chi-square of the residuals at mean features (28,), with this share of a sample's variance."""
+    def _statistic(self, means: Array, share: float, rows: slice, pose: Pose, variances: Array | None) -> float:
+        """Chi-square of the residuals at mean features (28,), with this share of a sample's variance.
+
+        Args:
+            means: Them.
+            share: Of the variance of a sample's noise.
+            rows: Of the residuals.
+            pose: Own pose in the body frame.
+            variances: Of its perturbation, shape (6,); None: it is exact.
+        """
         residual = residual_operator(pose)[rows] @ means
+        if variances is None:
+            whitened = residual / self._deviations[rows]
+            return float(whitened @ whitened) / share
         derivative = residual_derivative(pose)[:, rows] @ means
         spread = (derivative.T * (_OTHERS * variances)) @ derivative
         spread += np.diag(share * self._deviations[rows] ** 2)
@@ -131,7 +151,7 @@ class Watch:
         gram = recent.centred()
         along = residual_operator(pose)[GYRO] @ gram[:, ALPHA] * pose.rotation.T
         strength = max(float(np.trace(gram[ALPHA, ALPHA])), _STILL)
-        limit = _SIGMAS * self._noise.gyro / np.sqrt(strength) + _CLOCK
+        limit = _SIGMAS * self._noise.gyro / math.sqrt(strength) + _CLOCK
         return float(abs(along.sum()) / strength / limit)
 
 

@@ -6,7 +6,6 @@ the network's result K blocks later, or None where anything was missing on the w
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping
 from typing import Protocol
 
@@ -73,21 +72,22 @@ class StageRounds:
         self._own_gains = schedule.gains(name, name)
         self._gains = {other: schedule.gains(name, other) for other in neighbours}
         self._pipeline = Pipeline(schedule.rounds, samples, width)
-        self._versions: deque[int] = deque([-1] * schedule.rounds, maxlen=schedule.rounds)
+        self._versions = np.full(schedule.rounds, -1.0)
 
     def advance(self, inbox: Inbox) -> Array | None:
         """See ``Rounds``."""
-        own, stages = np.array(self._versions, dtype=np.float64), []
+        own, stages = self._versions, []
         for name, gains in self._gains.items():
             channels = inbox.get(name, {})
             versions = channels.get(self._channel_versions)
-            valid = None if versions is None or versions.shape != own.shape else (versions == own) & (versions >= 0.0)
+            valid = None if versions is None or versions.shape != own.shape else versions == own
             stages.append(NeighbourStages(None, gains, channels.get(self._channel), valid))
         return self._pipeline.advance(stages, self._own_gains)
 
     def enter(self, values: Array | None, version: int = 0) -> None:
         """See ``Rounds``."""
-        self._versions.appendleft(-1 if values is None else version)
+        self._versions[1:] = self._versions[:-1].copy()
+        self._versions[0] = -1 if values is None else version
         self._pipeline.enter(values)
 
     def clear(self) -> None:
@@ -103,5 +103,5 @@ class StageRounds:
 
     def channels(self) -> dict[str, Array]:
         """See ``Rounds``."""
-        versions = np.where(self._pipeline.valid, np.array(self._versions, dtype=np.float64), -1.0)
+        versions = np.where(self._pipeline.valid, self._versions, -1.0)
         return {self._channel: self._pipeline.stages, self._channel_versions: versions}

@@ -13,6 +13,7 @@ cost, score and Gauss-Newton information, at any pose, without the samples.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -139,16 +140,28 @@ def score_and_information(moments: RegistrationMoments, pose: Pose, noise: Senso
     The body's motion is taken as it is. Constant offsets of gyro and velocity are allowed for: these residuals are
     centred. The accelerometer's are not, because gravity, nearly constant, says most about the rotation.
     """
-    weights = kinematic_weights(noise)
-    operator, derivative = residual_operator(pose), residual_derivative(pose)
+    weights, derivative = kinematic_weights(noise), residual_derivative(pose)
     score, information, cost = np.zeros(6), np.zeros((6, 6)), 0.0
-    for rows, gram in ((TWIST_ROWS, moments.centred()), (ACCELERATION_ROWS, moments.gram)):
+    for rows, gram, weighted, operator in _residuals(moments, pose, noise):
         changes = derivative[:, rows].reshape(6, -1)
-        weighted = weights[rows, None] * (operator[rows] @ gram)
         score -= changes @ weighted.ravel()
         information += (weights[rows, None] * derivative[:, rows] @ gram).reshape(6, -1) @ changes.T
-        cost += 0.5 * float(np.vdot(weighted, operator[rows]))
+        cost += 0.5 * float(np.vdot(weighted, operator))
     return score, information, cost
+
+
+def half_squares(moments: RegistrationMoments, pose: Pose, noise: SensorNoise) -> float:
+    """The cost alone, as of ``score_and_information``."""
+    return 0.5 * sum(float(np.vdot(weighted, each)) for _, _, weighted, each in _residuals(moments, pose, noise))
+
+
+def _residuals(
+    moments: RegistrationMoments, pose: Pose, noise: SensorNoise
+) -> Iterator[tuple[slice, Array, Array, Array]]:
+    """Of twists and accelerations: rows, the features' moments, their weighted ones with residuals, and operator."""
+    operator, weights = residual_operator(pose), kinematic_weights(noise)
+    for rows, gram in ((TWIST_ROWS, moments.centred()), (ACCELERATION_ROWS, moments.gram)):
+        yield rows, gram, weights[rows, None] * (operator[rows] @ gram), operator[rows]
 
 
 def least_squares(score: Array, information: Array, cost: float) -> float:

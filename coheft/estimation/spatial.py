@@ -142,6 +142,10 @@ class Pose:
 
     def inverse(self) -> Pose:
         """``pose_i_in_j`` of ``pose_j_in_i``."""
+        return self._inverse
+
+    @cached_property
+    def _inverse(self) -> Pose:
         return Pose(self.rotation.T, -self.rotation.T @ self.translation)
 
     def __matmul__(self, other: Pose) -> Pose:
