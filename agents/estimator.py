@@ -6,6 +6,7 @@ point, see docs/own.md; in this one in ``agents.agent.ESTIMATORS`` and ``coheft.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
@@ -22,6 +23,8 @@ from consensus.gossip import Gossip
 
 Channels = Mapping[str, Array]
 """Arrays by name; what an agent measured is in its own grasp frame, what the team sums in a frame of its choice."""
+_TIMES = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+"""So many times each packed element of a symmetric matrix is in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +89,7 @@ def is_converged(payload: PayloadEstimate, limits: Converged) -> bool:
     """Whether all is known, and all standard deviations are within a scenario's limits."""
     if payload.com is None or payload.tensor is None:
         return False
-    deviations = np.sqrt(np.diag(payload.covariance))
+    deviations = np.sqrt(payload.covariance.diagonal())
     inertia_deviation = inertia_std(payload.covariance)
     return bool(
         100.0 * deviations[0] <= limits.mass_percent * payload.mass
@@ -97,5 +100,4 @@ def is_converged(payload: PayloadEstimate, limits: Converged) -> bool:
 
 def inertia_std(covariance: Array) -> float:
     """Root mean square of the inertia's error in the Frobenius norm, of a covariance of ``(m, h, J packed)``."""
-    counts = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # off-diagonal elements appear twice in the matrix
-    return float(np.sqrt(counts @ np.diag(covariance)[4:]))
+    return math.sqrt(_TIMES @ covariance.diagonal()[4:])

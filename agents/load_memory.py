@@ -68,7 +68,7 @@ class LoadMemory:
         former: KnownLoad | None = None,
     ) -> None:
         self._config = config
-        self._window = make_memory(config, own)
+        self._window = make_memory(config, own, len(poses))
         if former is not None and not config.efficient.offsets:
             self._window.expect(former)
         # Whether neighbours and observers know of the change that made the load doubtful.
