@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.inertia import InertiaModel
+from coheft.estimation.inertia import INERTIA_SIZE, InertiaInformation, InertiaModel
 from coheft.estimation.spatial import Array
 
 COHERENCE = 1.0
@@ -110,8 +110,18 @@ class Uncorrected:
         self._lacked = max(self._lacked, lacked)
         self._sizes = max(self._sizes, lacked * size)
 
+    def of_parameters(
+        self, disturbance: Disturbance, model: InertiaModel, information: InertiaInformation, gram: Array
+    ) -> Array:
+        """Covariance (10, 10) of what the disturbance adds to ``theta`` by all samples, packed Gram matrix (190,)."""
+        inverse = np.linalg.inv(information.uncompensated)
+        covariance: Array = (inverse @ self.of_scores(disturbance, model, gram) @ inverse)[
+            :INERTIA_SIZE, :INERTIA_SIZE
+        ]
+        return covariance
+
     def of_scores(self, disturbance: Disturbance, model: InertiaModel, gram: Array) -> Array:
-        """Covariance (u, u) of what the disturbance adds to the scores of all samples (190,)."""
+        """Covariance (u, u) of what it adds to the scores."""
         count = float(gram[0])
         new = max(0.0, count - self._corrected)
         if new + self._lacked < 1.0:

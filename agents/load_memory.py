@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from agents.wrench_correction import (
     told_wrenches_by_motion,
 )
 from coheft.estimation.acceleration import MotionFusion
-from coheft.estimation.inertia import FEATURES, GRAM_SIZE, INERTIA_SIZE, InertiaInformation
+from coheft.estimation.inertia import FEATURES, GRAM_SIZE
 from coheft.estimation.load_comparison import KnownLoad, maybe_former
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
@@ -363,26 +362,17 @@ class LoadMemory:
         )
 
     def _solve(self, own: int, team: TeamPoses) -> SeenPayload:
-        information, sums = self._window.information(self._weights.model), self._window.total
-        solution = self._weights.solution(information)
-        solution = replace(solution, covariance=solution.covariance + self._by_uncorrected(information))
+        model, sums = self._weights.model, self._window.total
+        information = self._window.information(model)
+        by_poses = self._uncorrected.of_parameters(self._disturbance, model, information, sums[:GRAM_SIZE])
         crosses = motion_grams(sums) @ self._wrenches_by_motion
-        by_poses = self._weights.by_poses(information, solution.parameters, sums, crosses)
-        estimate = solution.made_possible(by_poses @ team.covariance @ by_poses.T)
+        estimate, sensitivity = self._weights.estimate(information, sums, crosses, by_poses, team)
         former = self._window.former
         if former is not None:
             estimate = maybe_former(estimate, former)
         inflation = self._window.doubt * (1.0 + (_NEW * self._config.rate / self.count) ** 2)
-        payload, unseen = seen_payload(estimate, by_poses, own, team, inflation, solution.length)
+        payload, unseen = seen_payload(estimate, sensitivity, own, team, inflation, self._weights.size)
         return SeenPayload(payload, unseen if former is None else (*unseen, _MAY_BE_FORMER), self._last_block)
-
-    def _by_uncorrected(self, information: InertiaInformation) -> Array:
-        """Covariance (10, 10) of ``theta`` by what poses do to samples and was not corrected."""
-        gram = self._window.total[:GRAM_SIZE]
-        scores = self._uncorrected.of_scores(self._disturbance, self._weights.model, gram)
-        inverse = np.linalg.inv(information.uncompensated)
-        covariance: Array = (inverse @ scores @ inverse)[:INERTIA_SIZE, :INERTIA_SIZE]
-        return covariance
 
     def _is_enough(self) -> bool:
         return self.count >= _LEAST * self._config.rate

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from agents.disturbance import Disturbance
 from agents.load_moments import number_of_samples
 from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.inertia import GRAM_SIZE, InertiaInformation, InertiaModel, unpacked_gram
-from coheft.estimation.inertia_estimate import InertiaSolution, middle_and_size, solve_inertia
+from coheft.estimation.inertia_estimate import InertiaEstimate, InertiaSolution, middle_and_size, solve_inertia
 from coheft.estimation.load_samples import Memory
 from coheft.estimation.pose_disturbance import wrench_disturbance
 from coheft.estimation.pose_sensitivity import PoseSensitivity, inertia_by_poses
@@ -97,18 +98,32 @@ class LoadWeights:
         self._disturbance.expect(covariance, self._fusion.wrench_covariance)
         self._disturbance.tell(self.model)
 
+    @property
+    def size(self) -> float:
+        """Of the load, roughly [m]."""
+        return self._middle_and_size[1]
+
     def solution(self, information: InertiaInformation) -> InertiaSolution:
         """What the load is."""
         return solve_inertia(information, *self._middle_and_size)
 
-    def by_poses(self, information: InertiaInformation, parameters: Array, sums: Array, crosses: Array) -> Array:
-        """Derivative of ``theta`` by all poses, shape (10, 6 N).
+    def estimate(
+        self, information: InertiaInformation, sums: Array, crosses: Array, other_errors: Array, team: TeamPoses
+    ) -> tuple[InertiaEstimate, Array]:
+        """What the load is, as far as bodies can exist.
 
         Args:
             information: Of the samples.
-            parameters: ``theta`` (10,).
             sums: Of the samples, packed Gram matrix (190,) first.
             crosses: Of the motion's features with each robot's own wrench, shape (N, 13, 6).
+            other_errors: Covariance (10, 10) of ``theta`` beside that by noise.
+            team: The poses in use, and how well they are known.
+
+        Returns:
+            It, poses' errors not among its own; and the derivative of ``theta`` by all poses, shape (10, 6 N).
         """
+        solution = self.solution(information)
+        solution = replace(solution, covariance=solution.covariance + other_errors)
         gram = unpacked_gram(sums[:GRAM_SIZE])
-        return inertia_by_poses(self.model, information, parameters, gram, crosses, self._sensitivity)
+        by_poses = inertia_by_poses(self.model, information, solution.parameters, gram, crosses, self._sensitivity)
+        return solution.made_possible(by_poses @ team.covariance @ by_poses.T), by_poses
