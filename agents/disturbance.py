@@ -115,9 +115,7 @@ class Uncorrected:
     ) -> Array:
         """Covariance (10, 10) of what the disturbance adds to ``theta`` by all samples, packed Gram matrix (190,)."""
         inverse = np.linalg.inv(information.uncompensated)
-        covariance: Array = (inverse @ self.of_scores(disturbance, model, gram) @ inverse)[
-            :INERTIA_SIZE, :INERTIA_SIZE
-        ]
+        covariance: Array = (inverse @ self.of_scores(disturbance, model, gram) @ inverse)[:INERTIA_SIZE, :INERTIA_SIZE]
         return covariance
 
     def of_scores(self, disturbance: Disturbance, model: InertiaModel, gram: Array) -> Array:

@@ -13,13 +13,11 @@ _JUMP = 30.0
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """What a complete sum says: body motion (B, 12), total and own wrench (B, 6), moments of the own pose."""
+    """What a complete sum says of the own pose, and of the load, see ``agents.load_moments``."""
 
     number: int
-    motion: Array
-    wrench: Array
-    own_wrench: Array
-    moments: RegistrationMoments
+    pose: RegistrationMoments
+    load: Array
 
 
 class HeldBlock:

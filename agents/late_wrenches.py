@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.inertia import FEATURES, WRENCH_FEATURES, InertiaInformation, InertiaModel, features
+from coheft.estimation.inertia import FEATURES, WRENCH_FEATURES, InertiaInformation, InertiaModel, unpacked_gram
 from coheft.estimation.spatial import Array
 
 _LOOK = 0.1
@@ -19,6 +19,7 @@ _GIVE_UP = 0.5
 """After so long a contradiction what is remembered is of another load [s]."""
 _SINGULAR = 1e-12
 """What is added to an information, relative to itself, so that it has an inverse."""
+_IDENTITY = np.eye(6)
 
 
 class LateWrenches:
@@ -38,7 +39,7 @@ class LateWrenches:
     def begin(self) -> None:
         """It is another load from now on."""
         self._sums = np.zeros(FEATURES)
-        self._wrench_of_features: Array | None = None
+        self._residual_of_features: Array | None = None
         self._solved_of = 0.0
         self._contradicted = 0
 
@@ -54,7 +55,7 @@ class LateWrenches:
 
     def need_solution(self, count: float) -> bool:
         """Whether to find anew what the load is, of so many samples; always if that is not a number."""
-        return self._wrench_of_features is None or not self._solved_of <= count <= _GROWN * self._solved_of
+        return self._residual_of_features is None or not self._solved_of <= count <= _GROWN * self._solved_of
 
     def add(self, sums: Array) -> None:
         """Take in a block: the sum of its samples' features, shape (19,)."""
@@ -71,13 +72,14 @@ class LateWrenches:
 
     def forget_solution(self) -> None:
         """Too little is remembered to say what the load is."""
-        self._wrench_of_features = None
+        self._residual_of_features = None
 
     def solve(self, model: InertiaModel, information: InertiaInformation) -> None:
         """Find what the load is, from all that is remembered."""
         ridge = _SINGULAR * np.diag(information.uncompensated.diagonal())
         unknowns = np.linalg.solve(information.matrix + ridge, information.vector)
-        self._wrench_of_features = np.asarray(model.regressor_coefficients @ unknowns)
+        self._residual_of_features = -np.asarray(model.regressor_coefficients @ unknowns)
+        self._residual_of_features[WRENCH_FEATURES] += _IDENTITY
         self._solved_of = float(information.count)
 
     def compare(self, model: InertiaModel, disturbance: Array) -> None:
@@ -87,18 +89,23 @@ class LateWrenches:
             model: The weights.
             disturbance: Covariance (6, 6) of what poses add to wrenches.
         """
-        if self._wrench_of_features is None or self._sums[0] < 1.0:
+        if self._residual_of_features is None or self._sums[0] < 1.0:
             return
         # Noise averages out, what poses add does not.
         count = self._sums[0]
         mean = self._sums / count
-        residual = mean[WRENCH_FEATURES] - mean @ self._wrench_of_features
+        residual = mean @ self._residual_of_features
         statistic = float(residual @ np.linalg.solve(model.residual_covariance / count + disturbance, residual))
         self._contradicted = 0 if statistic < _CONTRADICTION else self._contradicted + 1
 
-    def surprise(self, model: InertiaModel, motion: Array, wrench: Array) -> float:
-        """Mean square of a block's residuals, in units of the noise, by what is known of the load; 0 if nothing is."""
-        if self._wrench_of_features is None:
+    def surprise(self, model: InertiaModel, gram: Array) -> float:
+        """Mean square of a block's residuals, in units of the noise, by what is known of the load; 0 if nothing is.
+
+        Args:
+            model: The weights.
+            gram: Of the block's features, packed, shape (190,).
+        """
+        if self._residual_of_features is None:
             return 0.0
-        residuals = wrench - features(motion, wrench) @ self._wrench_of_features
-        return float(np.vdot(residuals @ model.weight, residuals) / residuals.size)
+        squares = self._residual_of_features.T @ unpacked_gram(gram) @ self._residual_of_features
+        return float(np.vdot(model.weight, squares) / (6.0 * gram[0]))

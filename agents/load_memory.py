@@ -9,7 +9,7 @@ import numpy as np
 from agents.disturbance import Disturbance, Uncorrected
 from agents.early_blocks import EarlyBlocks
 from agents.late_wrenches import LateWrenches
-from agents.load_moments import CROSS_SHAPE, disturbed, gram_map, load_moments, mapped, number_of_samples
+from agents.load_moments import CROSS_SHAPE, disturbed, gram_map, mapped, number_of_samples, sum_of_squares
 from agents.load_weights import LoadWeights
 from agents.make_memory import make_memory
 from agents.seen_payload import SeenPayload, StandingPayload, seen_payload
@@ -107,24 +107,17 @@ class LoadMemory:
         """All that is remembered, and what comes, is seen with these poses."""
         self._weights.set_poses(poses, fusion, self._window if self._is_enough() else None)
 
-    def push(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> int | None:
-        """Take in a block of body motion (B, 12), total wrench (B, 6) and own wrench in ``F_i`` (B, 6).
-
-        Args:
-            block: Its number.
-            motion: Of the body frame.
-            wrench: Total, in the body frame.
-            own_wrench: This robot's share.
+    def push(self, block: int, moments: Array) -> int | None:
+        """Take in a block: its number, and what is summed of it (190 + riders,), see ``agents.load_moments``.
 
         Returns:
             The first block of a new load, if a change was found that is news: not while it is not clear whether the
             one before was of the load.
         """
-        moments = load_moments(motion, wrench, own_wrench)
         self._window.push(block, moments)
         if self._correction is None:  # else they wait for its end: they were carried with the new poses already
             self._early.move_to(self._window)
-        self._forces.add(own_wrench[:, :3])
+        self._forces.add(sum_of_squares(moments), number_of_samples(moments))
         self._use_known_poses()
         self._last_block = block
         self._uncorrected.age(self._window.kept)
@@ -158,13 +151,13 @@ class LoadMemory:
         self._known = None
         self._disturbance.forget()
 
-    def surprise(self, motion: Array, wrench: Array) -> float:
+    def surprise(self, moments: Array) -> float:
         """Mean square of a block's residuals over what it should be, by what is known of the load; 0 if nothing is."""
-        return self._surprise(motion, wrench) / (1.0 + self._disturbance.size)
+        return self._surprise(moments) / (1.0 + self._disturbance.size)
 
-    def _surprise(self, motion: Array, wrench: Array) -> float:
+    def _surprise(self, moments: Array) -> float:
         """The same in units of the noise."""
-        return self._late.surprise(self._weights.model, motion, wrench)
+        return self._late.surprise(self._weights.model, moments[:GRAM_SIZE])
 
     def _look_back(self, block: int, moments: Array) -> None:
         """Hold the wrenches of late against what is remembered; if they do not fit for long, forget it."""
@@ -198,17 +191,17 @@ class LoadMemory:
         self._weights.begin()
         self._forces = MeanSquare()
 
-    def push_early(self, block: int, motion: Array, wrench: Array, own_wrench: Array) -> None:
+    def push_early(self, block: int, moments: Array) -> None:
         """Take in what is from before all others, as ``push``, unless it is of another load.
 
         It counts from the next ``push`` on.
         """
         is_known = self.count >= _KNOWN * self._config.rate
         expected = _OTHER_LOAD * (1.0 + self._disturbance.per_sample)
-        is_surprise = is_known and self._surprise(motion, wrench) > expected
+        is_surprise = is_known and self._surprise(moments) > expected
         if block < self._changed_at or is_surprise:
             self._early.close()
-        self._early.add(block, load_moments(motion, wrench, own_wrench))
+        self._early.add(block, moments)
 
     def adopt(self, changed_at: int) -> bool:
         """A neighbour says that the load changed at this block. Returns whether that is news, as ``push``."""

@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.inertia import FEATURES, GRAM_SIZE, features, packed_gram, repacked_gram, unpacked_gram
+from coheft.estimation.inertia import FEATURES, GRAM_SIZE, repacked_gram, unpacked_gram
+from coheft.estimation.measurement import KINEMATICS, WRENCH
 from coheft.estimation.pose_sensitivity import MOTION_FEATURES, REGISTRATION_FEATURES
+from coheft.estimation.registration import FEATURES as REGISTRATION_SIZE
+from coheft.estimation.registration import RegistrationMoments, registration_features
 from coheft.estimation.spatial import Array
 
 CROSS_SHAPE = (MOTION_FEATURES.stop, 6)
@@ -21,19 +24,30 @@ _LEFT = GRAM_SIZE
 _SQUARE = _LEFT + 1
 _CROSS = slice(_SQUARE + 1, _SQUARE + 1 + CROSS_SIZE)
 
+_ROW = REGISTRATION_SIZE + 12
+"""Numbers of a sample that all moments are of: those of its registration, total wrench, own wrench."""
+_TOTAL_WRENCH, _OWN_WRENCH = np.arange(REGISTRATION_SIZE, _ROW).reshape(2, 6)
+_FEATURES = np.concatenate([REGISTRATION_FEATURES, _TOTAL_WRENCH])
+"""Where those of ``coheft.estimation.inertia`` stand among them."""
+_PACKED = repacked_gram(_FEATURES[:, None] * _ROW + _FEATURES).astype(np.intp)
+_CROSSED = (REGISTRATION_FEATURES[:, None] * _ROW + _OWN_WRENCH).ravel()
 
-def load_moments(motion: Array, wrench: Array, own_wrench: Array) -> Array:
-    """Of a block.
+
+def block_moments(samples: Array, motion: Array, wrench: Array) -> tuple[RegistrationMoments, Array]:
+    """Of a block: what it says of the own pose, and of the load.
 
     Args:
+        samples: Own, shape (B, 15).
         motion: Of the body frame, shape (B, 12).
         wrench: Total, in the body frame, shape (B, 6).
-        own_wrench: This robot's in ``F_i``, shape (B, 6).
     """
-    rows = features(motion, wrench)
-    cross = rows[:, MOTION_FEATURES].T @ own_wrench
-    square = np.vdot(own_wrench[:, :3], own_wrench[:, :3])
-    return np.concatenate([packed_gram(rows), [0.0, square], cross.ravel()])
+    rows = np.empty((len(samples), _ROW))
+    registration_features(samples[:, KINEMATICS], motion, out=rows)
+    rows[:, _TOTAL_WRENCH[0] : _OWN_WRENCH[0]], rows[:, _OWN_WRENCH[0] :] = wrench, samples[:, WRENCH]
+    gram = rows.T @ rows
+    force = gram.diagonal()[_OWN_WRENCH[0] : _OWN_WRENCH[3]]
+    load = np.concatenate([gram.take(_PACKED), [0.0, force.sum()], gram.take(_CROSSED)])
+    return RegistrationMoments(gram[:REGISTRATION_SIZE, :REGISTRATION_SIZE].copy()), load
 
 
 def number_of_samples(sums: Array) -> float:

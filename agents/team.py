@@ -25,13 +25,13 @@ from agents.known_pose import WELL_KNOWN, KnownPose, known_from_before
 from agents.legacy import Legacy
 from agents.load_changes import LoadChanges
 from agents.load_memory import LoadMemory
+from agents.load_moments import block_moments
 from agents.pose_fits import UNNOTICED, PoseFits, largest_step
 from agents.sums import Entered, TeamSums
 from agents.total_motion import TotalMotion
 from agents.watch import block_misfit
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.load_comparison import KnownLoad
-from coheft.estimation.measurement import KINEMATICS, WRENCH
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array, Pose
@@ -262,15 +262,14 @@ class Team:
         entered, sums = finished
         if not self._motion.are_plausible(sums):
             return None
-        motion = self._motion.fusion.motion(sums)
-        moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
-        is_like_others = self._contradictions.add_early(moments)
-        misfit = block_misfit(moments, self._poses[self._own], self._config.noise)
+        pose_moments, load = block_moments(entered.samples, self._motion.fusion.motion(sums), sums[:, 0])
+        is_like_others = self._contradictions.add_early(pose_moments)
+        misfit = block_misfit(pose_moments, self._poses[self._own], self._config.noise)
         is_unlikely = not is_like_others or misfit > _UNLIKELY
         if self._fitted is not None and is_unlikely:
             return None
-        self._memory.push_early(entered.block, motion, sums[:, 0], entered.samples[:, WRENCH])
-        return moments
+        self._memory.push_early(entered.block, load)
+        return pose_moments
 
     def _take_in(self, entered: Entered, sums: Array, index: int) -> RegistrationMoments | None:
         """The team's sums of a block, in the body frame; returns what they say of the own pose."""
@@ -286,24 +285,23 @@ class Team:
         if seen is None:
             return None
         entered, sums, motion = seen
-        moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
-        is_like_others = self._contradictions.add(moments)
-        misfit = block_misfit(moments, self._poses[self._own], self._config.noise)
+        found = Block(block, *block_moments(entered.samples, motion, sums[:, 0]))
+        is_like_others = self._contradictions.add(found.pose)
+        misfit = block_misfit(found.pose, self._poses[self._own], self._config.noise)
         if self._is_contradicted or not is_like_others or misfit > _NONSENSE:
             self._held.drop()
             return None
-        found = Block(block, motion, sums[:, 0], entered.samples[:, WRENCH], moments)
         learned = None  # moments of one that was held count for nobody: others may not have waited
-        for each in self._held.admit(found, self._memory.surprise(motion, found.wrench)):
+        for each in self._held.admit(found, self._memory.surprise(found.load)):
             learned = self._learn(each, index)
         return learned
 
     def _learn(self, found: Block, index: int) -> RegistrationMoments | None:
         self._completeness.note(found.number)
-        changed_at = self._memory.push(found.number, found.motion, found.wrench, found.own_wrench)
+        changed_at = self._memory.push(found.number, found.load)
         if changed_at is not None:
             self._load_changes.notice(changed_at, index, within=self._hearing)
-        return found.moments if found.number >= self._fits.again_before else None  # else it comes again
+        return found.pose if found.number >= self._fits.again_before else None  # else it comes again
 
     # --- load changes ---
 

@@ -148,13 +148,12 @@ class MeanSquare:
     """Mean square of the norm of the vectors seen so far."""
 
     def __init__(self) -> None:
-        self._sum = 0.0
-        self._count = 0
+        self._sum = self._count = 0.0
 
-    def add(self, vectors: Array) -> None:
-        """Take in vectors, shape (n, 3)."""
-        self._sum += float(np.square(vectors).sum())
-        self._count += len(vectors)
+    def add(self, squares: float, count: float) -> None:
+        """Take in some vectors: the sum of their squares, and their number."""
+        self._sum += squares
+        self._count += count
 
     @property
     def mean(self) -> float:

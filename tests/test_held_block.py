@@ -11,7 +11,7 @@ CALM, SURPRISING = 3.0, 300.0
 
 
 def block(number: int) -> Block:
-    return Block(number, np.zeros((1, 12)), np.zeros((1, 6)), np.zeros((1, 6)), RegistrationMoments.none())
+    return Block(number, RegistrationMoments.none(), np.zeros(1))
 
 
 def admitted(*surprises: float) -> list[list[int]]:

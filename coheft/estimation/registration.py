@@ -67,8 +67,7 @@ class RegistrationMoments:
         if own.shape[1:] != (9,) or motion.shape != (len(own), MOTION_SIZE):
             raise ValueError(f"{own.shape=} and {motion.shape=} but expected (n, 9) and (n, 12)")
         rows = np.empty((len(own), FEATURES))
-        rows[:, 0], rows[:, OWN], rows[:, MOTION] = 1.0, own, motion
-        rows[:, PRODUCTS] = symmetric_products(motion[:, BODY_W])
+        registration_features(own, motion, out=rows)
         return RegistrationMoments(rows.T @ rows)
 
     def __add__(self, other: RegistrationMoments) -> RegistrationMoments:
@@ -88,6 +87,18 @@ class RegistrationMoments:
         total = self.gram[0]
         result: Array = self.gram - total[:, None] * (total / max(self.count, 1.0))
         return result
+
+
+def registration_features(own: Array, motion: Array, out: Array) -> None:
+    """Put features of samples into the first columns of ``out``, shape (n, 28 or more).
+
+    Args:
+        own: What the robot's sensors read, ``(w_i, v_i, a_i)``, shape (n, 9).
+        motion: Motion of the body frame, shape (n, 12).
+        out: Where to.
+    """
+    out[:, 0], out[:, OWN], out[:, MOTION] = 1.0, own, motion
+    out[:, PRODUCTS] = symmetric_products(motion[:, BODY_W])
 
 
 _OWN_AXES = np.eye(9)

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from agents.load_memory import LoadMemory
+from agents.load_moments import block_moments
 from coheft.estimation.acceleration import MotionFusion, derivative_kernel
 from coheft.estimation.body_motion import perturbed
 from coheft.estimation.inertia import GRAM_SIZE
@@ -60,23 +61,23 @@ class Memories:
         found = []
         for block in range(first, last):
             sums = self.sums(block, load)
-            changes = [self.each[robot].push(block, *sums[robot]) for robot in robots]
+            changes = [self.each[robot].push(block, sums[robot]) for robot in robots]
             found.append(changes[0])
         return found
 
-    def sums(self, block: int, load: float) -> list[tuple[Array, Array, Array]]:
-        """Motion, total and own wrench of a block, for each robot."""
+    def sums(self, block: int, load: float) -> list[Array]:
+        """What is summed of a block, for each robot."""
         samples = self.team.exact[BLOCK * block : BLOCK * (block + 1)] * np.repeat([1.0, load], [9, 6])
         motion = fused_motion(samples, self.poses, self.team.noise)
         wrench = np.sum([samples[:, i, WRENCH] @ pose.adjoint().T for i, pose in enumerate(self.poses)], axis=0)
-        return [(motion, wrench, samples[:, i, WRENCH]) for i in range(COUNT)]
+        return [block_moments(samples[:, i], motion, wrench)[1] for i in range(COUNT)]
 
     def push_early(self, first: int, last: int, load: float = 1.0, robots: Sequence[int] = range(COUNT)) -> None:
         """Blocks ``last - 1`` back to ``first``, from before all others."""
         for block in range(last - 1, first - 1, -1):
             sums = self.sums(block, load)
             for robot in robots:
-                self.each[robot].push_early(block, *sums[robot])
+                self.each[robot].push_early(block, sums[robot])
 
     def begin_again(self, poses: Sequence[Pose]) -> None:
         """New poses come into use, and with them all samples again."""
