@@ -7,8 +7,6 @@ import numpy as np
 from coheft.estimation.inertia import FEATURES, WRENCH_FEATURES, InertiaInformation, InertiaModel, unpacked_gram
 from coheft.estimation.spatial import Array
 
-_LOOK = 0.1
-"""Time between two looks at them [s]."""
 _GROWN = 1.02
 """While samples have grown by no more than this, what the load is need not be found anew."""
 _RECENT = 0.25
@@ -31,9 +29,7 @@ class LateWrenches:
 
     def __init__(self, blocks_per_second: float) -> None:
         self._kept = float(np.exp(-1.0 / (_RECENT * blocks_per_second)))
-        self._look_every = max(1, round(_LOOK * blocks_per_second))
-        self._give_up_after = max(1, round(_GIVE_UP * blocks_per_second / self._look_every))
-        self._blocks = 0
+        self._give_up_after = max(1, round(_GIVE_UP * blocks_per_second))
         self.begin()
 
     def begin(self) -> None:
@@ -64,11 +60,6 @@ class LateWrenches:
     def map(self, feature_map: Array) -> None:
         """All features are ``feature_map`` (19, 19) times what they were."""
         self._sums = feature_map @ self._sums
-
-    def are_due(self) -> bool:
-        """Another block has come: whether it is time to look at them."""
-        self._blocks += 1
-        return self._blocks % self._look_every == 0
 
     def forget_solution(self) -> None:
         """Too little is remembered to say what the load is."""

@@ -164,8 +164,6 @@ class LoadMemory:
         self._late.add(moments[:FEATURES])  # the Gram matrix's first row
         if self._correction is not None:
             return  # motions are seen with new poses, wrenches with old ones
-        if not self._late.are_due():
-            return
         self._compare(is_new=self._late.need_solution(self._growing_count))
         if self._late.have_long_contradicted:
             count = self.count
