@@ -61,7 +61,7 @@ def test_a_team_that_somebody_left_by_mistake_begins_anew(monkeypatch: pytest.Mo
 def test_poses_that_one_robot_cannot_use_are_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     def spoil(agents: dict[str, Agent]) -> bool:
         fits = agents["r2"]._estimator._team._fits  # type: ignore[attr-defined]
-        told = fits._fits._table
+        told = fits._fits._rows[:, 1:]
         if not (told[0, 0] > fits.carried and (told[:, 0] == told[0, 0]).all()):
             return False
         told[1, 5] += 1.0
@@ -86,7 +86,7 @@ def test_a_number_of_the_future_in_a_table_does_not_stop_fits_for_ever(
     def spoil(agents: dict[str, Agent]) -> bool:
         teams.extend(map(team_of, agents.values()))
         flood = team_of(agents["r2"])._floods._tables[table]
-        flood._table[1, 0] += 1000.0
+        flood._rows[1, 1] += 1000.0
         flood._news[1], flood._digest = None, None
         everybody.update(agents)
         return True
@@ -146,7 +146,7 @@ def test_poses_of_a_fit_that_nobody_has_told_scores_for_make_no_agent_fail(monke
 
     def spoil(agents: dict[str, Agent]) -> bool:
         fits = agents["r1"]._estimator._team._fits  # type: ignore[attr-defined]
-        told = fits._fits._table
+        told = fits._fits._rows[:, 1:]
         if not (told[0, 0] > fits.carried and (told[:, 0] == told[0, 0]).all()):
             return False
         for robot, row in enumerate(told[:, 1:].copy()):
