@@ -13,7 +13,7 @@ from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.messages import PayloadEstimate
 
 _GROWN = 1.02
-"""While samples have grown by no more than this, their estimate is nearly the same: 1 % of a deviation at most."""
+"""While samples have grown by no more than this, they would hardly make an estimate more certain: by 1 % at most."""
 
 
 class SeenPayload(NamedTuple):
