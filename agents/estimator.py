@@ -32,7 +32,7 @@ class Belief:
     """What an estimator believes; fields as in ``coheft.wire.messages.Estimate``, and:
 
     Attributes:
-        learned_block: The newest block that is in it, -1 if there is none.
+        learned_block: The newest block that has been looked at, -1 if there is none.
         grasps: Pose of every member's ``F_j`` in the frame that the team shares; none while it is not known well, or
             where the method has no such frame.
     """
@@ -100,4 +100,4 @@ def is_converged(payload: PayloadEstimate, limits: Converged) -> bool:
 
 def inertia_std(covariance: Array) -> float:
     """Root mean square of the inertia's error in the Frobenius norm, of a covariance of ``(m, h, J packed)``."""
-    return math.sqrt(_TIMES @ covariance.diagonal()[4:])
+    return math.sqrt(max(0.0, float(_TIMES @ covariance.diagonal()[4:])))

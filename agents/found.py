@@ -17,10 +17,12 @@ class Found:
         poses: ``pose_j_in_i`` of the neighbours.
         payload: Mass properties in ``F_i``, None while there are none.
         unseen: What of them is not observable.
-        learned_block: The newest block that is in it.
+        payload_block: The newest block that is in mass properties.
+        learned_block: The newest block that has been looked at: nothing speaks against what is known until there.
     """
 
     poses: Mapping[str, PoseEstimate]
     payload: PayloadEstimate | None
     unseen: tuple[str, ...]
+    payload_block: int
     learned_block: int

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from agents.load_moments import HARDLY_MORE
 from coheft.estimation.inertia import FEATURES, WRENCH_FEATURES, InertiaInformation, InertiaModel, unpacked_gram
 from coheft.estimation.spatial import Array
 
-_GROWN = 1.02
-"""While samples have grown by no more than this, what the load is need not be found anew."""
 _RECENT = 0.25
 """Time over which recent residuals are averaged [s]."""
 _CONTRADICTION = 80.0
@@ -51,7 +50,7 @@ class LateWrenches:
 
     def need_solution(self, count: float) -> bool:
         """Whether to find anew what the load is, of so many samples; always if that is not a number."""
-        return self._residual_of_features is None or not self._solved_of <= count <= _GROWN * self._solved_of
+        return self._residual_of_features is None or not self._solved_of <= count <= HARDLY_MORE * self._solved_of
 
     def add(self, sums: Array) -> None:
         """Take in a block: the sum of its samples' features, shape (19,)."""

@@ -185,6 +185,7 @@ class LoadMemory:
         self._early.drop()
         self._changed_at = changed_at
         self._uncorrected.begin()
+        self._standing.drop()
         self._late.begin()
         self._weights.begin()
         self._forces = MeanSquare()
@@ -235,6 +236,7 @@ class LoadMemory:
     def _have_forgotten(self) -> None:
         """What has been told of the samples is not of those that are left."""
         self._uncorrected.begin()
+        self._standing.drop()
         if self._correction is not None:
             self._window.forget_before(self._last_block + 1)
             self._correction = None
@@ -263,6 +265,7 @@ class LoadMemory:
         """
         correction, self._correction = self._correction, None
         self._known = None
+        self._standing.drop()
         if correction is None:  # what it was to correct is forgotten
             self._expect_disturbance(told_forces(rows), team)
             return

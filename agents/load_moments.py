@@ -20,6 +20,8 @@ CROSS_SHAPE = (MOTION_FEATURES.stop, 6)
 CROSS_SIZE = CROSS_SHAPE[0] * CROSS_SHAPE[1]
 RIDERS = 2 + CROSS_SIZE
 """Numbers beside the Gram matrix."""
+HARDLY_MORE = 1.02
+"""While there are no more than so many times as many samples, what they say is not worth finding anew."""
 _LEFT = GRAM_SIZE
 _SQUARE = _LEFT + 1
 _CROSS = slice(_SQUARE + 1, _SQUARE + 1 + CROSS_SIZE)

@@ -26,6 +26,8 @@ def make_memory(config: AgentConfig, own: int, members: int) -> Memory:
     memory = config.efficient.memory
     if memory == "window":
         turns = max(_FEWEST, config.blocks(_TURN), min(members // 2, config.blocks(_LONGEST_TURN)))
-        return LoadWindow(riders=RIDERS, coherence=COHERENCE * config.rate, every=turns, turn=own)
+        # Turns are as far apart as they can be, and no two in a row begin with the same borders.
+        turn = own * turns + own * turns // members
+        return LoadWindow(riders=RIDERS, coherence=COHERENCE * config.rate, every=turns, turn=turn)
     floor = np.full(INERTIA_SIZE + OFFSET_SIZE * config.efficient.offsets, _FLOOR)
     return ForgettingWindow(memory * config.rate / config.block, floor, riders=RIDERS)

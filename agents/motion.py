@@ -82,7 +82,8 @@ class Excitation:
         self._rate = rate
         self._block = block
         self._at_once = max(1, _AT_ONCE // block)
-        self._first, self._references = -1, np.empty((0, block, 12))
+        self._first: int | None = None
+        self._references = np.empty((0, block, 12))
 
     def reference(self, block: int) -> Array:
         """See ``ReferenceMotion.reference``; read only."""

@@ -37,8 +37,8 @@ def outliers(steps: Array) -> npt.NDArray[np.bool_] | None:
         steps = np.clip(steps, -_LARGEST, _LARGEST)
         sizes = np.abs(steps)
     least, most = np.minimum(sizes[:-1], sizes[1:]), np.maximum(sizes[:-1], sizes[1:])
-    peaks = least * ((steps[:-1] * steps[1:] < 0.0) & (least > _BACK * most))
-    far: npt.NDArray[np.bool_] = np.any(peaks > _OUTLIER, axis=0)
+    are_peaks = (steps[:-1] * steps[1:] < 0.0) & (least > np.maximum(_OUTLIER, _BACK * most))
+    far: npt.NDArray[np.bool_] = np.any(are_peaks, axis=0)
     bends = np.abs(steps[1:] - steps[:-1])
     if len(bends):
         far |= bends[-1] > np.maximum(_OUTLIER, _UNUSUAL * bends[:-1].max(axis=0, initial=0.0))

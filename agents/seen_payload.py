@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from typing import NamedTuple
 
+from agents.load_moments import HARDLY_MORE
 from coheft.estimation.inertia_derivatives import seen_inertia_derivative
 from coheft.estimation.inertia_estimate import InertiaEstimate, unseen_quantities
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array
 from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.messages import PayloadEstimate
-
-_GROWN = 1.02
-"""While samples have grown by no more than this, they would hardly make an estimate more certain: by 1 % at most."""
 
 
 class SeenPayload(NamedTuple):
@@ -34,10 +32,14 @@ class StandingPayload:
     """What was found last, which stands until there is something new to say."""
 
     def __init__(self) -> None:
-        self._found: SeenPayload | None = None
-        self._count = 0.0
         self._objects: tuple[object, ...] = ()
         self._numbers: tuple[float, ...] = ()
+        self._count = 0.0
+        self.drop()
+
+    def drop(self) -> None:
+        """It stands no longer: samples are not what they were."""
+        self._found: SeenPayload | None = None
 
     def find(
         self, count: float, objects: tuple[object, ...], numbers: tuple[float, ...], solve: Callable[[], SeenPayload]
@@ -46,14 +48,14 @@ class StandingPayload:
 
         Args:
             count: Number of samples that it is to be found from.
-            objects: What else it follows from, and is replaced when it changes.
-            numbers: The same of numbers.
+            objects: Others are there when it changes what they say.
+            numbers: Others are said when something else changes that it follows from.
             solve: Finds it.
         """
         is_same = numbers == self._numbers and all(
             one is other for one, other in zip(objects, self._objects, strict=True)
         )
-        if self._found is None or not is_same or not self._count <= count <= _GROWN * self._count:
+        if self._found is None or not is_same or not self._count <= count <= HARDLY_MORE * self._count:
             self._found, self._count, self._objects, self._numbers = solve(), count, objects, numbers
         return self._found
 

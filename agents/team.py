@@ -196,8 +196,9 @@ class Team:
         """
         is_coherent = self._corrected == self._version or (self._corrected > 0 and self._largest_step < _LITTLE)
         if self._fitted is not None and is_coherent:
-            return Found(self._neighbours_poses, *self._memory.payload(self._own, self._fitted))
-        if self._found_before is not None and self._memory.changed_at > self._found_before.learned_block:
+            seen = self._memory.payload(self._own, self._fitted)
+            return Found(self._neighbours_poses, *seen, self._completeness.newest)
+        if self._found_before is not None and self._memory.changed_at > self._found_before.payload_block:
             return replace(self._found_before, payload=None)
         return self._found_before
 

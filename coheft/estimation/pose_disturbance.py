@@ -34,7 +34,7 @@ def wrench_disturbance(poses: Sequence[Pose], covariance: Array, mean_square_for
     alone = (
         by_robot - coupled - coupled.swapaxes(1, 2) + moved @ (common @ covariance @ common.T) @ moved.swapaxes(1, 2)
     )
-    # Of robot j's unit force along its axis a, by perturbation k: entry [j, k, a, :].
+    # Of robot j's unit force along its axis a, by perturbation k: entry [j, k, (a, :)].
     by_pose = np.array([adjoint_derivative(pose) for pose in poses])[..., :3].swapaxes(2, 3).reshape(count, 6, -1)
     spread = forces[:, None, None] * (alone @ by_pose)
     result: Array = by_pose.reshape(-1, 6).T @ spread.reshape(-1, 6)

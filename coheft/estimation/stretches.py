@@ -56,10 +56,13 @@ class Stretches:
     @property
     def sums(self) -> Array:
         """Of all that came since each of them, shape (k, size)."""
+        self._bring_up_to_date()
+        return self._sums
+
+    def _bring_up_to_date(self) -> None:
         if self._before_late or len(self._places) < len(self._sums):
             late = self._late - np.array(self._before_late).reshape(-1, len(self._late))
             self._set_sums(np.concatenate([self._sums[self._places] + self._late, late]))
-        return self._sums
 
     def _set_sums(self, sums: Array) -> None:
         self._sums, self._places = sums, list(range(len(sums)))
@@ -68,7 +71,7 @@ class Stretches:
     @property
     def total(self) -> Array:
         """Sum over all blocks that count, shape (size,)."""
-        return self._sums[self._places[0]] + self._late if self._places else self._late
+        return self._late + (self._sums[self._places[0]] if self._places else 0.0)
 
     def joined(self, neighbours: int) -> Array:
         """Sums of so many stretches in a row: entry k is from border k to border ``k + neighbours``."""
@@ -124,7 +127,7 @@ class Stretches:
     def _drop(self, first: int, end: int) -> None:
         """Drop the borders from ``first`` on, before ``end``."""
         if end > len(self._places):
-            self.sums  # noqa: B018  brings them up to date
+            self._bring_up_to_date()
         del self._firsts[first:end], self._orders[first:end], self._places[first:end]
 
     def _make_room(self) -> None:
