@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agents.load_moments import block_moments
 from benchmarks.figures import Effort, Figure, Section, Skipped
 from benchmarks.kernel_data import Samples
 from benchmarks.kernel_references import (
@@ -31,6 +32,8 @@ from coheft.estimation.body_motion import BODY_A, BODY_ALPHA
 from coheft.estimation.dual_quaternion import pair_operator, solve_rotation
 from coheft.estimation.inertia import InertiaModel, features, packed_gram, regressor_coefficients
 from coheft.estimation.load_change import LoadWindow
+from coheft.estimation.measurement import KINEMATICS, TWIST
+from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array
 from coheft.estimation.twist_registration import TwistMoments
 from consensus.pipeline import NeighbourStages, Pipeline
@@ -205,9 +208,29 @@ def inertia(samples: Samples) -> list[Contest]:
         for motion, wrench in zip(samples.motion[block], samples.wrench[block], strict=True):
             recursion.update(regressor(motion), wrench)
 
+    own, other = samples.sensed[0, block], samples.sensed[1, block]
+    pair = PoseRecursion()
+
+    def at_once() -> tuple[RegistrationMoments, Array]:
+        return block_moments(own, samples.motion[block], samples.wrench[block])
+
+    of_pose, of_load = at_once()
+    check_equal(
+        "pose and load", of_load[: len(gram)], packed_gram(features(samples.motion[block], samples.wrench[block]))
+    )
+    check_equal("pose and load", of_pose.gram, RegistrationMoments.of(own[:, KINEMATICS], samples.motion[block]).gram)
+
+    def both_references() -> None:
+        for mine, its in zip(own[:, TWIST], other[:, TWIST], strict=True):
+            pair.update(mine, its)
+        reference()
+
     return [
         Contest("inertia, taken in, against the seed's recursion", take_in, reference, bar=_BAR),
         Contest("inertia, a solution per block, against it", lambda: solution(take_in()), reference, bar=_BAR),
+        Contest(
+            "own pose and load, taken in as agents do, against both recursions", at_once, both_references, bar=_BAR
+        ),
     ]
 
 
