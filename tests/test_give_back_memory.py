@@ -31,3 +31,33 @@ print(before - resident())
 def test_what_is_free_between_things_that_stay_goes_back() -> None:
     freed = int(subprocess.run([sys.executable, "-c", HOLES], capture_output=True, check=True).stdout)
     assert freed > 20e6
+
+
+THREADS = """
+import threading
+from pathlib import Path
+from coheft.wire.memory import give_back_memory
+
+give_back_memory()
+kept, gate = [], threading.Barrier(9)
+
+def keep():
+    gate.wait()
+    kept.append([bytes(1000) for _ in range(1000)])
+    gate.wait()
+
+for _ in range(8):
+    threading.Thread(target=keep, daemon=True).start()
+gate.wait()
+gate.wait()
+maps = Path("/proc/self/maps").read_text().splitlines()
+# The heap of a thread begins where 64 MB do.
+print(sum(int(line.split("-")[0], 16) % 2**26 == 0 and "rw-p" in line for line in maps))
+"""
+
+
+@pytest.mark.skipif(trimming() is None or not Path("/proc/self/maps").exists(), reason="takes Linux and its C library")
+def test_threads_share_one_heap() -> None:
+    assert int(subprocess.run([sys.executable, "-c", THREADS], capture_output=True, check=True).stdout) == 0
+    alone = THREADS.replace("\ngive_back_memory()\n", "\n")
+    assert int(subprocess.run([sys.executable, "-c", alone], capture_output=True, check=True).stdout) > 0

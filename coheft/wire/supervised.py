@@ -34,8 +34,8 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     except msgspec.DecodeError as error:
         print(f"expected {kind.__name__} as one line of JSON on stdin: {error}", file=sys.stderr)
         sys.exit(2)
-    threading.Thread(target=_leave_with_stdin, daemon=True).start()
     give_back_memory()
+    threading.Thread(target=_leave_with_stdin, daemon=True).start()
     try:
         run(config)
     except CoheftError as error:
