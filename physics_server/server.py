@@ -254,6 +254,8 @@ class Server:
                 self._simulation.inject(request.mass, request.position, request.size)
             case RemoveRequest():
                 self._simulation.remove(request.load)
+            case HoldRequest(robot=robot, holding=holding) if holding == (robot in self._simulation.holders):
+                raise CoheftError(f"{robot} {'holds the payload already' if holding else 'has let go of it already'}")
             case HoldRequest(robot=robot, holding=True):
                 self._simulation.grasp(robot)
             case HoldRequest(robot=robot):

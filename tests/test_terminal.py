@@ -64,7 +64,8 @@ def test_without_a_terminal_there_are_plain_lines(record: Record) -> None:
         display.note("waiting for r1")
         display.note("waiting for r1")
         display.update(record)
-        assert drawn(console) == "waiting for r1\n", "no line before five seconds"
+        lines = drawn(console).splitlines()
+        assert lines == ["waiting for r1", "  2.0 s: the payload is 13.00 kg now"], "no other line before five seconds"
     assert "\x1b" not in drawn(console)
 
 
@@ -85,18 +86,42 @@ def test_a_terminal_shows_who_is_stale_and_why(record: Record) -> None:
     assert max(map(len, lines)) <= 80
 
 
-def test_plain_lines_tell_when_estimates_become_stale_and_when_none_is_any_more() -> None:
+def test_plain_lines_tell_once_that_all_have_noticed_another_load() -> None:
+    truths, estimates = changing_run({"r1": 110, "r2": 120, "r3": 115}, {"r1": 2.06, "r2": 2.04, "r3": 2.1})
+    console = terminal(is_terminal=False)
+    display, record = LineDisplay(console), recorded(truths, estimates)
+    for _ in range(3):
+        display.update(record)
+    assert drawn(console).splitlines() == [
+        "  2.0 s: the payload is 13.00 kg now",
+        "  2.1 s: all robots have noticed the change",
+    ]
+
+
+def test_what_robots_say_in_their_own_coordinates_is_told_as_one() -> None:
+    record = Record(SCENE, duration=20.0)
+    record.add_truth(truth(0, HEAVY))
+    for robot, axis in (("r1", "(0.52, 0.79, 0.32)"), ("r3", "(1.00, 0.00, 0.00)")):
+        record.add_estimate(stale(robot, 0, f"centre of mass along {axis}: tilt the load"))
+    console = terminal(is_terminal=True)
+    with LiveDisplay(console) as display:
+        display.update(record)
+    lines = SEQUENCE.sub("", drawn(console)).splitlines()
+    assert "stale r1, r3: centre of mass in some directions: tilt the load" in map(str.rstrip, lines)
+
+
+def test_plain_lines_tell_when_estimates_stay_stale_and_when_none_is_any_more() -> None:
     record = Record(SCENE, duration=20.0)
     console = terminal(is_terminal=False)
     display = LineDisplay(console)
     for block in range(200):
         record.add_truth(truth(block, HEAVY))
         for robot in ("r1", "r2"):
-            is_stale = 60 <= block < 130
+            is_stale = 10 <= block < 45 or 60 <= block < 130
             record.add_estimate(stale(robot, block, "r3 is silent") if is_stale else estimate(robot, block, HEAVY))
             display.update(record)
     assert drawn(console).splitlines() == [
-        "  1.5 s: stale r1, r2: r3 is silent",
+        "  2.5 s: stale r1, r2: r3 is silent",
         "  3.0 s: no estimate is stale any more",
     ]
 

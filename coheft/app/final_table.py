@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -68,7 +69,7 @@ def _mass_row(robot: RobotReport) -> tuple[str, str, str, str, str]:
     decimals = decimals_for(mass.truth, 4, at_least=3)
     truth = f"{mass.truth:.{decimals}f}"
     if mass.estimate is None or mass.std is None or mass.error_pct is None:
-        return "mass, kg", truth, "not observable", "", ""
+        return "mass, kg", truth, _missing(robot), "", ""
     compared = error_and_std(mass.error_pct, 100.0 * mass.std / mass.truth, "%")
     return "mass, kg", truth, f"{mass.estimate:.{decimals}f}", *compared
 
@@ -77,7 +78,7 @@ def _com_row(robot: RobotReport) -> tuple[str, str, str, str, str]:
     com = robot.com
     truth = _numbers(1e3 * np.array(com.truth))
     if com.estimate is None or com.std is None or com.error_mm is None:
-        return "centre of mass, mm", truth, "not observable", "", ""
+        return "centre of mass, mm", truth, _missing(robot), "", ""
     compared = error_and_std(com.error_mm, 1e3 * float(np.linalg.norm(com.std)), "mm")
     return "centre of mass, mm", truth, _numbers(1e3 * np.array(com.estimate)), *compared
 
@@ -88,10 +89,15 @@ def _inertia_row(robot: RobotReport) -> tuple[str, str, str, str, str]:
     decimals = decimals_for(moments.max(), 2, at_least=2)
     truth = _numbers(moments, decimals)
     if inertia.estimate is None or inertia.std is None or inertia.error_pct is None:
-        return "inertia, kg·m²", truth, "not observable", "", ""
+        return "inertia, kg·m²", truth, _missing(robot), "", ""
     std_pct = 100.0 * float(np.linalg.norm(inertia.std) / np.linalg.norm(inertia.truth))
     estimate = _numbers(np.linalg.eigvalsh(np.array(inertia.estimate)), decimals)
     return "inertia, kg·m²", truth, estimate, *error_and_std(inertia.error_pct, std_pct, "%")
+
+
+def _missing(robot: RobotReport) -> str:
+    """Why there is no number."""
+    return "not observable" if robot.not_observable else "not known yet"
 
 
 def _numbers(values: Array, decimals: int = 0) -> str:
@@ -168,8 +174,18 @@ def _most(found: list[str], show: int = 3) -> list[str]:
 
 
 def _convergence_sentence(report: Report) -> str:
-    missing = [name for name, robot in report.robots.items() if not robot.is_converged]
+    missing = {name: robot for name, robot in report.robots.items() if not robot.is_converged}
     if missing:
-        return f"Not converged: {', '.join(missing)}."
+        return f"Not converged: {', '.join(missing)}.{_convergence_hint(list(missing.values()))}"
     first = max(robot.converged_at_s or 0.0 for robot in report.robots.values())
     return f"All robots converged, for the first time at {first:.1f} s."
+
+
+def _convergence_hint(missing: Sequence[RobotReport]) -> str:
+    """What may help those that are neither stale nor without the right motion: of these, other sentences tell."""
+    waiting = [robot for robot in missing if robot.status != "stale" and not robot.not_observable]
+    if not waiting:
+        return ""
+    if any(robot.inertia.estimate is None for robot in waiting):
+        return " There was not time enough to weigh the payload: --duration makes it longer."
+    return " Their own std is not as small yet as 'converged' in the scenario wants it: --duration gives them time."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from types import TracebackType
 from typing import Protocol, Self
@@ -22,8 +23,12 @@ _LINE_EVERY = 5.0
 """Simulated time between two lines of a display that is no terminal [s]."""
 _CHECK_EVERY = 0.5
 """Simulated time between two looks at what is stale [s]: robots notice one after the other."""
+_LASTING = 1.0
+"""What makes estimates stale for less than this is not told in lines [s]: every change of the load does."""
 _DRAW_EVERY = 0.2
 """Wall time between two drawings on a terminal [s]."""
+_DIRECTION = re.compile(r" (along|about) \([^)]*\)")
+"""What every robot says in its own coordinates."""
 
 
 class Display(Protocol):
@@ -74,13 +79,16 @@ class QuietDisplay:
 
 
 class LineDisplay(QuietDisplay):
-    """One plain line for every five simulated seconds."""
+    """One plain line for every five simulated seconds, and others for what happens in between."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._lines = 0
         self._note = ""
-        self._stale: list[str] = []
+        self._periods, self._is_noticed = 1, True
+        # Since when there has been a reason for being stale, and robots of which it was told.
+        self._since: dict[str, float] = {}
+        self._told: dict[str, set[str]] = {}
         self._checked = 0.0
 
     def note(self, text: str) -> None:
@@ -90,7 +98,8 @@ class LineDisplay(QuietDisplay):
         self._note = text
 
     def update(self, record: Record) -> None:
-        """Print a line if it is time for one; sooner, why estimates have become stale, and that none is any more."""
+        """Print a line if it is time for one; sooner, what happens to the load, and why estimates are stale."""
+        self._tell_of_load(record)
         if record.time >= self._checked + _CHECK_EVERY:
             self._checked = record.time
             self._tell_stale(record)
@@ -102,14 +111,26 @@ class LineDisplay(QuietDisplay):
         """A process refused something and went on."""
         self._print(f"{problem.source}: {problem.text}")
 
+    def _tell_of_load(self, record: Record) -> None:
+        for period in record.periods[self._periods :]:
+            self._print(f"{period.start:5.1f} s: the payload is {period.truth.payload.mass:.2f} kg now")
+            self._periods, self._is_noticed = self._periods + 1, False
+        noticed = record.periods[-1].noticed if record.periods else {}
+        if not self._is_noticed and len(noticed) == len(record.robots):
+            self._print(f"{max(noticed.values()):5.1f} s: all robots have noticed the change")
+            self._is_noticed = True
+
     def _tell_stale(self, record: Record) -> None:
-        lines = _stale_lines(record)
-        for line in lines:
-            if line not in self._stale:
-                self._print(f"{record.time:5.1f} s: {line}")
-        if self._stale and not lines:
+        reasons = _why_stale(record)
+        self._since = {reason: self._since.get(reason, record.time) for reason in reasons}
+        for reason, names in reasons.items():
+            told = self._told.setdefault(reason, set())
+            if record.time - self._since[reason] >= _LASTING and not told.issuperset(names):
+                self._print(f"{record.time:5.1f} s: {_stale_line(reason, names)}")
+                told.update(names)
+        if any(self._told.values()) and not reasons:
             self._print(f"{record.time:5.1f} s: no estimate is stale any more")
-        self._stale = lines
+        self._told = {reason: told for reason, told in self._told.items() if reason in reasons}
 
     def _print(self, text: str) -> None:
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
@@ -130,7 +151,8 @@ class LiveDisplay:
     def update(self, record: Record) -> None:
         """Draw what is known now, unless it was drawn just before."""
         if record.truth is not None and time.monotonic() - self._drawn > _DRAW_EVERY:
-            lines = [Text(line, "yellow", no_wrap=True, overflow="ellipsis") for line in _stale_lines(record)]
+            stale = [_stale_line(reason, names) for reason, names in _why_stale(record).items()]
+            lines = [Text(line, "yellow", no_wrap=True, overflow="ellipsis") for line in stale]
             self._live.update(Group(_progress(record, record.truth), _live_table(record), *lines), refresh=True)
             self._drawn = time.monotonic()
 
@@ -164,8 +186,16 @@ def _state(estimate: Estimate) -> str:
 _STATE_STYLES = {"stale": "yellow", "converged": "green"}
 
 
-def _stale_lines(record: Record) -> list[str]:
-    return [f"stale {', '.join(names)}: {reason}" for reason, names in why_stale(record.beliefs).items()]
+def _why_stale(record: Record) -> dict[str, list[str]]:
+    """Reasons for which estimates are stale, with the robots that give them: as if all saw from the same frame."""
+    robots: dict[str, dict[str, None]] = {}
+    for reason, names in why_stale(record.beliefs).items():
+        robots.setdefault(_DIRECTION.sub(" in some directions", reason), {}).update(dict.fromkeys(names))
+    return {reason: sorted(names, key=record.scene.robots.index) for reason, names in robots.items()}
+
+
+def _stale_line(reason: str, names: list[str]) -> str:
+    return f"stale {', '.join(names)}: {reason}"
 
 
 def _summary_line(record: Record) -> str:
