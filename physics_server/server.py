@@ -254,8 +254,10 @@ class Server:
                 self._simulation.inject(request.mass, request.position, request.size)
             case RemoveRequest():
                 self._simulation.remove(request.load)
-            case HoldRequest(robot=robot, holding=holding) if holding == (robot in self._simulation.holders):
-                raise CoheftError(f"{robot} {'holds the payload already' if holding else 'has let go of it already'}")
+            case HoldRequest(robot=robot, holding=True) if robot in self._simulation.holders:
+                raise CoheftError(f"{robot} holds the payload already")
+            case HoldRequest(robot=robot, holding=False) if robot in self._simulation.idle:
+                raise CoheftError(f"{robot} has let go of the payload already")
             case HoldRequest(robot=robot, holding=True):
                 self._simulation.grasp(robot)
             case HoldRequest(robot=robot):

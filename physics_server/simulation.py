@@ -155,6 +155,11 @@ class Simulation:
         """Robots that hold the payload."""
         return [name for name, is_holding in zip(self._names, self._is_holding, strict=True) if is_holding]
 
+    @property
+    def idle(self) -> list[str]:
+        """Robots that do not."""
+        return [name for name, is_holding in zip(self._names, self._is_holding, strict=True) if not is_holding]
+
     def inject(self, mass: float, position: Vector, size: Vector = (0.1, 0.1, 0.1), leak: float = 0.0) -> LoadState:
         """Put a load onto the payload, before the next block; see ``Loads.put``.
 

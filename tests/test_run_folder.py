@@ -83,3 +83,17 @@ def test_a_folder_of_the_users_own_choice_removes_none(tmp_path: Path) -> None:
         folder.mkdir(parents=True)
     make_run_folder("coheft-new", tmp_path / "logs")
     assert all(folder.is_dir() for folder in old)
+
+
+def test_whoever_names_no_run_hears_that_there_are_others(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
+    old, new = (runs_folder() / f"20200101-00000{number}-coheft-{number}" for number in range(2))
+    for folder in (old, new):
+        folder.mkdir(parents=True)
+    with announced(new, RunFile(run="coheft-1", server=endpoint, agents={}, began=1.0)):
+        assert find_run().run == "coheft-1"
+        assert capsys.readouterr().err == ""
+        with announced(old, RunFile(run="coheft-0", server=endpoint, agents={})):
+            assert find_run().run == "coheft-1"
+            assert capsys.readouterr().err == f"2 runs go on: this is the newest; others, for --run DIR: {old}\n"
+            assert find_run(old).run == "coheft-0"
+            assert capsys.readouterr().err == ""

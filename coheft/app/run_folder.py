@@ -111,7 +111,7 @@ def find_run(folder: Path | None = None) -> RunFile:
 
 
 def locate_run(folder: Path | None = None) -> tuple[Path, RunFile]:
-    """Like ``find_run``, and the folder in which it is.
+    """Like ``find_run``, and the folder in which it is; where it is the newest of several, that is said.
 
     Raises:
         CoheftError: There is none.
@@ -123,13 +123,16 @@ def locate_run(folder: Path | None = None) -> tuple[Path, RunFile]:
             raise CoheftError(f"no run goes on in {folder}{expected if folder.is_file() else ''}")
         return folder, run_file
     places = [path.parent for path in runs_folder().glob(f"*/{RUN_FILE}")]
-    found = [(place, run_file) for place in places if (run_file := _read(place)) is not None]
-    for place, run_file in sorted(found, key=lambda each: each[1].began, reverse=True):
-        if _answers(run_file.server):
-            return place, run_file
-    raise CoheftError(
-        "no run goes on; start one with 'coheft run', or name its folder if it has one of its own: --run DIR"
-    )
+    found = [(place, run_file) for place in places if (run_file := _read(place)) and _answers(run_file.server)]
+    if not found:
+        raise CoheftError(
+            "no run goes on; start one with 'coheft run', or name its folder if it has one of its own: --run DIR"
+        )
+    newest, *others = sorted(found, key=lambda each: each[1].began, reverse=True)
+    if others:
+        folders = ", ".join(str(place) for place, _ in others)
+        print(f"{len(found)} runs go on: this is the newest; others, for --run DIR: {folders}", file=sys.stderr)
+    return newest
 
 
 def _goes_on(folder: Path) -> bool:

@@ -86,7 +86,9 @@ def test_a_robot_that_lets_go_leaves_the_team_and_comes_back(tmp_path):
         watcher.wait_until_valid()
         assert "no robot r9: the robots are r1, r2, r3, r4" in team.refusal(HoldRequest(robot="r9", holding=False))
         let_go = time.monotonic()
+        assert "r2 holds the payload already" in team.refusal(HoldRequest(robot="r2", holding=True))
         block = team.ask(HoldRequest(robot="r2", holding=False)).block
+        assert "r2 has let go of the payload already" in team.refusal(HoldRequest(robot="r2", holding=False))
         wait_until_told(watcher, "r2", "the robot does not hold the load", let_go)
         others = ("r1", "r3", "r4")
         watcher.wait_until(
