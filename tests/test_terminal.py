@@ -228,3 +228,24 @@ def test_no_color_is_honoured(record: Record, monkeypatch: pytest.MonkeyPatch) -
     assert COLOUR.search(text())
     monkeypatch.setenv("NO_COLOR", "1")
     assert not COLOUR.search(text())
+
+
+def final_sentence(*last: Estimate) -> str:
+    console = terminal(is_terminal=False)
+    report = build_report(INFO, recorded([truth(9, HEAVY)], {each.robot: [each] for each in last}))
+    print_report(console, report, Path("logs"))
+    return " ".join(drawn(console).split())
+
+
+def test_the_final_table_says_what_those_who_have_not_converged_lack() -> None:
+    done = estimate("r1", 9, HEAVY), estimate("r2", 9, HEAVY)
+    unknown = msgspec.structs.replace(estimate("r3", 9, None, converged=False), not_observable=[])
+    text = final_sentence(*done, unknown)
+    assert "mass, kg 13.000 not known" in text
+    assert "Not converged: r3. There was not time enough to weigh the payload: --duration makes it longer." in text
+    text = final_sentence(*done, estimate("r3", 9, HEAVY, converged=False))
+    assert "Not converged: r3. Their own std is not as small yet as 'converged' in the scenario wants it" in text
+    unseen = msgspec.structs.replace(unknown, not_observable=["mass: move"])
+    text = final_sentence(*done, unseen)
+    assert "mass, kg 13.000 not observable" in text
+    assert "Not converged: r3. 0.2 s simulated" in text

@@ -97,7 +97,7 @@ def _inertia_row(robot: RobotReport) -> tuple[str, str, str, str, str]:
 
 def _missing(robot: RobotReport) -> str:
     """Why there is no number."""
-    return "not observable" if robot.not_observable else "not known yet"
+    return "not observable" if robot.not_observable else "not known"
 
 
 def _numbers(values: Array, decimals: int = 0) -> str:
@@ -184,8 +184,8 @@ def _convergence_sentence(report: Report) -> str:
 def _convergence_hint(missing: Sequence[RobotReport]) -> str:
     """What may help those that are neither stale nor without the right motion: of these, other sentences tell."""
     waiting = [robot for robot in missing if robot.status != "stale" and not robot.not_observable]
-    if not waiting:
-        return ""
-    if any(robot.inertia.estimate is None for robot in waiting):
+    if any(robot.mass.estimate is None for robot in waiting):
         return " There was not time enough to weigh the payload: --duration makes it longer."
-    return " Their own std is not as small yet as 'converged' in the scenario wants it: --duration gives them time."
+    if any(robot.inertia.estimate is not None for robot in waiting):
+        return " Their own std is not as small yet as 'converged' in the scenario wants it: --duration gives them time."
+    return ""
