@@ -16,6 +16,7 @@ from coheft.wire.messages import LoadState
 from coheft.wire.payload import MassProperties
 from coheft.wire.payload_extent import Extent, corners
 from coheft.wire.section import Vector
+from coheft.wire.strength import Strength
 
 _LOAD_COLOUR = (0.85, 0.35, 0.15, 1.0)
 
@@ -74,7 +75,9 @@ class Loads:
         """How many more loads the payload can take."""
         return self._slots.count(None)
 
-    def put(self, mass: float, position: Vector, size: Vector, leak: float = 0.0) -> LoadState:
+    def put(
+        self, mass: float, position: Vector, size: Vector, leak: float = 0.0, strength: Strength | None = None
+    ) -> LoadState:
         """Fix a load, at rest in the world until then, to the moving payload.
 
         The impact keeps the momentum of all that moves, but for the impulses ``z`` with which welds (Jacobian ``J``)
@@ -86,9 +89,10 @@ class Loads:
             position: Of its centre in the payload's frame [m].
             size: Its edge lengths [m].
             leak: What it loses [kg/s], see ``leak``.
+            strength: Of the arms that hold the payload; None: they hold everything.
 
         Raises:
-            LoadError: There can be no such load, or no slot is free.
+            LoadError: There can be no such load, or no slot is free, or the arms cannot hold it up.
         """
         _check(mass, position, size, leak)
         complaint = self._extent.complaint(position)
@@ -107,6 +111,9 @@ class Loads:
             together = combined([self.inertia, _inertia_of(load)]).spatial()
         if not np.isfinite(together).all():
             raise LoadError(f"inertia of a load of {mass} kg at {tuple(position)} m overflows: give smaller numbers")
+        complaint = strength.complaint(_inertia_of(load), self.inertia) if strength is not None else ""
+        if complaint:
+            raise LoadError(f"mass of a load is {mass:g} kg at {tuple(position)} m, which is {complaint}")
         momentum = self._momentum()
         self._next_id += 1
         self._fill(self._slots.index(None), load)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from coheft.estimation.spatial import Array, Pose, quaternion_from_rotation, rotation_exp, rotation_from_quaternion
+from coheft.estimation.spatial import Pose, quaternion_from_rotation, rotation_exp
 from coheft.wire.payload import Payload
-from coheft.wire.scenario import PHYSICS_RATE, Perimeter, Scenario
+from coheft.wire.scenario import PHYSICS_RATE, Scenario
 from physics_server.arm_model import add_seven_joint_arm, add_wrist_sensors, hand_name
 from physics_server.impedance import add_arm
 from physics_server.loads import add_slots
@@ -24,14 +24,6 @@ PAYLOAD = "payload"
 def home_name(robot: str) -> str:
     """Name of the site that is the robot's home frame; the grasp site has the robot's own name."""
     return f"{robot}_home"
-
-
-def place_grasps(scenario: Scenario) -> tuple[Pose, ...]:
-    """True pose of each robot's grasp frame ``F_i`` in the payload's frame, in the order of the robots' names."""
-    perimeter = scenario.robots.perimeter
-    if perimeter is None:
-        return tuple(grasp.pose() for grasp in scenario.robots.grasps)
-    return _around(perimeter)
 
 
 def build_model(scenario: Scenario, grasps: Sequence[Pose]) -> mujoco.MjModel:
@@ -91,25 +83,3 @@ def _add_payload(spec: mujoco.MjSpec, payload: Payload) -> mujoco.MjsBody:
 
 def _add_site(body: mujoco.MjsBody, name: str, pose: Pose) -> None:
     body.add_site(name=name, pos=pose.translation, quat=quaternion_from_rotation(pose.rotation), size=[0.02] * 3)
-
-
-def _around(perimeter: Perimeter) -> tuple[Pose, ...]:
-    """Grasps at equal distances along the rim, counter-clockwise; orientations uniform over all rotations."""
-    rng = np.random.default_rng(perimeter.seed)
-    distances = (np.arange(perimeter.count) + 0.5) / perimeter.count * 2.0 * sum(perimeter.extent)
-    grasps = []
-    for distance in distances:
-        x, y = _rim_point(perimeter.extent, float(distance))
-        quaternion = rng.standard_normal(4)
-        height = rng.uniform(-perimeter.height, perimeter.height)
-        rotation = rotation_from_quaternion(quaternion / np.linalg.norm(quaternion))
-        grasps.append(Pose(rotation, np.array([x, y, height])))
-    return tuple(grasps)
-
-
-def _rim_point(extent: tuple[float, float], distance: float) -> Array:
-    """Point (2,) of a centred rectangle's rim at a distance from the corner ``(-, -)``, counter-clockwise."""
-    width, depth = extent
-    corners = np.array([[-width, -depth], [width, -depth], [width, depth], [-width, depth], [-width, -depth]]) / 2.0
-    along = np.cumsum([0.0, width, depth, width, depth])
-    return np.array([np.interp(distance, along, corners[:, 0]), np.interp(distance, along, corners[:, 1])])

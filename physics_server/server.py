@@ -24,6 +24,7 @@ from coheft.wire.inbox import Event, Inbox, LinkChange, Question, Received, Refu
 from coheft.wire.messages import Message
 from coheft.wire.planes import SERVER, guard_server_for_observers, guard_server_for_robot
 from coheft.wire.problem_log import ProblemLog
+from coheft.wire.reach import Reach
 from coheft.wire.requests import (
     EstimatorRequest,
     HoldRequest,
@@ -41,7 +42,6 @@ from coheft.wire.transport import ROLES, Keys, Role, Sender, open_session
 from physics_server.clock import Stopwatch, make_clock
 from physics_server.data_recorder import DataRecorder
 from physics_server.estimator_choice import EstimatorChoice
-from physics_server.reach import Reach
 from physics_server.request_words import in_words
 from physics_server.robots import ANSWER_LIMIT, Robots
 from physics_server.simulation import Simulation

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -13,28 +14,24 @@ import numpy as np
 from coheft.errors import LoadError, SimulationError
 from coheft.estimation.measurement import ACCELERATION, WRENCH
 from coheft.estimation.spatial import Array, rotation_from_quaternion
+from coheft.wire.grasps import place_grasps
 from coheft.wire.messages import BoxShape, LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
 from coheft.wire.scenario import PHYSICS_RATE, Scenario
 from coheft.wire.section import Vector
+from coheft.wire.stability import check_stability
+from coheft.wire.strength import MAX_ANGLE, MAX_DISTANCE, SETTLING_TIME, Strength
 from physics_server.impedance import Arms
 from physics_server.load_schedule import LoadSchedule
 from physics_server.loads import Loads
-from physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name, place_grasps
+from physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name
 from physics_server.sensors import READINGS, Sensors
-from physics_server.stability import check_stability
 from physics_server.torque_arms import TorqueArms
 
 if TYPE_CHECKING:
     from physics_server.encoders import Encoders, WristSamples
 
-SETTLING_TIME = 2.0
-"""Time that the payload has to sag into the robots' springs before a run [s]."""
 _FREE_JOINT = 7
 """Numbers of a free body's position; the payload's come first."""
-MAX_DISTANCE = 5.0
-"""Farther than this [m] from its home the payload has run away."""
-MAX_ANGLE = 2.5
-"""Turned by more than this [rad] the payload tumbles: near pi the rotation springs push the wrong way round."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +96,10 @@ class Simulation:
             ScenarioError: The scenario's load changes cannot all be made, or its arms are too stiff for its payload.
         """
         grasps = place_grasps(scenario)
-        if scenario.robots.arms != "seven-joint":
-            check_stability(scenario.payload.inertia(), grasps, scenario.robots)
+        check_stability(scenario, grasps, scenario.name)
         names = scenario.robot_names
         self._scenario = scenario
+        self._grasps = grasps
         self._names = names
         self.scene = Scene(
             robots=list(names),
@@ -164,9 +161,10 @@ class Simulation:
         """Put a load onto the payload, before the next block; see ``Loads.put``.
 
         Raises:
-            LoadError: There can be no such load, or no slot is free.
+            LoadError: There can be no such load, or no slot is free, or the robots cannot hold it up.
         """
-        return self._loads.put(mass, position, size, leak)
+        holding = list(compress(self._grasps, self._is_holding))
+        return self._loads.put(mass, position, size, leak, Strength.of(holding, self._scenario.robots))
 
     def remove(self, load_id: int) -> LoadState:
         """Take a load away, before the next block; see ``Loads.take``.

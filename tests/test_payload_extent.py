@@ -12,11 +12,13 @@ from coheft.wire.scenario_file import parse_scenario
 
 BOX = "boxes = [{ mass = 2.0, size = [0.4, 0.3, 0.1], position = [0.1, 0.0, 0.0] }]"
 PLATE = "properties = { mass = 6.0, com = [0.1, 0.0, 0.0], principal = [0.03, 0.08, 0.1] }"
+SOFT = "stiffness = [50.0, 1.0]\ndamping = [2.0, 0.1]"
+"""Arms that shake nothing apart, however far out they hold it."""
 GRASPS = "grasps = [{ position = [0.0, 0.0, 0.0] }, { position = [%s, 0.0, 0.0] }]"
 
 
 def parse(payload: str, robots: str) -> None:
-    parse_scenario(f'name = "x"\n[payload]\n{payload}\n[robots]\n{robots}\n', "x.toml")
+    parse_scenario(f'name = "x"\n[payload]\n{payload}\n[robots]\n{SOFT}\n{robots}\n', "x.toml")
 
 
 def test_a_box_of_the_same_mass_properties_is_the_box() -> None:

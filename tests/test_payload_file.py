@@ -13,9 +13,9 @@ import pytest
 
 from coheft.errors import ScenarioError
 from coheft.estimation.spatial import Pose
+from coheft.wire.grasps import place_grasps
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import CONFIG_FOLDER, load_scenario, parse_scenario
-from physics_server.scene import place_grasps
 from physics_server.simulation import Simulation
 
 GRASPS = "grasps = [{ position = [-0.2, 0, 0] }, { position = [0.2, 0, 0] }]"

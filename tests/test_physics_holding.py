@@ -8,7 +8,8 @@ import pytest
 from coheft.errors import SimulationError
 from coheft.estimation.measurement import ACCELERATION, GYRO, TWIST, WRENCH
 from coheft.estimation.rigid_body import Inertia
-from physics_server.scene import PAYLOAD_HOME, place_grasps
+from coheft.wire.grasps import place_grasps
+from physics_server.scene import PAYLOAD_HOME
 from physics_server.simulation import Simulation
 from tests.physics_run import excitation, run, samples, scenario
 

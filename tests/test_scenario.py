@@ -63,7 +63,7 @@ def test_the_scenarios_that_are_promised_are_there() -> None:
 )
 def test_messages_that_would_be_too_large_are_refused(change: str, match: str) -> None:
     robots = "" if "perimeter" in change else "[[robots.grasps]]" + GOOD.split("[[robots.grasps]]", 1)[1]
-    payload = "[payload]\nboxes = [{ mass = 2.0, size = [0.4, 0.3, 0.1] }]\n"
+    payload = "[payload]\nboxes = [{ mass = 90.0, size = [1.4, 1.3, 0.1] }]\n"
     with pytest.raises(ScenarioError, match=match):
         parse_scenario(f'name = "large"\n{change}{payload}{robots}', "large.toml")
     smaller = change.replace("block = 200", "block = 20")

@@ -74,7 +74,7 @@ class Payload(Section, frozen=True):
     """The thing that is held: boxes fixed to each other, mere mass properties, or a file of your own.
 
     Files are read when the scenario is: what is left of them are mass properties. Their paths are relative to the
-    scenario's file. What is longer than 20 m is refused: its unit will be another one.
+    scenario's file. What is longer than 20 m, or would fall out of the arms, is refused: its unit will be another one.
 
     Attributes:
         boxes: What it is made of, fixed to each other.

@@ -137,6 +137,8 @@ class Sensors(Section, frozen=True):
 class Motion(Section, frozen=True):
     """Reference motion of every robot, drawn for each robot alone: two sinusoids per axis, via points, or your own.
 
+    Motions that no arm can follow, more than 2 m or a turn per axis with their speed counted in, are refused.
+
     Attributes:
         translation: Amplitude per axis [m].
         rotation: Amplitude per axis [rad].
@@ -157,7 +159,7 @@ class Motion(Section, frozen=True):
 
 
 class LoadChange(Section, frozen=True):
-    """A load put onto the payload, or taken away, at a given time.
+    """A load put onto the payload, or taken away, at a given time. What would fall out of the arms is refused.
 
     Attributes:
         at: Time [s]; takes effect at the next border of a block.

@@ -10,8 +10,8 @@ from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.centralised import estimate_centralised, sum_up
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body import pack_symmetric
+from coheft.wire.grasps import place_grasps
 from coheft.wire.scenario import Grasp
-from physics_server.scene import place_grasps
 from tests.physics_run import scenario
 
 PERFECT = SensorNoise().scaled(1e-6)

@@ -12,13 +12,22 @@ from rich.console import Console
 from coheft.app.cart.launch import run_in_processes
 from coheft.app.cart.table_one import table_one
 from coheft.app.launch import launch
-from coheft.app.overrides import override
 from coheft.app.plan import make_plan
 from coheft.app.processes import Child, ProcessError, Processes
 from coheft.app.terminal import make_display
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.scenario_file import parse_scenario
 
 from .team import ROOT
+
+TURNED_OVER = """
+name = "turned-over"
+duration = 5.0
+payload.boxes = [{ mass = 6.0, size = [0.8, 0.3, 0.1] }]
+robots.grasps = [{ position = [-0.4, 0.0, 0.0] }, { position = [0.4, 0.0, 0.0], rotation_deg = [0, 0, 180] }]
+graph.kind = "line"
+motion.rotation = 4.0
+"""
+"""Two arms may turn so far, but not the payload with them."""
 
 
 @pytest.fixture
@@ -40,7 +49,7 @@ def test_a_server_that_fails_and_ends_after_its_agents_ends_the_run_with_an_erro
     use_server: Callable[[str], None], tmp_path: Path
 ) -> None:
     use_server("tests.integration.slow_to_end_server")
-    scenario = override(load_scenario("ring3"), duration=4.0, changes=["t=2,mass=1e6,at=0,0,0"])
+    scenario = parse_scenario(TURNED_OVER, "turned.toml")
     expected = r"the robots have lost the payload(?s:.)*\nThe run is over, because server ended with status 1\.$"
     with pytest.raises(ProcessError, match=expected):
         launch(make_plan(scenario), tmp_path, make_display(Console(), quiet=True))

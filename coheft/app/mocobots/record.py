@@ -12,12 +12,12 @@ from agents.motion import make_motion
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.spatial import Array, Pose
 from coheft.wire.config import agent_config
+from coheft.wire.grasps import place_grasps
 from coheft.wire.messages import Reference
 from coheft.wire.scenario import Scenario
 from coheft.wire.via_points import ViaPoints
 from consensus.graph import build_graph
 from physics_server.data_recorder import DataRecorder
-from physics_server.scene import place_grasps
 from physics_server.simulation import Simulation
 
 ReferenceOf = Callable[[int], Array]

@@ -1,4 +1,4 @@
-"""What an arm can be asked to do at all.
+"""What an arm can be asked to do at all: what the server refuses of robots, and the loader of scenarios.
 
 Far more than any useful motion, and so little that one robot that asks for it cannot tear the payload from the others:
 held by N springs, the payload goes an N-th of the way, and no more than twice as far before it comes to rest.
@@ -24,12 +24,21 @@ class Reach:
 
     A rate counts with the displacement to which the arm's damping makes it equal, a wrench with that to which its
     stiffness does: where there is no stiffness, there is no feed-forward either.
+
+    Attributes:
+        rotation_delay: Displacement for which a rate counts, rotation [s].
+        position_delay: The same, translation [s].
     """
+
+    rotation_delay: float
+    position_delay: float
 
     def __init__(self, robots: Robots) -> None:
         (k_t, k_r), (d_t, d_r) = robots.stiffness, robots.damping
         # A rate counts for a sample at least; motions name the rotation first.
-        self._delay = np.repeat(np.maximum([d_r / k_r if k_r > 0.0 else 0.0, d_t / k_t], _LONGEST_SAMPLE), 3)
+        self.rotation_delay = max(d_r / k_r if k_r > 0.0 else 0.0, _LONGEST_SAMPLE)
+        self.position_delay = max(d_t / k_t, _LONGEST_SAMPLE)
+        self._delay = np.repeat([self.rotation_delay, self.position_delay], 3)
         self._displacement = np.repeat([MAX_ROTATION, MAX_POSITION], 3)
         self._wrench = np.repeat([k_t * MAX_POSITION, k_r * MAX_ROTATION], 3)  # wrenches name the force first
 
