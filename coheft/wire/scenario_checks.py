@@ -12,6 +12,7 @@ from coheft.errors import ScenarioError, one_line
 from coheft.estimation.measurement import SensorNoise
 from coheft.wire.arm_checks import check_arms
 from coheft.wire.message_size import LARGEST, largest_message
+from coheft.wire.motion_checks import check_motion
 from coheft.wire.payload_extent import check_load_places
 from coheft.wire.plugins import Kind, available, is_available
 from coheft.wire.scenario import Scenario
@@ -69,6 +70,7 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
             )
     check_noise(scenario, origin)
     check_carry(scenario, origin)
+    check_motion(scenario, origin)
     check_loads(scenario, origin)
     check_load_places(scenario, origin)
     check_arms(scenario, origin)
