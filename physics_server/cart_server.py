@@ -108,7 +108,7 @@ class CartServer:
             self._wait_for(self._scenario.blocks - 1)
         except CoheftError as error:
             reason = str(error)
-            self._problems.tell_observers(reason)
+            self._problems.tell_end(reason)
             raise
         finally:
             self._is_over = True

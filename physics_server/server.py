@@ -118,7 +118,7 @@ class Server:
             self._wait_for_last_answers()
         except CoheftError as error:
             self._failure = str(error)
-            self._problems.tell_observers(self._failure)
+            self._problems.tell_end(self._failure)
             raise
         except BaseException as error:  # told to end, or not foreseen
             self._failure = repr(error)

@@ -1,4 +1,4 @@
-"""What an observer takes for the status of a run, and what not."""
+"""What an observer takes for the status of a run, or for news of it, and what not."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.heard import check_status
+from coheft.app.heard import check_news, check_status
 from coheft.errors import MessageError
-from coheft.wire.messages import BoxShape
+from coheft.wire.messages import BoxShape, Problem
 from coheft.wire.requests import Status
 from tests.recording.runs import BEGIN
 from tests.synthetic_run import SCENE
@@ -51,3 +51,9 @@ def test_a_scene_that_cannot_be_is_refused(parts: dict[str, Any], complaint: str
 def test_the_estimator_in_use_is_one_of_those_that_there_are() -> None:
     with pytest.raises(MessageError, match="estimator"):
         check_status(msgspec.structs.replace(BEGIN, estimator="guess"))
+
+
+@pytest.mark.parametrize(("source", "is_end"), [("server", True), ("r1", False)])
+def test_only_the_server_says_that_a_run_ends(source: str, is_end: bool) -> None:
+    heard = check_news(source, Problem(source="server", text="all is\nover", is_end=True), SCENE)
+    assert heard == Problem(source=source, text="all is\\nover", is_end=is_end)

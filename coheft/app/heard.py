@@ -12,6 +12,7 @@ from coheft.estimation.measurement import SAMPLE_SIZE
 from coheft.estimation.spatial import Array
 from coheft.wire.codec import check_array, check_field
 from coheft.wire.messages import Estimate, Message, PayloadEstimate, PoseEstimate, Problem, Scene, Truth
+from coheft.wire.planes import SERVER
 from coheft.wire.requests import Status
 from coheft.wire.scenario import MAX_DURATION
 
@@ -39,7 +40,8 @@ def check_news(source: str, message: Message, scene: Scene) -> News | None:
             check_estimate(message, source, scene.robots)
             return message
         case Problem():
-            return Problem(source=source, text=one_line(message.text))
+            is_end = message.is_end and source == SERVER
+            return Problem(source=source, text=one_line(message.text), is_end=is_end)
     return None
 
 

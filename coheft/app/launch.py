@@ -58,7 +58,7 @@ def launch(
         with announced(folder, _run_file(plan, processes)):
             first = _wait_for_start(observer, processes, display)
             record = Record(first.scene, scenario.duration, with_history=with_history)
-            audience = Audience(record, display, followers)
+            audience = Audience(record, display, followers, is_told_end=False)
             for follower in followers:
                 follower.begin(first)
             again = Restarts(
@@ -88,18 +88,20 @@ class Audience:
         record: What the report is made of.
         display: What the terminal shows.
         followers: Everybody else.
+        is_told_end: Whether the display shows why a run broke off; who supervises it raises that as an error.
     """
 
     record: Record
     display: Display
     followers: Sequence[Follower] = ()
+    is_told_end: bool = True
 
     def collect(self, observer: Observer, seconds: float = _POLL) -> bool:
         """Take in what has come, show it, and say whether time went on."""
         before = self.record.time
         for news in observer.collect(self.record.scene, seconds):
             self.record.hear(news)
-            if isinstance(news, Problem):
+            if isinstance(news, Problem) and (self.is_told_end or not news.is_end):
                 self.display.problem(news)
             for follower in self.followers:
                 follower.hear(news)

@@ -244,10 +244,17 @@ class Estimate(Message, frozen=True):
 
 
 class Problem(Message, frozen=True):
-    """A process refused something and went on: who, and why."""
+    """A process refused something and went on, or the run ends: who, and why.
+
+    Attributes:
+        source: Whose words these are.
+        text: What is wrong.
+        is_end: The run ends with it; whoever supervises the run learns that from the process itself.
+    """
 
     source: str
     text: str
+    is_end: bool = False
 
 
 class PayloadTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

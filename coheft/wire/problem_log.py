@@ -44,8 +44,8 @@ class ProblemLog:
             self._untold = 0
         text = one_line(text)  # it may quote what a stranger has sent
         print(text, file=sys.stderr, flush=True)
-        self.tell_observers(text)
-
-    def tell_observers(self, text: str) -> None:
-        """Say it to observers only: the log has it otherwise."""
         self._sender.send(Problem(source=self._source, text=text))
+
+    def tell_end(self, text: str) -> None:
+        """Say to observers why the run ends: the log has it otherwise."""
+        self._sender.send(Problem(source=self._source, text=text, is_end=True))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from io import StringIO
 from pathlib import Path
 
 import msgspec
@@ -51,8 +52,10 @@ def test_a_server_that_fails_and_ends_after_its_agents_ends_the_run_with_an_erro
     use_server("tests.integration.slow_to_end_server")
     scenario = parse_scenario(TURNED_OVER, "turned.toml")
     expected = r"the robots have lost the payload(?s:.)*\nThe run is over, because server ended with status 1\.$"
+    shown = StringIO()
     with pytest.raises(ProcessError, match=expected):
-        launch(make_plan(scenario), tmp_path, make_display(Console(), quiet=True))
+        launch(make_plan(scenario), tmp_path, make_display(Console(file=shown)))
+    assert "have lost the payload" not in shown.getvalue(), "the error says it"
 
 
 def test_so_does_the_server_of_a_cart(use_server: Callable[[str], None], tmp_path: Path) -> None:

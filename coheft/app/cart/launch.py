@@ -108,7 +108,7 @@ def _collect(inbox: Inbox, run: CartRun, on_problem: Callable[[str], object], se
                 run.truths.append(truth)
             case Received(name, CartEstimate() as estimate):
                 run.estimates[name].append(estimate)
-            case Received(_, Problem() as problem):
+            case Received(_, Problem(is_end=False) as problem):  # why the run ends the supervisor says itself
                 on_problem(f"{problem.source}: {problem.text}")
             case Refused(source, error):
                 on_problem(f"{source}: {error}")
