@@ -16,6 +16,7 @@ import msgspec
 from msgspec import inspect as types
 
 from coheft.wire.scenario import Scenario
+from coheft.wire.section import NAME_IN_WORDS
 
 PAGE = Path(__file__).with_name("scenarios.md")
 
@@ -106,8 +107,8 @@ def _value(kind: types.Type) -> str:
             return f"whole number{_range(kind)}"
         case types.BoolType():
             return "`true` or `false`"
-        case types.StrType(pattern=str() as pattern):
-            return f"text like `{pattern.removesuffix(chr(92) + 'Z')}$`"
+        case types.StrType(pattern=str()):
+            return NAME_IN_WORDS
         case types.StrType():
             return "text"
         case types.LiteralType():

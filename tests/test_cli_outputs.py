@@ -58,18 +58,18 @@ def refused(line: str, complaint: str, capfd: pytest.CaptureFixture[str], place:
 @pytest.mark.parametrize(
     ("line", "complaint"),
     [
-        ("run ring3 --json folder", "for --json. expected a file; found the folder 'folder'"),
-        ("run ring3 --json ''", "for --json. expected a file, or - for standard output; found ''"),
+        ("run ring3 --json folder", "--json: expected a file; found the folder 'folder'"),
+        ("run ring3 --json ''", "--json: expected a file, or - for standard output; found ''"),
         ("run ring3 --report ''", "--report: expected the name of a file or folder; found ''"),
-        ("run ring3 --report file", "for --report. expected a folder; found the file 'file'"),
-        ("run ring3 --report file/below", "for --report. may not write into 'file/below'"),
-        ("run ring3 --save-data folder.npz", "for --save-data. expected a file; found the folder 'folder.npz'"),
-        ("run ring3 --save-data file", "for --save-data. expected a folder; found the file 'file'"),
+        ("run ring3 --report file", "--report: expected a folder; found the file 'file'"),
+        ("run ring3 --report file/below", "--report: may not write into 'file/below'"),
+        ("run ring3 --save-data folder.npz", "--save-data: expected a file; found the folder 'folder.npz'"),
+        ("run ring3 --save-data file", "--save-data: expected a folder; found the file 'file'"),
         (
             "run ring3 --save-data x.csv",
             "expected a file that ends with .npz, or a folder, without suffix; found 'x.csv'",
         ),
-        ("run ring3 --save-data foreign", 'Invalid value "foreign" for --save-data. found files there that are of no'),
+        ("run ring3 --save-data foreign", "--save-data: found files there that are of no"),
         ("run ring3 --json x.npz --save-data ./x.npz", "--json and --save-data both name 'x.npz'"),
         ("run ring3 --report folder --save-data folder", "--report and --save-data both name 'folder'"),
         (
@@ -77,29 +77,29 @@ def refused(line: str, complaint: str, capfd: pytest.CaptureFixture[str], place:
             "--history adds to the report, but none was asked for: add --json FILE or --report DIR",
         ),
         ("run ring3 --keys nokeys", "--keys: there is no folder 'nokeys'"),
-        ("faults --table none/x.md", "for --table. there is no folder 'none'"),
-        ("faults --table folder", "for --table. expected a file; found the folder 'folder'"),
-        ("faults --kept none/x", "for --kept. there is no folder 'none'"),
+        ("faults --table none/x.md", "--table: there is no folder 'none'"),
+        ("faults --table folder", "--table: expected a file; found the folder 'folder'"),
+        ("faults --kept none/x", "--kept: there is no folder 'none'"),
         ("faults --table x --kept x", "--table and --kept both name 'x'"),
         ("faults --mutant foo", "there is no mutant 'foo': there are half-done-sum"),
         ("faults --shrink", "--shrink simplifies one schedule: say which with --replay SEED"),
         ("faults --replay 3 --json x.json", "--json is for a campaign, but --replay runs one schedule only"),
         ("faults --replay 3 --seeds 5", "--seeds is for a campaign"),
-        ("cart --figures file", "for --figures. expected a folder; found the file 'file'"),
+        ("cart --figures file", "--figures: expected a folder; found the file 'file'"),
         ("cart --test 1 --all", "--all runs all tests of Table I, --test 1 only one"),
         ("cart --processes --jobs 2", "--jobs is for runs side by side, but with --processes"),
         ("cart --json x --figures x", "--json and --figures both name 'x'"),
-        ("study --report file", "for --report. expected a folder; found the file 'file'"),
+        ("study --report file", "--report: expected a folder; found the file 'file'"),
         ("study --json x --report x", "--json and --report both name 'x'"),
         ("identify folder --json x --report x", "--json and --report both name 'x'"),
-        ("mocobots --markdown folder", "for --markdown. expected a file; found the folder 'folder'"),
+        ("mocobots --markdown folder", "--markdown: expected a file; found the folder 'folder'"),
         ("mocobots --json x --markdown x", "--json and --markdown both name 'x'"),
         ("run mine.toml --json ./mine.toml", "--json names './mine.toml', which is read: give it a place of its own"),
         ("study mine.toml --json mine.toml", "--json names 'mine.toml', which is read"),
         ("identify file --force-scale 0.1", "bounds are of errors that --calibrate estimates: add it"),
         ("identify file --json file", "--json names 'file', which is read"),
         ("identify samples --json samples/r1.csv", "--json names 'samples/r1.csv', which is read"),
-        ("recover r.mcap --output folder", "for --output. expected a file; found the folder 'folder'"),
+        ("recover r.mcap --output folder", "--output: expected a file; found the folder 'folder'"),
         ("run --seed 1.9", "--seed: expected a whole number; found '1.9'"),
         ("run --sensor-rate 1000.5", "--sensor-rate: expected a whole number; found '1000.5'"),
         ("cart --test 1.5", "--test: expected a whole number; found '1.5'"),
@@ -119,7 +119,7 @@ def test_what_cannot_be_is_refused_before_anything_is_run(
 @pytest.mark.parametrize("option", ["--json", "--report", "--save-data", "--record"])
 def test_folders_that_take_no_files_are_found_out(option: str, capfd: pytest.CaptureFixture[str], place: Path) -> None:
     suffix = {"--json": ".json", "--save-data": ".npz", "--record": ".mcap"}.get(option, "")
-    refused(f"run ring3 {option} /proc/x{suffix}", f"for {option}. may not write", capfd, place)
+    refused(f"run ring3 {option} /proc/x{suffix}", f"{option}: may not write", capfd, place)
 
 
 @pytest.mark.parametrize("command", ["cart --figures", "study --report"])

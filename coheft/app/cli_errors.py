@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import sys
 import textwrap
 
 import cyclopts
 
-_KINDS = {int: "a whole number", float: "a number", bool: "nothing, or true or false"}
+from coheft.wire.expected import KINDS, expected_number
+
+_KINDS = {int: KINDS["int"], float: KINDS["float"], bool: "nothing, or true or false"}
 
 
 def explain_usage(error: cyclopts.CycloptsError) -> str:
@@ -21,7 +24,7 @@ def explain_usage(error: cyclopts.CycloptsError) -> str:
 def _what(error: cyclopts.CycloptsError, command: str) -> str:
     match error:
         case cyclopts.UnknownCommandError():
-            return str(error).partition(" Available commands:")[0]
+            return str(error).partition(" Available commands:")[0].replace('"', "'")
         case cyclopts.UnusedCliTokensError():
             return f"'{command}' does not know what to do with {' '.join(error.unused_tokens or [])!r}"
         case cyclopts.MissingArgumentError(argument=cyclopts.Argument() as argument):
@@ -35,7 +38,18 @@ def _what(error: cyclopts.CycloptsError, command: str) -> str:
             expected = _KINDS.get(error.target_type) if isinstance(error.target_type, type) else None
             if expected is not None:
                 return f"{_name(argument)}: expected {expected}; found {token.value!r}"
-    return str(error)
+        case cyclopts.ValidationError(argument=cyclopts.Argument() as argument):
+            return f"{_name(argument)}: {_complaint(error, argument)}"
+    return str(error).replace('"', "'")
+
+
+def _complaint(error: cyclopts.ValidationError, argument: cyclopts.Argument) -> str:
+    """What a validator says; those of ranges of numbers say it their own way."""
+    match = re.fullmatch(r"Must be (<=?|>=?) (.*)\.", error.exception_message)
+    if match is None:
+        return error.exception_message
+    found = argument.tokens[0].value
+    return f"{expected_number(type(argument.value).__name__, match[1], match[2])}; found {found}"
 
 
 def _name(argument: cyclopts.Argument) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import msgspec
@@ -9,9 +10,11 @@ import msgspec
 from coheft.errors import ScenarioError
 from coheft.wire.scenario import LoadChange, Scenario
 from coheft.wire.scenario_checks import check_changes_come, check_scenario
-from coheft.wire.scenario_file import explain
+from coheft.wire.scenario_errors import explain
 
 _ORIGIN = "command line"
+_OPTIONS = {"duration": "duration", "seed": "seed", "estimator": "estimator", "sensors.rate": "sensor-rate"}
+"""By the keys of a scenario that they change."""
 _CHANGE_KEYS = {"t": "at", "mass": "mass", "at": "position", "size": "size", "leak": "leak", "remove": "remove"}
 _CHANGE_EXAMPLE = "--change t=20,mass=3,at=0.4,0.3,0.1"
 
@@ -47,12 +50,29 @@ def override(
         table["load_changes"] = [msgspec.to_builtins(_parse_change(text)) for text in changes]
     try:
         changed = msgspec.convert(table, Scenario)
+        check_scenario(changed, _ORIGIN)
+        if changes:  # of the scenario's own, a shorter run may leave some out
+            check_changes_come(changed, _ORIGIN)
     except msgspec.ValidationError as error:
-        raise ScenarioError(f"{_ORIGIN}: {explain(error, table)}") from error
-    check_scenario(changed, _ORIGIN)
-    if changes:  # of the scenario's own, a shorter run may leave some out
-        check_changes_come(changed, _ORIGIN)
+        raise ScenarioError(_by_options(f"{_ORIGIN}: {explain(error, table)}", changes)) from error
+    except ScenarioError as error:
+        raise ScenarioError(_by_options(str(error), changes)) from error
     return changed
+
+
+def _by_options(text: str, changes: Sequence[str]) -> str:
+    """An error with the option in place of the key that it changes."""
+    match = re.match(rf"{_ORIGIN}: key '(\w+(?:\.\w+)?)(?:\[(\d+)\](?:\.(\w+))?)?': ", text)
+    if match is None:
+        return text
+    key, index, part = match.groups()
+    rest = text[match.end() :]
+    if key in _OPTIONS:
+        return f"--{_OPTIONS[key]}: {rest}"
+    if key != "load_changes" or index is None or not changes:
+        return text
+    names = {theirs: ours for ours, theirs in _CHANGE_KEYS.items()}
+    return f"--change {changes[int(index)]}: {f'key {names[part]!r}: ' if part is not None else ''}{rest}"
 
 
 def _parse_change(text: str) -> LoadChange:
@@ -91,7 +111,7 @@ def _parse_change(text: str) -> LoadChange:
         return msgspec.convert(change, LoadChange)
     except msgspec.ValidationError as error:
         # The scenario's key for the time, 'at', is the command line's for the position.
-        raise _change_error(text, explain(error, change).replace("key 'at'", "key 't'")) from error
+        raise _change_error(text, explain(error, change, LoadChange).replace("key 'at'", "key 't'")) from error
 
 
 def _change_error(text: str, what: str) -> ScenarioError:
