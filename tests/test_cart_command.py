@@ -95,9 +95,17 @@ def test_what_is_worse_than_it_should_be_is_told(report: CartReport, words: list
 
 def test_the_table_shows_the_worst_run_of_each_test() -> None:
     reports = [GOOD, changed(seed=2, mass_error_kg=-0.03), changed(learns=False, largest_tracking_error_m=0.27)]
-    assert rows(reports) == [("1", "0.030", "(d_x not known)", "1.2", "27")]
-    assert markdown(reports).splitlines()[-1] == "| 1 | 0.030 | (d_x not known) | 1.2 | 27 |"
-    assert sentences(reports) == ["0 of 2 runs diverged."]
+    assert rows(reports) == [("1", "0.030", "not known along the cart", "1.2", "27")]
+    assert markdown(reports).splitlines()[-1] == "| 1 | 0.030 | not known along the cart | 1.2 | 27 |"
+    assert sentences(reports) == [
+        "Where the centre of mass is along the cart only curves show; across it, speeding up or slowing down.",
+        "0 of 2 runs diverged.",
+    ]
+
+
+def test_what_is_known_in_some_runs_only_is_said_beside_the_worst_of_these() -> None:
+    known, unknown = changed(com_known=True, com_error_mm=0.25), changed(seed=2, not_known=["mass", "d_y", "d_x"])
+    assert rows([known, unknown])[0][2] == "0.2 not known along and across the cart"
 
 
 def test_table_one_is_the_papers() -> None:

@@ -73,7 +73,6 @@ def cart(
         Show nothing but errors.
     """
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from coheft.app.cart.campaign import Case, run_cases, usual_jobs
     from coheft.app.cart.figures import draw
@@ -83,6 +82,8 @@ def cart(
     from coheft.app.cart.table_one import TESTS
     from coheft.app.cart.terminal import print_study
     from coheft.app.figures import make_folder
+    from coheft.app.new_folder import gone_if_broken_off
+    from coheft.app.progress import show_progress
     from coheft.app.report import write_report
 
     if all_tests and test is not None:
@@ -90,8 +91,6 @@ def cart(
     if processes and jobs is not None:
         raise UsageError("--jobs is for runs side by side, but with --processes they come one after the other")
     check_outputs(json=json, figures=figures)
-    if figures is not None:
-        make_folder(figures)
     chosen = TESTS if all_tests or test is None else (test,)
     cases = [
         Case(number, seed, pushers=pushers, friction_guess=friction_guess)
@@ -100,16 +99,16 @@ def cart(
     ]
     cases += [Case(number, first_seed, learns=False, friction_guess=friction_guess) for number in chosen]
     console = Console(stderr=json == "-")
-    columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, disable=quiet) as progress:
-        bar = progress.add_task("runs", total=len(cases))
+    with gone_if_broken_off(figures), show_progress(console, "runs", len(cases), quiet=quiet) as told:
+        if figures is not None:
+            make_folder(figures)
         outcomes = run_cases(
             cases,
             jobs=1 if processes else jobs or min(len(cases), usual_jobs()),
-            run=partial(run_in_processes, make_folder=Logs().make_folder, on_problem=progress.console.print)
+            run=partial(run_in_processes, make_folder=Logs().make_folder, on_problem=console.print)
             if processes
             else run_in_process,
-            on_progress=lambda done: progress.update(bar, completed=done),
+            on_progress=lambda done: told(done, ""),
         )
     reports = [outcome.report for outcome in outcomes]
     study = CartStudy(reports, missed(reports))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import count
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -46,19 +47,19 @@ def mocobots(
         Show nothing but errors.
     """
     from rich.console import Console
-    from rich.progress import Progress
 
     from coheft.app.mocobots.campaign import experiments_in, run_campaign
     from coheft.app.mocobots.tables import markdown as tables
     from coheft.app.mocobots.tables import worse_than_paper
+    from coheft.app.progress import show_progress
     from coheft.app.report import write_report
 
     check_outputs(json=json, markdown=markdown)
     chosen = sorted(set(configurations))
     console = Console(stderr=json == "-")
-    with Progress(console=console, disable=quiet) as progress:
-        bar = progress.add_task("experiments", total=experiments_in(chosen, experiments))
-        found = run_campaign(chosen, range(first, first + experiments), jobs, lambda: progress.advance(bar))
+    done = count(1)
+    with show_progress(console, "experiments", experiments_in(chosen, experiments), quiet=quiet) as told:
+        found = run_campaign(chosen, range(first, first + experiments), jobs, lambda: told(next(done), ""))
     text = tables(found)
     if not quiet:
         console.print(text, markup=False, soft_wrap=True)

@@ -92,16 +92,10 @@ def study(
         Show nothing but errors.
     """
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
     from coheft.app.figures import make_folder
+    from coheft.app.new_folder import gone_if_broken_off
+    from coheft.app.progress import show_progress
     from coheft.app.report import write_report
     from coheft.app.study.campaign import make_plan, run_study
     from coheft.app.study.output import print_study, write_folder
@@ -119,15 +113,11 @@ def study(
     if jobs is not None and dask is not None:
         raise UsageError("--jobs is for processes on this machine, but --dask leaves all to workers: leave one out")
     check_outputs(scenario_path(scenario), json=json, report=report)
-    if report is not None:
-        make_folder(report)
     console = Console(stderr=json == "-")
-    columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=quiet) as progress:
-        bar = progress.add_task("runs", total=plan.runs)
-        found, trials = run_study(
-            plan, jobs=jobs, dask=dask, on_progress=lambda done: progress.update(bar, completed=done)
-        )
+    with gone_if_broken_off(report), show_progress(console, "runs", plan.runs, quiet=quiet) as told:
+        if report is not None:
+            make_folder(report)
+        found, trials = run_study(plan, jobs=jobs, dask=dask, on_progress=lambda done: told(done, ""))
     if not quiet:
         print_study(console, found)
     try:

@@ -11,19 +11,21 @@ from coheft.app.cart.table_one import TESTS
 
 HEADER = (
     "test",
-    "mass at 10 s, kg",
-    "CoM at 30 s, mm",
-    "path after 5 s, cm",
-    "without, cm",
+    "mass off after 10 s, kg",
+    "centre of mass off after 30 s, mm",
+    "cart off its path after 5 s, cm",
+    "the same without learning, cm",
 )
 CLAIMS = (
-    "paper",
+    "paper says",
     "converged",
-    "smaller, not converged",
+    "smaller than at first",
     "below 3",
     "above 20",
 )
 """What Aguilera et al. say of their simulations in words; they print no numbers per test."""
+_SIDES = {"d_x": "along", "d_y": "across"}
+"""The cart, by the names of the coordinates of the centre of mass."""
 
 MASS_LIMIT, NOISY_MASS_LIMIT, COM_LIMIT = 0.1, 0.3, 10.0
 TRACKING_LIMIT, WITHOUT_LIMIT = 0.03, 0.20
@@ -80,8 +82,8 @@ def rows(reports: Sequence[CartReport]) -> list[tuple[str, ...]]:
         unknown = [report for report in learned if not report.com_known]
         com = f"{max(known):.1f}" if known else ""
         if unknown:
-            told = sorted({name for report in unknown for name in report.not_known if name.startswith("d_")})
-            com += f"{' ' if com else ''}({', '.join(told)} not known)"
+            told = [side for name, side in _SIDES.items() if any(name in report.not_known for report in unknown)]
+            com += f"{' ' if com else ''}not known {' and '.join(told)} the cart"
         result.append(
             (
                 str(test),
@@ -107,6 +109,10 @@ def sentences(reports: Sequence[CartReport]) -> list[str]:
             f"{len(loads)} load changes: mass within 0.5 kg again after at most {max(times, default=0.0):.1f} s"
             + (f"; never in {late}" if late else "")
             + "."
+        )
+    if any(not report.com_known for report in learned):
+        found.append(
+            "Where the centre of mass is along the cart only curves show; across it, speeding up or slowing down."
         )
     diverged = sum(report.diverged for report in learned)
     found.append(f"{diverged} of {len(learned)} runs diverged.")

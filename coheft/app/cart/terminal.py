@@ -11,7 +11,7 @@ from coheft.app.cart.table import CLAIMS, HEADER, CartStudy, rows, sentences
 
 def print_study(console: Console, study: CartStudy) -> None:
     """Print a table with the worst run of each test, beside the paper's claims."""
-    title = "Errors with the estimator, and off the path without; the worst run of each test"
+    title = "Largest errors in all runs of a test: of pushers who learn, and of others who believe their first guess"
     table = Table(box=SIMPLE_HEAD, title=title, title_justify="left")
     for index, name in enumerate(HEADER):
         table.add_column(name, justify="left" if index == 0 else "right")

@@ -8,12 +8,12 @@ from contextlib import contextmanager
 import msgspec
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from coheft.app.faults.schedule import FaultSchedule
 from coheft.app.faults.summary import CampaignSummary
 from coheft.app.faults.trial import Outcome
+from coheft.app.progress import show_progress
 
 _SHOWN = 10
 """So many of the schedules that failed are shown."""
@@ -21,16 +21,15 @@ _SHOWN = 10
 
 @contextmanager
 def campaign_progress(console: Console, schedules: int, *, quiet: bool) -> Iterator[Callable[[Outcome], None]]:
-    """A bar, while a campaign runs; what is yielded has to be told every outcome."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, disable=quiet) as progress:
-        bar = progress.add_task("0 failed", total=schedules)
-        failed = 0
+    """Show how far a campaign has come; what is yielded has to be told every outcome."""
+    with show_progress(console, "schedules", schedules, quiet=quiet) as told:
+        done, failed = 0, 0
 
         def on_outcome(outcome: Outcome) -> None:
-            nonlocal failed
+            nonlocal done, failed
+            done += 1
             failed += bool(outcome.violations)
-            progress.update(bar, advance=1, description=f"{failed} failed")
+            told(done, f"{failed} failed")
 
         yield on_outcome
 

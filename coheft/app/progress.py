@@ -1,0 +1,53 @@
+"""How far a command with many runs has come: a bar on a terminal, lines elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+_LINES = 10
+"""So many are written at most where there is no terminal."""
+
+
+@contextmanager
+def show_progress(console: Console, what: str, total: int, *, quiet: bool) -> Iterator[Callable[[int, str], None]]:
+    """Show progress while the context lasts.
+
+    Args:
+        console: Where.
+        what: Is counted.
+        total: Their number.
+        quiet: Whether to show nothing.
+
+    Yields:
+        What has to be told how many are done, and what else to say of them, perhaps nothing.
+    """
+    if quiet:
+        yield lambda done, remark: None
+    elif console.is_terminal:
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        with Progress(*columns, TimeRemainingColumn(), console=console) as progress:
+            bar = progress.add_task(what, total=total)
+            yield lambda done, remark: progress.update(bar, completed=done, description=remark or what)
+    else:
+        yield _Lines(console, what, total)
+
+
+class _Lines:
+    """Writes a line whenever another tenth is done."""
+
+    def __init__(self, console: Console, what: str, total: int) -> None:
+        self._console = console
+        self._what = what
+        self._total = total
+        self._written = 0
+
+    def __call__(self, done: int, remark: str) -> None:
+        tenths = done * _LINES // self._total
+        if tenths > self._written:
+            self._written = tenths
+            text = f"{done} of {self._total} {self._what}{', ' * bool(remark)}{remark}"
+            self._console.print(text, markup=False, highlight=False, soft_wrap=True)

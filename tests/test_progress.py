@@ -1,0 +1,44 @@
+"""How far a command with many runs has come is shown, on a terminal or elsewhere."""
+
+from __future__ import annotations
+
+from io import StringIO
+
+import pytest
+from rich.console import Console
+
+from coheft.app.progress import show_progress
+
+
+def shown(total: int, *, terminal: bool = False, quiet: bool = False) -> str:
+    """What is shown while all is done, one after the other."""
+    out = StringIO()
+    console = Console(file=out, force_terminal=terminal, width=80)
+    with show_progress(console, "runs", total, quiet=quiet) as told:
+        for done in range(1, total + 1):
+            told(done, "0 failed" if done == total else "")
+    return out.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("total", "lines"),
+    [
+        (1, ["1 of 1 runs, 0 failed"]),
+        (3, ["1 of 3 runs", "2 of 3 runs", "3 of 3 runs, 0 failed"]),
+        (1000, [f"{100 * tenth} of 1000 runs" for tenth in range(1, 10)] + ["1000 of 1000 runs, 0 failed"]),
+    ],
+)
+def test_where_there_is_no_terminal_a_tenth_is_a_line(total: int, lines: list[str]) -> None:
+    assert shown(total).splitlines() == lines
+
+
+def test_on_a_terminal_there_is_a_bar() -> None:
+    text = shown(12, terminal=True)
+    assert "12/12" in text
+    assert "0 failed" in text
+    assert "of 12 runs" not in text
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_quiet_is_quiet(terminal: bool) -> None:
+    assert shown(12, terminal=terminal, quiet=True) == ""
