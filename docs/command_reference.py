@@ -29,6 +29,7 @@ The same for all commands; but `coheft view` ends with 0 after Ctrl-C, which is 
 
 - **Terminal.** A live display that fits 80 columns; errors are one sentence, without a traceback, on standard error.
 - **No terminal** (a pipe, a file, a log): plain lines, without colours and without drawing anything twice.
+- Files: `coheft run` ends with a line for each that it has written.
 - `NO_COLOR=1`: no colours.
 - `--quiet`: nothing but errors. The exit status says how it went.
 - `--json FILE`: the results for programs; with `--json -` standard output has the JSON and nothing else, and all that

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_INTERRUPTED, EXIT_USAGE, run_command_line
 from coheft.app.report import Report, RunInfo, build_report
 from coheft.errors import CoheftError
 from coheft.wire.scenario_file import scenario_path
@@ -170,6 +170,43 @@ def test_a_report_that_cannot_be_written_takes_nothing_with_it(
     assert "What each robot found out about the payload" in said.out
     assert "Report: the page" in said.out
     assert "cannot write the report to" in said.err
+
+
+def test_where_things_were_written_is_said_at_the_end(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("coheft.app.launch.launch", lambda *_, **__: report())
+    arguments = ["run", "ring3", "--save-data", "new.npz", "--record", "new.mcap"]
+    data, recording = "Data: new.npz", "Recording: new.mcap"
+    assert run_command_line([*arguments, "--json", "file"]) == EXIT_CONVERGED
+    said = capfd.readouterr()
+    assert said.out.splitlines()[-3:] == ["Report for programs: file", data, recording]
+    assert run_command_line([*arguments, "--json", "-"]) == EXIT_CONVERGED
+    said = capfd.readouterr()
+    assert said.err.splitlines()[-2:] == [data, recording]
+    assert data not in said.out
+    assert "Report for programs" not in said.err
+    assert run_command_line([*arguments, "--json", "file", "--quiet"]) == EXIT_CONVERGED
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("command", ["run ring3 --report", "study ring3 --report", "cart --jobs 1 --figures"])
+def test_what_is_broken_off_leaves_no_empty_folder(command: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("jinja2")
+
+    def interrupted(*_: object, **__: object) -> None:
+        assert Path("some/new").is_dir()
+        raise KeyboardInterrupt
+
+    for name in ("launch.launch", "study.campaign.run_study", "cart.campaign.run_cases"):
+        monkeypatch.setattr(f"coheft.app.{name}", interrupted)
+    before = sorted(place.rglob("*"))
+    assert run_command_line([*command.split(), "some/new"]) == EXIT_INTERRUPTED
+    assert sorted(place.rglob("*")) == before
+    Path("some/new").mkdir(parents=True)
+    assert run_command_line([*command.split(), "some/new"]) == EXIT_INTERRUPTED
+    assert Path("some/new").is_dir()
 
 
 def test_a_campaign_whose_summary_cannot_be_written_tells_it(

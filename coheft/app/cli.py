@@ -118,6 +118,7 @@ def _start_by_hand(module: str, config: Path) -> int:
 __all__ = [
     "EXIT_CONVERGED",
     "EXIT_ERROR",
+    "EXIT_INTERRUPTED",
     "EXIT_USAGE",
     "app",
     "cli_cart",

@@ -112,6 +112,7 @@ def run(
         Where robots carry the load along a common path: whether they push with what they know of it.
     """
     from contextlib import ExitStack
+    from functools import partial
 
     from msgspec import structs
     from rich.console import Console
@@ -120,6 +121,7 @@ def run(
     from coheft.app.final_table import print_report
     from coheft.app.follower import Follower
     from coheft.app.launch import launch
+    from coheft.app.new_folder import gone_if_broken_off
     from coheft.app.overrides import override
     from coheft.app.plan import check_no_parts, make_plan, new_run_name
     from coheft.app.report import write_report
@@ -148,25 +150,27 @@ def run(
     check_outputs(scenario_path(scenario), json=json, report=report, save_data=save_data, record=record)
     if keys is not None and not keys.is_dir():
         raise UsageError(f"--keys: there is no folder {str(keys)!r}; 'coheft keys' makes one")
-    page = _report_page(report)
     places = _places(hosts, chosen)
     name = new_run_name()
     if write_configs is not None:
         check_no_parts(write_configs, chosen)
-    folder = write_configs if write_configs is not None else make_run_folder(name, logs)
-    if secure or keys is not None:
-        keys = _credentials(keys, folder, chosen, places)
-    clock: Clock = "realtime" if realtime or view else "lockstep"
-    plan = make_plan(chosen, clock, run=name, hosts=places, keys=keys, save_data=save_data)
-    if write_configs is not None:
-        for path in plan.write(write_configs):
-            print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")
-        return EXIT_CONVERGED
-    give_back_memory()
-    console = Console(stderr=json == "-")
-    display = make_display(console, quiet=quiet)
-    carried = _carry_record(chosen)
     with ExitStack() as stack:
+        stack.enter_context(gone_if_broken_off(report))
+        page = _report_page(report)
+        folder = write_configs if write_configs is not None else make_run_folder(name, logs)
+        if secure or keys is not None:
+            keys = _credentials(keys, folder, chosen, places)
+        clock: Clock = "realtime" if realtime or view else "lockstep"
+        plan = make_plan(chosen, clock, run=name, hosts=places, keys=keys, save_data=save_data)
+        if write_configs is not None:
+            for path in plan.write(write_configs):
+                print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")
+            return EXIT_CONVERGED
+        give_back_memory()
+        console = Console(stderr=json == "-")
+        display = make_display(console, quiet=quiet)
+        tell = partial(_tell, None if quiet else console)
+        carried = _carry_record(chosen)
         viewer = stack.enter_context(_view_beside(folder, console)) if view else None
         recorder = stack.enter_context(_recorder(record, chosen)) if record is not None else None
         broken_off = BrokenOff({"json": json, "report": report, "save_data": save_data, "record": record})
@@ -183,21 +187,27 @@ def run(
         try:
             if json is not None:
                 write_report(found, json)
+                tell("Report for programs", json)
         finally:  # if one of them cannot be written, the other may
             if page is not None:
-                written = page.write(chosen, clock, found)
-                if not quiet:
-                    console.print(f"Report: {written}", markup=False, highlight=False, soft_wrap=True)
+                tell("Report", page.write(chosen, clock, found))
+        if not broken_off.unsaved:
+            tell("Data", save_data)
         if viewer is not None and viewer.is_there:
-            if not quiet:
-                console.print(f"The view stays at {viewer.url} until Ctrl-C.")
+            tell("The view stays until Ctrl-C", viewer.url)
             viewer.wait()
         elif viewer is not None:
-            text = f"There was no view, or not until the run had ended; its log is {viewer.log}"
-            console.print(text, markup=False, highlight=False, soft_wrap=True)
+            _tell(console, "There was no view, or not until the run had ended; its log", viewer.log)
+    tell("Recording", record)
     if broken_off.unsaved:
         raise CoheftError(f"no data file was written: {broken_off.unsaved}")
     return EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED
+
+
+def _tell(console: Console | None, what: str, place: str | Path | None) -> None:
+    """Say where something is, if it is anywhere but on standard output."""
+    if console is not None and place is not None and place != "-":
+        console.print(f"{what}: {place}", markup=False, highlight=False, soft_wrap=True)
 
 
 def _report_page(folder: Path | None) -> ReportPage | None:
