@@ -113,7 +113,7 @@ class Simulation:
         self.model = build_model(scenario, grasps)
         self.data = mujoco.MjData(self.model)
         arms = TorqueArms if scenario.robots.arms == "seven-joint" else Arms
-        self._arms = arms(scenario, names, self.model)
+        self._arms = arms(scenario, names, grasps, self.model)
         self._settle()
         homes = [self.model.site(home_name(name)).id for name in names]
         self._home_rotations = self.data.site_xmat[homes].reshape(-1, 3, 3)
@@ -254,8 +254,9 @@ class Simulation:
         return tuple(problems)
 
     def _step(self, controls: Array) -> _Readings:
-        """Step the engine through one block, controls of shape (steps, 12 N)."""
+        """Step the engine through one block, controls of shape (steps, 6 N)."""
         model, data = self.model, self.data
+        data.qfrc_applied[:] = 0.0
         count, samples = len(self._names), self._scenario.sensors.block
         positions = np.empty((samples, _FREE_JOINT))
         kinematics = np.empty((samples, count * READINGS))
@@ -301,7 +302,8 @@ class Simulation:
         Raises:
             SimulationError: There is one.
         """
-        largest = np.abs(controls).reshape(len(controls), len(self._names), -1).max(axis=(0, 2))
+        springs = np.abs(controls).reshape(len(controls), len(self._names), 6).max(axis=(0, 2))
+        largest = np.maximum(springs, np.abs(self._arms.pushed).max(axis=1))
         if (largest < mujoco.mjMAXVAL).all():
             return
         bad = [name for name, value in zip(self._names, largest, strict=True) if not value < mujoco.mjMAXVAL]

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from coheft.errors import SimulationError
-from coheft.estimation.spatial import Array, rotation_log
+from coheft.estimation.spatial import Array, Pose, rotation_log
 from coheft.wire.scenario import Scenario
 from physics_server.arm_model import HOME_ANGLES, JOINTS, hand_name, joint_addresses
 from physics_server.impedance import Arms
@@ -31,8 +31,10 @@ class TorqueArms(Arms):
     The controller knows where the arms are as the integrator foresaw it in the last stage of its step.
     """
 
-    def __init__(self, scenario: Scenario, robots: Sequence[str], model: mujoco.MjModel) -> None:
-        super().__init__(scenario, robots, model)
+    def __init__(
+        self, scenario: Scenario, robots: Sequence[str], grasps: Sequence[Pose], model: mujoco.MjModel
+    ) -> None:
+        super().__init__(scenario, robots, grasps, model)
         self.read_size = 6 * len(robots)
         (k_t, k_r), (d_t, d_r) = scenario.robots.stiffness, scenario.robots.damping
         self._stiffness = np.repeat([k_t, k_r], 3)
@@ -48,7 +50,7 @@ class TorqueArms(Arms):
         """Let the robots take up the weight."""
         data.qpos[self._positions] = HOME_ANGLES
         mujoco.mj_forward(self._model, data)
-        at_home = np.zeros(self.controls_per_robot * len(self._hands))
+        at_home = np.zeros(6 * len(self._hands))
         for _ in range(steps):
             self.drive(data, at_home)
             mujoco.mj_step(self._model, data)
@@ -56,7 +58,7 @@ class TorqueArms(Arms):
     def drive(self, data: mujoco.MjData, control: Array) -> None:
         """Set the joints' torques for the next step; ``control`` is a row of ``controls``."""
         count = len(self._hands)
-        wanted, pushed = control.reshape(count, 2, 6).swapaxes(0, 1)
+        wanted = control.reshape(count, 6)
         for jacobian, hand in zip(self._jacobian, self._hands, strict=True):
             mujoco.mj_jacSite(self._model, data, jacobian[:3], jacobian[3:], hand)
         jacobians = np.take_along_axis(self._jacobian, self._velocities[:, None], axis=2)
@@ -69,7 +71,7 @@ class TorqueArms(Arms):
         velocity_at_home = np.einsum("nji,nkj->nki", homes, velocity.reshape(count, 2, 3)).reshape(count, 6)
         spring = self._stiffness * (wanted - np.hstack([offset, turn])) - self._damping * velocity_at_home
         in_world = np.einsum("nij,nkj->nki", homes, spring.reshape(count, 2, 3))
-        in_world += np.einsum("nij,nkj->nki", hands, pushed.reshape(count, 2, 3))
+        in_world += np.einsum("nij,nkj->nki", hands, self.pushed.reshape(count, 2, 3))
         posture = _POSTURE_STIFFNESS * (HOME_ANGLES - data.qpos[self._positions]) - _POSTURE_DAMPING * joint_rates
         # Without the part of the posture's torques that the hand would feel.
         felt = np.linalg.solve(
