@@ -16,7 +16,7 @@ from coheft.app.identify.methods import identify
 from coheft.app.inprocess import run_in_process
 from coheft.app.mocobots.campaign import errors_of, scenario_of
 from coheft.app.mocobots.record import record, record_sphere
-from coheft.errors import RecordingError
+from coheft.errors import RecordingError, UsageError
 from coheft.estimation.batch.holds import holds_of
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.recording import Recording
@@ -115,7 +115,7 @@ def test_who_ignores_calibration_errors_is_not_honest(miscalibrated: Recording) 
 
 
 def test_only_poses_tell_calibration_errors(miscalibrated: Recording) -> None:
-    with pytest.raises(RecordingError, match="by --method pose only, not by batch"):
+    with pytest.raises(UsageError, match="by --method pose only, not by batch"):
         identify(miscalibrated, "batch", Bounds())
 
 
@@ -166,7 +166,7 @@ def test_the_cutoff_is_that_of_the_filter(
 ) -> None:
     masses = [identify(miscalibrated, "batch", cutoff=cutoff).payload.inertia.mass for cutoff in (None, 5.0, 2.0)]
     assert masses[0] == masses[1] != masses[2]
-    with pytest.raises(RecordingError, match="--method likelihood has no filter: leave --cutoff out"):
+    with pytest.raises(UsageError, match="--method likelihood has no filter: leave --cutoff out"):
         identify(ring6[0], cutoff=2.0)
 
 

@@ -19,7 +19,7 @@ from coheft.app.cli_base import (
     check_outputs,
 )
 from coheft.app.identify.choices import Bounds, Method
-from coheft.errors import UsageError
+from coheft.errors import RecordingError, UsageError
 
 
 @app.command(group=EVALUATE)
@@ -39,6 +39,7 @@ def identify(
     """Find out from a recording where the robots held the load, and its mass, centre of mass and inertia.
 
     Exit status 0 if the motion shows everything, 3 if it does not: then the report says what it does not show.
+    What cannot be a recording of one load, as with forces of the wrong sign, is an error.
 
     Parameters
     ----------
@@ -68,6 +69,7 @@ def identify(
     from coheft.app.figures import make_folder
     from coheft.app.identify.folder import write_identification
     from coheft.app.identify.methods import identify as find
+    from coheft.app.identify.methods import part_of
     from coheft.app.identify.report import make_report
     from coheft.app.identify.tables import print_identification
     from coheft.app.report import write_report
@@ -78,12 +80,13 @@ def identify(
     files = recording.glob("*.csv") if recording.is_dir() else [recording]
     check_outputs(*files, json=json, report=report)
     recorded = read_recording(recording)
-    if from_ is not None or to is not None:
-        start = recorded.time[0] if from_ is None else from_
-        recorded = recorded.between(float(start), float(recorded.time[-1] if to is None else to))
-    if report is not None:
-        make_folder(report)
-    found = find(recorded, method, (bounds or Bounds()) if calibrate else None, cutoff)
+    try:
+        recorded = part_of(recorded, from_, to)
+        if report is not None:
+            make_folder(report)
+        found = find(recorded, method, (bounds or Bounds()) if calibrate else None, cutoff)
+    except RecordingError as error:
+        raise RecordingError(f"{recording}: {error}") from error
     result = make_report(str(recording), recorded, found)
     if not quiet:
         print_identification(Console(stderr=json == "-"), result)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from coheft.app.identify.choices import Bounds, Method
-from coheft.errors import RecordingError
+from coheft.errors import UsageError
 from coheft.estimation.batch.calibration import Tolerances
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import identify_batch, identify_with_instruments
@@ -22,6 +22,23 @@ def suitable(recording: Recording) -> Method:
     return "instruments"
 
 
+def part_of(recording: Recording, start: float | None, end: float | None) -> Recording:
+    """The samples from ``--from`` to ``--to`` [s]; None: all from the first, all to the last.
+
+    Raises:
+        UsageError: There are none, or a time is where nothing was recorded.
+    """
+    if start is not None and end is not None and start >= end:
+        raise UsageError(f"--from {start:g} is not before --to {end:g}: give the earlier time first")
+    time, step = recording.time, 1.5 / recording.rate
+    for option, given in (("--from", start), ("--to", end)):
+        if given is not None and not time[0] - step <= given <= time[-1] + step:
+            raise UsageError(f"{option} {given:g} is outside the recording, which is from {recording.span}")
+    if start is None and end is None:
+        return recording
+    return recording.between(float(time[0] if start is None else start), float(time[-1] if end is None else end))
+
+
 def identify(
     recording: Recording, method: Method | None = None, bounds: Bounds | None = None, cutoff: float | None = None
 ) -> Identification:
@@ -34,11 +51,12 @@ def identify(
         cutoff: Of the low-pass filter [Hz]; None: the method's own.
 
     Raises:
-        RecordingError: The recording does not hold what the method needs, or the method cannot do it.
+        RecordingError: The recording does not hold what the method needs.
+        UsageError: The method cannot do it.
     """
     method = method or suitable(recording)
     if bounds is not None and method != "pose":
-        raise RecordingError(f"calibration errors are estimated by --method pose only, not by {method}")
+        raise UsageError(f"calibration errors are estimated by --method pose only, not by {method}")
     if method == "batch":
         return identify_batch(recording, cutoff or PAPER_CUTOFF)
     if method == "instruments":
@@ -46,7 +64,7 @@ def identify(
     if method == "pose":
         return identify_poses(recording, None if bounds is None else _tolerances(bounds), cutoff or CUTOFF)
     if cutoff is not None:
-        raise RecordingError(f"--method {method} has no filter: leave --cutoff out, or choose another method")
+        raise UsageError(f"--method {method} has no filter: leave --cutoff out, or choose another method")
     return identify_sensors(recording)
 
 

@@ -19,8 +19,9 @@ from coheft.estimation.batch.payload import (
     make_payload,
     of_central_numbers,
 )
-from coheft.estimation.batch.recording import Recording, check_recording
-from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals, signals_of
+from coheft.estimation.batch.plausibility import plausible_signals
+from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals
 from coheft.estimation.inertia_derivatives import central_derivative
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.rigid_body import Inertia
@@ -37,7 +38,7 @@ def identify_batch(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Identi
     Raises:
         RecordingError: Something is missing; no two orientations were held still.
     """
-    signals = _moving(recording, cutoff)
+    signals = plausible_signals(recording, cutoff)
     team, loops = grasps_from_twists(signals, with_instruments=False)
     holds = holds_of(recording)
     wrench = _wrench(signals)
@@ -79,7 +80,7 @@ def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> I
     Raises:
         RecordingError: Something is missing.
     """
-    signals = _moving(recording, cutoff)
+    signals = plausible_signals(recording, cutoff)
     team, loops = grasps_from_twists(signals, with_instruments=True)
     fit = parameters_fit(signals, team.poses)
     by_poses = derivative_by_poses(lambda poses: parameters_fit(signals, poses).numbers, team.poses)
@@ -141,11 +142,6 @@ def _instrument(w: Array, i: int, j: int) -> Array:
     third = [k for k in range(len(w)) if k not in (i, j)] or [j]
     result: Array = np.mean([w[k] @ kabsch(w[i], w[k]).T for k in third], axis=0)
     return result
-
-
-def _moving(recording: Recording, cutoff: float) -> Signals:
-    check_recording(recording)
-    return signals_of(recording, cutoff)
 
 
 def _wrench(signals: Signals) -> Array:

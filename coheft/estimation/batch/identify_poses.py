@@ -24,7 +24,8 @@ from coheft.estimation.batch.hand_eye_equations import ERRORS, GRASP, position_s
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import at_first_grasp, centre_of, grasps_from_twists, parameters_fit
 from coheft.estimation.batch.payload import derivative_by_poses, make_payload, of_central_numbers
-from coheft.estimation.batch.recording import Recording, check_recording
+from coheft.estimation.batch.plausibility import plausible_signals
+from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, signals_of
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.inertia import INERTIA_SIZE
@@ -61,10 +62,10 @@ def identify_poses(
     Raises:
         RecordingError: Something is missing.
     """
-    check_recording(recording)
+    signals = plausible_signals(recording, cutoff)
     wrists = WristPoses.of(recording.stacked("pose"), recording.rate, at_home=tolerances is not None)
     recording.stacked("wrench")  # better refused before the long fit than after it
-    start, loops = grasps_from_twists(signals_of(recording, cutoff), with_instruments=True)
+    start, loops = grasps_from_twists(signals, with_instruments=True)
     grasps = fit_hand_eye(wrists.averaged(_POSES_PER_SECOND), start.poses, tolerances)
     if tolerances is None:
         found = _without_doubts(recording, grasps, cutoff)

@@ -73,7 +73,10 @@ def low_pass(samples: Array, rate: float, cutoff: float = PAPER_CUTOFF, axis: in
         raise RecordingError(f"{rate:g} samples per second cannot be filtered at {cutoff:g} Hz: choose less than half")
     shortest = int(np.ceil(3.0 * rate / cutoff))
     if samples.shape[axis] <= shortest:
-        raise RecordingError(f"found {samples.shape[axis]} samples, but the filter takes more than {shortest}")
+        raise RecordingError(
+            f"found {samples.shape[axis]} samples, but the filter takes more than {shortest}: record for longer, or "
+            f"choose a longer part with --from and --to"
+        )
     sections = butter(ORDER, cutoff, fs=rate, output="sos")
     result: Array = sosfiltfilt(sections, samples, axis=axis, padlen=shortest)
     return result
@@ -167,9 +170,14 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
     wrench = low_pass(recording.stacked("wrench"), rate, cutoff, axis=1)[:, inner] if recording.has("wrench") else None
     inner_time = (time >= recording.time[0] + EDGE) & (time <= recording.time[-1] - EDGE)
     # What is left has nothing above the cutoff: fewer samples say the same.
-    kept = np.flatnonzero(inner_time)[:: max(1, int(rate / (_OVERSAMPLING * cutoff)))]
+    every = max(1, int(rate / (_OVERSAMPLING * cutoff)))
+    kept = np.flatnonzero(inner_time)[::every]
     if len(kept) < _FEWEST:
-        raise RecordingError(f"found samples from {recording.span}, but {EDGE:g} s are dropped at both ends")
+        needed = 2.0 * EDGE + _FEWEST * every / rate
+        raise RecordingError(
+            f"found samples from {recording.span}, of which {EDGE:g} s are dropped at both ends: too few are left. "
+            f"Record at least {np.ceil(needed):g} s, or choose a longer part with --from and --to"
+        )
     return Signals(
         time=time[kept],
         w=w[:, kept],

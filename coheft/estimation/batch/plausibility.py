@@ -1,0 +1,133 @@
+"""What no load and no robots can have done: recordings in other units or orders than the ones that are expected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.errors import RecordingError
+from coheft.estimation.batch.jumps import check_jumps
+from coheft.estimation.batch.quaternion_order import check_quaternions
+from coheft.estimation.batch.recording import Recording, check_recording
+from coheft.estimation.batch.signals import Signals, signals_of
+from coheft.estimation.spatial import Array
+
+_FASTEST = 5.0
+"""Nobody carries a load faster than this for a tenth of the time [m/s]."""
+_SHARE = 0.9
+_STEP = 0.1
+"""Speeds are taken over so long [s]."""
+_LEAST_GRAVITY, _MOST_GRAVITY = 0.5, 2.0
+"""Accelerations are about that of gravity: between these shares of it, half of the time."""
+_OPPOSITE = 0.05
+"""Share of all forces by which their sum may point the wrong way: scales of sensors differ by less."""
+_STEADY = 0.3
+"""Share by which forces upwards vary, while a load is carried about."""
+
+
+def plausible_signals(recording: Recording, cutoff: float) -> Signals:
+    """Smooth signals of a recording that was checked: shapes, units, order and signs.
+
+    Raises:
+        RecordingError: Something cannot be, or is missing; says what it may be instead.
+    """
+    check_recording(recording)
+    check_units(recording)
+    check_jumps(recording)
+    if recording.has("pose"):
+        check_quaternions(recording, cutoff)
+    signals = signals_of(recording, cutoff)
+    if signals.wrench is not None:
+        check_weight(recording, signals.wrench, signals.a)
+    return signals
+
+
+def check_units(recording: Recording) -> None:
+    """Check that nothing moves faster than loads are carried, and that accelerations are about that of gravity.
+
+    Raises:
+        RecordingError: It does, or they are not.
+    """
+    steps = max(1, round(_STEP * recording.rate))
+    expected = float(np.linalg.norm(recording.gravity))
+    for name, robot in recording.robots.items():
+        if robot.pose is not None and len(robot.pose) > steps:
+            places = robot.pose[:, :3]
+            _check_speed("pose", name, (places[steps:] - places[:-steps]) * recording.rate / steps)
+        if robot.twist is not None:
+            _check_speed("twist", name, robot.twist[:, 3:])
+        if robot.acceleration is not None and expected > 0.0:
+            found = float(np.median(np.linalg.norm(robot.acceleration, axis=1)))
+            if not _LEAST_GRAVITY * expected <= found <= _MOST_GRAVITY * expected:
+                raise RecordingError(
+                    f"'acceleration' of {name} is {found:.3g} m/s² half of the time, expected about {expected:.3g}, "
+                    f"which is gravity: give what an accelerometer reads, acceleration minus gravity, in m/s²"
+                )
+
+
+def _check_speed(channel: str, name: str, velocities: Array) -> None:
+    found = float(np.quantile(np.linalg.norm(velocities, axis=1), _SHARE))
+    if found > _FASTEST:
+        raise RecordingError(
+            f"'{channel}' of {name} moves at {found:.3g} m/s, expected less than {_FASTEST:g} m/s: are its lengths in "
+            f"another unit, as millimetres? Give them in metres"
+        )
+
+
+def check_weight(recording: Recording, wrench: Array, acceleration: Array) -> None:
+    """Check that the forces on the load carry it: along what accelerometers read they add up to a mass.
+
+    Forces by which robots push against each other cancel, as upwards is the same for all.
+
+    Args:
+        recording: For words.
+        wrench: ``(f, t)`` of each robot in its own grasp frame, shape (N, n, 6).
+        acceleration: Proper acceleration of its origin, likewise, shape (N, n, 3).
+
+    Raises:
+        RecordingError: They do not, but pull it down, or are none.
+    """
+    strength = float(np.sqrt(np.mean(np.square(acceleration).sum(axis=-1))))
+    if strength == 0.0:
+        raise RecordingError("the load neither accelerates nor feels gravity, so nothing shows its mass")
+    force, moment = (_Lift.of(wrench[..., part], acceleration, strength) for part in (slice(0, 3), slice(3, 6)))
+    found = f"wrenches add up to {force.mean / strength:.3g} kg"
+    if moment.is_steady and not force.is_steady and moment.mean > abs(force.mean):
+        raise RecordingError(
+            f"{found}, but what is given as moments would be forces that carry {moment.mean / strength:.3g} kg: give "
+            f"the moment first, mx my mz fx fy fz"
+        )
+    if force.size == 0.0:
+        raise RecordingError(f"{found}: all forces are zero, so nothing shows the mass. Record the force of every hand")
+    if force.mean > -_OPPOSITE * force.size:
+        return
+    gravity = "accelerations must be what accelerometers read, acceleration minus gravity"
+    if not recording.has("acceleration"):
+        x, y, z = recording.gravity
+        gravity = f"gravity in the home frames, ({x:g}, {y:g}, {z:g}), must point down"
+    raise RecordingError(
+        f"{found}: they must be what the robots do to the load, not what it does to them. Turn their signs; or, if "
+        f"they are right, {gravity}"
+    )
+
+
+@dataclass(frozen=True)
+class _Lift:
+    """Sum of all robots' vectors along what accelerometers read, upwards: its mean, its spread, the sum of sizes."""
+
+    mean: float
+    spread: float
+    size: float
+
+    @staticmethod
+    def of(vectors: Array, acceleration: Array, strength: float) -> _Lift:
+        """From vectors and accelerations (N, n, 3), the latter of this root mean square."""
+        along = np.einsum("ikx,ikx->k", vectors, acceleration) / strength
+        size = np.sqrt(np.square(vectors).sum(axis=-1).mean(axis=1)).sum()
+        return _Lift(float(along.mean()), float(along.std()), float(size))
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether it carries always about the same, as forces on a load do."""
+        return self.mean > 0.0 and self.spread < _STEADY * self.mean
