@@ -13,6 +13,7 @@ from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_l
 from coheft.app.cli_base import EXIT_NOT_CONVERGED
 from coheft.app.identify.choices import Bounds, Method
 from coheft.app.identify.methods import identify
+from coheft.app.identify.report import make_report
 from coheft.app.inprocess import run_in_process
 from coheft.app.mocobots.campaign import errors_of, scenario_of
 from coheft.app.mocobots.record import record, record_sphere
@@ -110,8 +111,16 @@ def test_robots_worse_than_their_bounds_are_suspected(miscalibrated: Recording) 
         assert any(text.startswith(remark) for text in found.remarks) == beyond
 
 
-def test_who_ignores_calibration_errors_is_not_honest(miscalibrated: Recording) -> None:
-    assert not honest(miscalibrated, identify(miscalibrated, "pose"))
+def test_who_ignores_calibration_errors_is_not_honest_and_warned(
+    miscalibrated: Recording, vibrating: Recording
+) -> None:
+    found = identify(miscalibrated, "pose")
+    assert not honest(miscalibrated, found)
+    warnings = [remark for remark in make_report("d", miscalibrated, found).remarks if "fail to close by" in remark]
+    assert len(warnings) == 1
+    assert "Try --method pose --calibrate" in warnings[0]
+    well = make_report("b", vibrating, identify(vibrating, "instruments"))
+    assert not [remark for remark in well.remarks if "fail to close by" in remark]
 
 
 def test_only_poses_tell_calibration_errors(miscalibrated: Recording) -> None:
@@ -181,6 +190,8 @@ def test_a_load_that_changed_is_suspected() -> None:
     recording = record(msgspec.structs.replace(scenario, duration=6.0, load_changes=(change,)))
     assert "did the load change" in identify(recording).remarks[0]
     assert "did the load change" not in identify(recording.between(3.0, 6.0)).remarks[0]
+    assert any("no body that can exist" in doubt for doubt in identify(recording).doubts)
+    assert identify(recording.between(3.0, 6.0)).doubts == ()
 
 
 def test_a_load_that_hardly_moves_is_not_weighed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -38,8 +38,8 @@ def identify(
 ) -> int:
     """Find out from a recording where the robots held the load, and its mass, centre of mass and inertia.
 
-    Exit status 0 if the motion shows everything, 3 if it does not: then the report says what it does not show.
-    What cannot be a recording of one load, as with forces of the wrong sign, is an error.
+    Exit status 0 if the motion shows everything, 3 if it does not, or if something speaks against what it shows: then
+    the report says what. What cannot be a recording of one load, as with forces of the wrong sign, is an error.
 
     Parameters
     ----------
@@ -96,4 +96,4 @@ def identify(
     finally:  # if one of them cannot be written, the other may
         if report is not None:
             write_identification(report, recorded, found, result)
-    return EXIT_NOT_CONVERGED if result.not_observable else EXIT_CONVERGED
+    return EXIT_NOT_CONVERGED if result.not_observable or result.doubts else EXIT_CONVERGED

@@ -9,18 +9,21 @@ import numpy as np
 
 from coheft.estimation.batch.holds import orientations
 from coheft.estimation.batch.identification import Identification
-from coheft.estimation.batch.payload import PrincipalInertia
+from coheft.estimation.batch.payload import Payload, PrincipalInertia
 from coheft.estimation.batch.recording import Recording, Truth
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import rotation_log
 
+_LOOSE = 2.0
+"""Standard deviations by which loops of pairs may fail to close; noise makes one, or less where pairs share it."""
+
 
 class Errors(msgspec.Struct, frozen=True):
-    """Differences from a truth that the recording names; None where it does not.
+    """Differences from a truth that the recording names; None where it does not, or where nothing was found.
 
     Attributes:
-        rotation_deg: Of relative poses, by pair of robots.
+        rotation_deg: Of relative poses, by pair of robots, but for those that were not seen.
         position_mm: Likewise.
         mass_kg: Estimate minus truth.
         com_mm: Distance.
@@ -45,7 +48,7 @@ class PoseReport(msgspec.Struct, frozen=True):
 
 
 class PayloadReport(msgspec.Struct, frozen=True):
-    """Mass properties in the first robot's grasp frame.
+    """Mass properties in the first robot's grasp frame; None where the recording does not show them.
 
     Attributes:
         mass_kg: [kg].
@@ -58,25 +61,34 @@ class PayloadReport(msgspec.Struct, frozen=True):
         axes_deg: Rotation vector from the grasp frame to the principal axes.
         covariance: Of ``(m, h, J packed as xx yy zz xy xz yz)``.
         was_possible: False: what was solved for is no body that can exist; this is the most likely one that is.
+        deviations_off: How far what was solved for is from it, in its own standard deviations.
     """
 
-    mass_kg: float
-    mass_std_kg: float
-    com_m: list[float]
-    com_std_m: list[float]
-    inertia: list[list[float]]
-    principal: list[float]
-    principal_std: list[float]
-    axes_deg: list[float]
+    mass_kg: float | None
+    mass_std_kg: float | None
+    com_m: list[float] | None
+    com_std_m: list[float] | None
+    inertia: list[list[float]] | None
+    principal: list[float] | None
+    principal_std: list[float] | None
+    axes_deg: list[float] | None
     covariance: list[list[float]]
     was_possible: bool
+    deviations_off: float
 
 
 class LoopReport(msgspec.Struct, frozen=True):
-    """By how much a loop of three pairs did not close before all were fitted together."""
+    """By how much a loop of three pairs did not close before all were fitted together.
+
+    Attributes:
+        rotation_deg: About any axis.
+        position_mm: Distance.
+        deviations: Root mean square of both, in units of the pairs' standard deviations.
+    """
 
     rotation_deg: float
     position_mm: float
+    deviations: float
 
 
 class CalibrationReport(msgspec.Struct, frozen=True):
@@ -92,16 +104,24 @@ class CalibrationReport(msgspec.Struct, frozen=True):
 
 
 class IdentifyReport(msgspec.Struct, frozen=True):
-    """The report on a recording."""
+    """The report on a recording.
+
+    Attributes:
+        poses: By robot, but for the first; None where the recording does not show all of one.
+        not_observable: What the recording does not show, and what would show it.
+        doubts: What speaks against all of it: then no number is to be trusted.
+        remarks: What else should be known.
+    """
 
     recording: str
     method: str
     robots: list[str]
     from_s: float
     to_s: float
-    poses: dict[str, PoseReport]
+    poses: dict[str, PoseReport | None]
     payload: PayloadReport
     not_observable: list[str]
+    doubts: list[str]
     remarks: list[str]
     loops: list[LoopReport]
     holds_s: list[list[float]]
@@ -112,8 +132,6 @@ class IdentifyReport(msgspec.Struct, frozen=True):
 
 def make_report(source: str, recording: Recording, found: Identification) -> IdentifyReport:
     """Gather what was found."""
-    payload = found.payload
-    principal = PrincipalInertia.of(payload.inertia.tensor, payload.covariance[4:, 4:])
     holds = found.holds
     return IdentifyReport(
         recording=source,
@@ -122,22 +140,16 @@ def make_report(source: str, recording: Recording, found: Identification) -> Ide
         from_s=float(recording.time[0]),
         to_s=float(recording.time[-1]),
         poses={name: _pose(found, k) for k, name in enumerate(found.names) if k > 0},
-        payload=PayloadReport(
-            mass_kg=payload.inertia.mass,
-            mass_std_kg=float(payload.std[0]),
-            com_m=payload.inertia.com.tolist(),
-            com_std_m=payload.std[1:4].tolist(),
-            inertia=payload.inertia.tensor.tolist(),
-            principal=principal.moments.tolist(),
-            principal_std=principal.std.tolist(),
-            axes_deg=np.degrees(rotation_log(principal.axes)).tolist(),
-            covariance=payload.covariance.tolist(),
-            was_possible=payload.was_possible,
-        ),
+        payload=_payload(found.payload),
         not_observable=list(found.unseen),
-        remarks=list(found.remarks),
+        doubts=list(found.doubts),
+        remarks=[*_loose_loops(recording, found), *found.remarks],
         loops=[
-            LoopReport(float(np.degrees(np.linalg.norm(loop[:3]))), float(1e3 * np.linalg.norm(loop[3:])))
+            LoopReport(
+                rotation_deg=float(np.degrees(np.linalg.norm(loop.error[:3]))),
+                position_mm=float(1e3 * np.linalg.norm(loop.error[3:])),
+                deviations=loop.deviations,
+            )
             for loop in found.loops
         ],
         holds_s=[] if holds is None else [list(span) for span in holds.spans],
@@ -150,8 +162,40 @@ def make_report(source: str, recording: Recording, found: Identification) -> Ide
     )
 
 
-def _pose(found: Identification, robot: int) -> PoseReport:
+def _payload(payload: Payload) -> PayloadReport:
+    principal = PrincipalInertia.of(payload.inertia.tensor, payload.covariance[4:, 4:])
+    mass, com, inertia = (payload.is_seen(quantity) for quantity in ("mass", "centre of mass", "inertia"))
+    return PayloadReport(
+        mass_kg=payload.inertia.mass if mass else None,
+        mass_std_kg=float(payload.std[0]) if mass else None,
+        com_m=payload.inertia.com.tolist() if com else None,
+        com_std_m=payload.std[1:4].tolist() if com else None,
+        inertia=payload.inertia.tensor.tolist() if inertia else None,
+        principal=principal.moments.tolist() if inertia else None,
+        principal_std=principal.std.tolist() if inertia else None,
+        axes_deg=np.degrees(rotation_log(principal.axes)).tolist() if inertia else None,
+        covariance=payload.covariance.tolist(),
+        was_possible=payload.was_possible,
+        deviations_off=payload.deviations_off,
+    )
+
+
+def _loose_loops(recording: Recording, found: Identification) -> tuple[str, ...]:
+    """That pairs do not agree as well as their standard deviations say, in words."""
+    worst = max((loop.deviations for loop in found.loops), default=0.0)
+    if worst < _LOOSE or found.calibration:
+        return ()
+    remedy = "Try --method pose --calibrate" if recording.has("pose") else "Record poses, and try --calibrate"
+    return (
+        f"Pairs fail to close by {worst:.1f} of their standard deviations, so true errors are larger than these say: "
+        f"robots are not well calibrated, or their clocks differ. {remedy}.",
+    )
+
+
+def _pose(found: Identification, robot: int) -> PoseReport | None:
     relative = found.team.relative(0, robot)
+    if relative.unseen:
+        return None
     return PoseReport(
         rotation=relative.pose.rotation.tolist(),
         rotation_vector_deg=np.degrees(rotation_log(relative.pose.rotation)).tolist(),
@@ -165,12 +209,22 @@ def errors_of(recording: Recording, truth: Truth, found: Identification) -> Erro
     """Compare with the truth."""
     rotation, position = {}, {}
     for i, j in combinations(range(len(found.names)), 2):
+        if found.team.relative(i, j).unseen:
+            continue
         pair = f"{found.names[i]}-{found.names[j]}"
         rotation[pair], position[pair] = pose_errors(truth, found, i, j)
     load = truth.load_between(float(recording.time[0]), float(recording.time[-1]))
     if load is None:
         return Errors(rotation, position, None, None, None)
-    return Errors(rotation, position, *load_errors(found.payload.inertia, load))
+    mass, com, principal = load_errors(found.payload.inertia, load)
+    is_seen = found.payload.is_seen
+    return Errors(
+        rotation_deg=rotation,
+        position_mm=position,
+        mass_kg=mass if is_seen("mass") else None,
+        com_mm=com if is_seen("centre of mass") else None,
+        principal_pct=principal if is_seen("inertia") else None,
+    )
 
 
 def pose_errors(truth: Truth, found: Identification, i: int, j: int) -> tuple[float, float]:

@@ -22,13 +22,20 @@ def print_identification(console: Console, report: IdentifyReport) -> None:
     if report.loops:
         worst = max(report.loops, key=lambda loop: loop.position_mm)
         console.print(f"Pairs alone fail to close by up to {worst.rotation_deg:.3f}° and {worst.position_mm:.2f} mm.")
+    if report.errors is not None:
+        console.print("Errors are against the truth, which this recording names: it was simulated.")
     if report.holds_s:
         console.print(f"Held still {len(report.holds_s)} times, in {report.hold_orientations} orientations.")
     if report.calibration:
         console.print(_calibration(report))
-    if not report.payload.was_possible:
-        console.print("What was solved for is no body that can exist; this is the most likely one that is.")
-    for text in (*(f"Not observable: {what}" for what in report.not_observable), *report.remarks):
+    if not report.payload.was_possible and report.payload.inertia is not None and not report.doubts:
+        console.print(
+            f"What was solved for is no body that can exist; this is the most likely one that is, "
+            f"{report.payload.deviations_off:.1f} standard deviations away."
+        )
+    unseen = (f"Not observable: {what}" for what in report.not_observable)
+    doubts = (f"Do not trust these numbers: {what}" for what in report.doubts)
+    for text in (*unseen, *report.remarks, *doubts):
         console.print(text, markup=False)
 
 
@@ -41,7 +48,7 @@ def _poses(report: IdentifyReport) -> Table:
         table.add_column("error, deg")
         table.add_column("error, mm")
     for name, pose in report.poses.items():
-        if _is_unseen(report, f"pose of {name}"):
+        if pose is None:
             table.add_row(name, _UNSEEN)
             continue
         row = [
@@ -61,32 +68,31 @@ def _poses(report: IdentifyReport) -> Table:
 def _payload(report: IdentifyReport) -> Table:
     payload, errors = report.payload, report.errors
     table = Table("quantity", "estimate", "std", title="Load", title_justify="left")
-    moments = ["", "", ""]
     if errors is not None:
         table.add_column("error")
-        moments = [f"{error:.2f} %" for error in errors.principal_pct or []] or moments
+    mass_error, com_error, moments = (
+        (None, None, None) if errors is None else (errors.mass_kg, errors.com_mm, errors.principal_pct)
+    )
 
-    def add(quantity: str, label: str, *cells: str) -> None:
-        cells = (_UNSEEN,) if _is_unseen(report, quantity) else cells
-        table.add_row(label, *cells[: len(table.columns) - 1])
+    def add(label: str, value: str, std: str = "", error: str = "") -> None:
+        table.add_row(label, *((value, std, error) if value else (_UNSEEN,))[: len(table.columns) - 1])
 
-    mass_error, com_error = (None, None) if errors is None else (errors.mass_kg, errors.com_mm)
-    add("mass", "mass, kg", f"{payload.mass_kg:.4f}", f"{payload.mass_std_kg:.4f}", _text(mass_error, "kg", 4))
-    com, com_std = (" ".join(f"{x:.4f}" for x in numbers) for numbers in (payload.com_m, payload.com_std_m))
-    add("centre of mass", "centre of mass, m", com, com_std, _text(com_error, "mm", 2))
-    rows = zip(payload.principal, payload.principal_std, moments, strict=True)
-    for k, (value, std, error) in enumerate(rows, 1):
-        add("inertia", f"principal inertia {k}, kg·m²", f"{value:.4f}", f"{std:.4f}", error)
-    add("inertia", "principal axes, deg", " ".join(f"{x:.2f}" for x in payload.axes_deg), "", "")
+    add("mass, kg", _numbers(payload.mass_kg), _numbers(payload.mass_std_kg), _numbers(mass_error, 4, " kg"))
+    add("centre of mass, m", _numbers(payload.com_m), _numbers(payload.com_std_m), _numbers(com_error, 2, " mm"))
+    for k in range(3):
+        value, std, error = (
+            None if numbers is None else numbers[k] for numbers in (payload.principal, payload.principal_std, moments)
+        )
+        add(f"principal inertia {k + 1}, kg·m²", _numbers(value), _numbers(std), _numbers(error, 2, " %"))
+    add("principal axes, deg", _numbers(payload.axes_deg, 2))
     return table
 
 
-def _is_unseen(report: IdentifyReport, quantity: str) -> bool:
-    return any(what.startswith(quantity) for what in report.not_observable)
-
-
-def _text(error: float | None, unit: str, digits: int) -> str:
-    return "" if error is None else f"{error:.{digits}f} {unit}"
+def _numbers(values: float | list[float] | None, digits: int = 4, unit: str = "") -> str:
+    """Numbers in a cell; nothing if there are none."""
+    if values is None:
+        return ""
+    return " ".join(f"{value:.{digits}f}" for value in (values if isinstance(values, list) else [values])) + unit
 
 
 def _calibration(report: IdentifyReport) -> Table:

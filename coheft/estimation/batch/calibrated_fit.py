@@ -19,7 +19,8 @@ import numpy as np
 
 from coheft.estimation.batch.body import body_motions, regressor, total_wrench
 from coheft.estimation.batch.calibration import Tolerances
-from coheft.estimation.batch.inertia_fit import LinearFit, Prior, instrumental_fit, others
+from coheft.estimation.batch.inertia_fit import LinearFit, Prior, instrumental_fit, others, residual_variance
+from coheft.estimation.batch.payload import hidden_covariance
 from coheft.estimation.batch.signals import Signals
 from coheft.estimation.inertia import INERTIA_SIZE
 from coheft.estimation.spatial import Array, Pose
@@ -27,6 +28,8 @@ from coheft.estimation.spatial import Array, Pose
 _STEPS = 6
 _GRAVITY = INERTIA_SIZE
 _FORCES = INERTIA_SIZE + 1
+_LEARNED = 1e-3
+"""No calibration error is known better than to this share of what it was, whatever exact numbers say."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +109,8 @@ def fit_calibrated(
         fit = instrumental_fit(columns, output, others(columns), weight, signals.rate, Prior(mean, information))
         parameters = fit.solution[:INERTIA_SIZE]
         stretch += float(fit.solution[_GRAVITY])
-        used, weight = weight, _deserved_weight(fit.residual, signals.rate)
-    return _in_true_lengths(fit, stretch, count, used)
+        used, weight = weight, _deserved_weight(fit.residual, output, signals.rate)
+    return _in_true_lengths(fit, stretch, information, used)
 
 
 def _force_columns(wrenches: Array, rotations: Array, poses: Sequence[Pose]) -> Array:
@@ -124,9 +127,9 @@ def _force_columns(wrenches: Array, rotations: Array, poses: Sequence[Pose]) -> 
     return np.concatenate([contrasts, *offsets], axis=-1)
 
 
-def _deserved_weight(residual: Array, rate: float) -> Array:
+def _deserved_weight(residual: Array, output: Array, rate: float) -> Array:
     """Weights (6,) of samples that are correlated in time: as many samples as are independent count."""
-    variance = residual.var(axis=0)
+    variance = residual_variance(residual - residual.mean(axis=0), output)
     length = max(1, round(rate))
     blocks = residual[: len(residual) // length * length].reshape(-1, length, residual.shape[1])
     # A mean of independent samples has a variance smaller by their number.
@@ -140,8 +143,12 @@ def _power(scale: float) -> Array:
     return np.repeat([1.0 / scale, 1.0, scale], [1, 3, 6])
 
 
-def _in_true_lengths(fit: LinearFit, stretch: float, count: int, weight: Array) -> CalibratedFit:
-    scale = 1.0 / stretch
+def _in_true_lengths(fit: LinearFit, stretch: float, prior: Array, weight: Array) -> CalibratedFit:
+    """In true lengths, of a fit in measured ones; ``prior`` is the information on its unknowns before the data."""
+    scale, count = 1.0 / stretch, (len(prior) - _FORCES) // 4
+    least = np.zeros(len(prior))
+    least[INERTIA_SIZE:] = _LEARNED**2 / prior[INERTIA_SIZE:]
+    covariance = fit.covariance + hidden_covariance(fit.hidden, float(fit.solution[0])) + np.diag(least)
     power = _power(scale)
     parameters = power * fit.solution[:INERTIA_SIZE]
     derivative = np.eye(len(fit.solution))
@@ -154,7 +161,7 @@ def _in_true_lengths(fit: LinearFit, stretch: float, count: int, weight: Array) 
     derivative[:INERTIA_SIZE, _FORCES : _FORCES + count] = -parameters[:, None] / count
     return CalibratedFit(
         numbers=np.concatenate([parameters, [scale], fit.solution[_FORCES:]]),
-        covariance=derivative @ fit.covariance @ derivative.T,
+        covariance=derivative @ covariance @ derivative.T,
         residual=fit.residual,
         weight=weight,
     )

@@ -29,7 +29,7 @@ from coheft.estimation.batch.hand_eye_equations import (
     normal_equations,
     unknowns_of,
 )
-from coheft.estimation.batch.statistics import batch_scatter
+from coheft.estimation.batch.statistics import EXACT, batch_scatter
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.body_motion import perturbed
 from coheft.estimation.observability import Visibility
@@ -44,6 +44,10 @@ _SETTLED = 0.01
 """Relative change of the noise that is seen, when it counts as known."""
 _ANGLE_NOISE, _POSITION_NOISE = 1e-3, 1e-3
 """First guesses [rad, m]; the residuals tell better ones."""
+_FINEST = 1e-5
+"""Poses that fit better than this [rad, m] are weighted as if they did not: no weight is infinite."""
+_ROUNDING = 1e-12
+"""Share of the largest information below which there is none, only rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +58,7 @@ class HandEye:
         team: Grasp frames in the first one.
         errors: Of each robot's calibration, shape (N, 7).
         errors_std: Their standard deviations, shape (N, 7); where they are those of before, nothing was learned.
-        noise: Standard deviation of a sample's angles [rad] and positions [m].
+        noise: Standard deviation of a sample's angles [rad] and positions [m], 1e-5 at least.
         covariance: Of all unknowns of all robots, shape (19 N, 19 N).
     """
 
@@ -79,18 +83,19 @@ def fit_hand_eye(wrists: WristPoses, start: Sequence[Pose], tolerances: Toleranc
     noise = (_ANGLE_NOISE, _POSITION_NOISE)
     for _ in range(_STEPS):
         equations = normal_equations(wrists, guess, noise)
-        matrix = equations.matrix[np.ix_(free, free)] + np.diag(prior[free])
+        shown = _Shown.of(equations.matrix[np.ix_(free, free)], prior[free])
         step = np.zeros(count * UNKNOWNS)
-        step[free] = np.linalg.solve(matrix, (equations.scores.sum(axis=0) - prior * _flat(guess))[free])
+        step[free] = shown.step(equations.scores.sum(axis=0)[free], _flat(guess)[free])
         guess = _moved(guess, step, equations.load_score - equations.load_gain @ step)
-        settled = np.abs(np.log(np.divide(equations.noise, noise))).max() < _SETTLED
-        noise = equations.noise
+        found = np.maximum(equations.noise, _FINEST)
+        settled = np.abs(np.log(found / noise)).max() < _SETTLED
+        noise = (float(found[0]), float(found[1]))
         if settled and np.abs(step).max() < _CLOSE:
             break
-    inverse = np.linalg.inv(matrix)
-    scatter = batch_scatter(equations.scores[:, free], wrists.rate) + np.diag(prior[free])
     covariance = np.zeros((count * UNKNOWNS, count * UNKNOWNS))
-    covariance[np.ix_(free, free)] = inverse @ scatter @ inverse
+    covariance[np.ix_(free, free)] = shown.covariance(batch_scatter(equations.scores[:, free], wrists.rate))
+    poses = np.intersect1d(free, unknowns_of(count, slice(0, GRASP.stop)))
+    covariance[poses, poses] += EXACT**2
     spread = np.sqrt(np.diag(covariance)).reshape(count, UNKNOWNS)
     grasps = unknowns_of(count, GRASP)
     return HandEye(
@@ -100,6 +105,42 @@ def fit_hand_eye(wrists: WristPoses, start: Sequence[Pose], tolerances: Toleranc
         noise=noise,
         covariance=covariance,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """Information of the data, in directions in units of the prior's standard deviations.
+
+    Attributes:
+        values: Of the data's information, shape (u,); zero where it is rounding.
+        directions: As columns, in the unknowns' units, shape (u, u).
+        weights: Rows that take scores to these directions, zero where the data have no information, shape (u, u).
+    """
+
+    values: Array
+    directions: Array
+    weights: Array
+
+    @staticmethod
+    def of(information: Array, prior: Array) -> _Shown:
+        """From the data's information (u, u) and the prior's, (u,), which is positive."""
+        units = 1.0 / np.sqrt(prior)
+        values, vectors = np.linalg.eigh(information * np.outer(units, units))
+        values = np.where(values > _ROUNDING * values[-1], values, 0.0)
+        directions = units[:, None] * vectors
+        return _Shown(values, directions, np.where(values > 0.0, directions, 0.0).T)
+
+    def step(self, score: Array, place: Array) -> Array:
+        """Newton step (u,) with the data's score (u,), from this place as seen from the prior's mean, (u,)."""
+        behind = np.linalg.solve(self.directions, place)
+        result: Array = self.directions @ ((self.weights @ score - behind) / (1.0 + self.values))
+        return result
+
+    def covariance(self, scatter: Array) -> Array:
+        """Covariance (u, u) of the solution if the data's scores have this one, (u, u)."""
+        spread = self.directions / (1.0 + self.values)
+        result: Array = spread @ (self.weights @ scatter @ self.weights.T + np.eye(len(scatter))) @ spread.T
+        return result
 
 
 def _prior(count: int, tolerances: Tolerances | None) -> tuple[Array, npt.NDArray[np.intp]]:

@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from coheft.estimation.batch.doubts import doubts_about
 from coheft.estimation.batch.holds import Holds
+from coheft.estimation.batch.loop_closure import LoopError
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.spatial import Array
 from coheft.estimation.team_registration import TeamPoses
@@ -49,10 +51,11 @@ class Identification:
         names: Of the robots; the first one's grasp frame is what all is given in.
         team: Poses of all grasp frames.
         payload: Mass properties.
-        loops: Failures of loops of pairs to close, before they were made to, shape (6,) each [rad, m].
+        loops: Failures of loops of pairs to close, before they were made to.
         holds: What was measured at rest; None if not used.
         calibration: What may be wrong with the robots.
         remarks: What the reader should know, in words.
+        suspicions: What in the method's own fit speaks against it, in words.
         time: Of the residuals, shape (n,) [s].
         residual: Of the total wrench (force, torque), or of the torque alone, shape (n, 6) or (n, 3).
     """
@@ -61,12 +64,18 @@ class Identification:
     names: tuple[str, ...]
     team: TeamPoses
     payload: Payload
-    loops: tuple[Array, ...] = ()
+    loops: tuple[LoopError, ...] = ()
     holds: Holds | None = None
     calibration: tuple[CalibrationFinding, ...] = ()
     remarks: tuple[str, ...] = ()
+    suspicions: tuple[str, ...] = ()
     time: Array = field(default_factory=lambda: np.zeros(0))
     residual: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What speaks against all of it, in words: then none of the numbers is to be trusted."""
+        return (*self.suspicions, *doubts_about(self.names, self.team, self.payload))
 
     @property
     def unseen(self) -> tuple[str, ...]:
@@ -79,4 +88,7 @@ class Identification:
             elif directions:
                 parts = ", ".join(str(direction) for direction in directions)
                 sentences.append(f"pose of {name}, {parts}: turn the load about other axes as well")
-        return (*sentences, *self.payload.unseen)
+        load = self.payload.unseen
+        if sentences:  # gravity shows it to whoever can add up the forces
+            load = tuple("mass: first, all poses have to be seen" if x.startswith("mass") else x for x in load)
+        return (*sentences, *load)

@@ -12,12 +12,14 @@ from coheft.estimation.batch.body import body_motions, own_motions, total_wrench
 from coheft.estimation.batch.holds import StaticEstimate, holds_of, static_estimate
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.inertia_fit import LinearFit, fit_parameters, fit_tensor
-from coheft.estimation.batch.loop_closure import close_loops, loop_errors
+from coheft.estimation.batch.loop_closure import LoopError, close_loops, loop_errors
 from coheft.estimation.batch.pairs import kabsch, pair_pose
 from coheft.estimation.batch.payload import (
     derivative_by_poses,
+    hidden_covariance,
     make_payload,
     of_central_numbers,
+    turned_covariance,
 )
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.recording import Recording
@@ -57,7 +59,8 @@ def identify_batch(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Identi
         by_com[:, 1 + axis] = (ahead - behind) / (2.0 * _COM_STEP)
     by_poses = derivative_by_poses(lambda poses: solve(poses)[0], team.poses)
     covariance = by_com @ static.covariance @ by_com.T + by_poses @ team.covariance @ by_poses.T
-    covariance[4:, 4:] += tensor.covariance
+    covariance += turned_covariance(lambda poses: solve(poses)[0], team)
+    covariance[4:, 4:] += tensor.covariance + hidden_covariance(tensor.hidden, static.mass)
     return Identification(
         method="batch",
         names=recording.names,
@@ -83,8 +86,7 @@ def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> I
     signals = plausible_signals(recording, cutoff)
     team, loops = grasps_from_twists(signals, with_instruments=True)
     fit = parameters_fit(signals, team.poses)
-    by_poses = derivative_by_poses(lambda poses: parameters_fit(signals, poses).numbers, team.poses)
-    covariance = fit.covariance + by_poses @ team.covariance @ by_poses.T
+    covariance = fit.covariance + covariance_by_poses(signals, team)
     return Identification(
         method="instruments",
         names=recording.names,
@@ -111,7 +113,19 @@ def parameters_fit(signals: Signals, poses: Sequence[Pose]) -> ParametersFit:
     from_centre = [centre.inverse() @ pose for pose in poses]
     fit = fit_parameters(body_motions(signals, from_centre), total_wrench(_wrench(signals), from_centre), signals.rate)
     numbers, derivative = at_first_grasp(Inertia.from_barycentric(fit.solution), centre)
-    return ParametersFit(numbers, derivative @ fit.covariance @ derivative.T, fit.residual)
+    covariance = fit.covariance + hidden_covariance(fit.hidden, float(fit.solution[0]))
+    return ParametersFit(numbers, derivative @ covariance @ derivative.T, fit.residual)
+
+
+def covariance_by_poses(signals: Signals, team: TeamPoses) -> Array:
+    """What uncertain poses add to the covariance (10, 10) of a ``parameters_fit``."""
+
+    def solve(poses: Sequence[Pose]) -> Array:
+        return parameters_fit(signals, poses).numbers
+
+    by_poses = derivative_by_poses(solve, team.poses)
+    result: Array = by_poses @ team.covariance @ by_poses.T + turned_covariance(solve, team)
+    return result
 
 
 def centre_of(poses: Sequence[Pose]) -> Pose:
@@ -125,8 +139,8 @@ def at_first_grasp(about_centre: Inertia, centre: Pose) -> tuple[Array, Array]:
     return about_centre.carried(centre).central(), derivative
 
 
-def grasps_from_twists(signals: Signals, with_instruments: bool) -> tuple[TeamPoses, list[Array]]:
-    """Poses of all pairs from their twists, then of the team, and by how much the pairs' loops failed to close."""
+def grasps_from_twists(signals: Signals, with_instruments: bool) -> tuple[TeamPoses, list[LoopError]]:
+    """Poses of all pairs from their twists, then of the team, and by how much loops of seen pairs failed to close."""
     twists = np.concatenate([signals.w, signals.v], axis=-1)
     count = len(twists)
     pairs: dict[tuple[int, int], PoseEstimate] = {}
@@ -134,7 +148,8 @@ def grasps_from_twists(signals: Signals, with_instruments: bool) -> tuple[TeamPo
         for j in range(i + 1, count):
             instrument = _instrument(signals.w, i, j) if with_instruments else None
             pairs[i, j] = pair_pose(twists[i], twists[j], signals.rate, instrument)
-    return close_loops(count, pairs), loop_errors(pairs)
+    seen = {pair: estimate for pair, estimate in pairs.items() if not estimate.unseen}
+    return close_loops(count, pairs), loop_errors(seen)
 
 
 def _instrument(w: Array, i: int, j: int) -> Array:

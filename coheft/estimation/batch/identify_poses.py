@@ -22,11 +22,17 @@ from coheft.estimation.batch.calibration_findings import calibration_findings
 from coheft.estimation.batch.hand_eye import HandEye, fit_hand_eye
 from coheft.estimation.batch.hand_eye_equations import ERRORS, GRASP, position_scale_rows, unknowns_of
 from coheft.estimation.batch.identification import Identification
-from coheft.estimation.batch.identify import at_first_grasp, centre_of, grasps_from_twists, parameters_fit
-from coheft.estimation.batch.payload import derivative_by_poses, make_payload, of_central_numbers
+from coheft.estimation.batch.identify import (
+    at_first_grasp,
+    centre_of,
+    covariance_by_poses,
+    grasps_from_twists,
+    parameters_fit,
+)
+from coheft.estimation.batch.payload import derivative_by_poses, make_payload, of_central_numbers, turned_covariance
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.batch.signals import CUTOFF, signals_of
+from coheft.estimation.batch.signals import CUTOFF, Signals, signals_of
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.inertia import INERTIA_SIZE
 from coheft.estimation.inertia_derivatives import seen_inertia_derivative
@@ -35,6 +41,8 @@ from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
 
 _POSES_PER_SECOND = 25.0
+_LARGEST_TURN, _LARGEST_SHIFT = 1.0, 0.01
+"""Poses that fit worse than this, averaged over a 25th of a second, are not of one load [degrees, m]."""
 _IDENTIFIABLE = (
     "Seen from poses: zeros of each gimbal's first two angles, all angle scales, ratios of position scales. Seen from "
     "forces: ratios of force scales, offsets across gravity, and the common position scale by comparing accelerations "
@@ -63,28 +71,42 @@ def identify_poses(
         RecordingError: Something is missing.
     """
     signals = plausible_signals(recording, cutoff)
-    wrists = WristPoses.of(recording.stacked("pose"), recording.rate, at_home=tolerances is not None)
     recording.stacked("wrench")  # better refused before the long fit than after it
+    wrists = WristPoses.of(recording.stacked("pose"), recording.rate, at_home=tolerances is not None)
     start, loops = grasps_from_twists(signals, with_instruments=True)
     grasps = fit_hand_eye(wrists.averaged(_POSES_PER_SECOND), start.poses, tolerances)
     if tolerances is None:
-        found = _without_doubts(recording, grasps, cutoff)
+        found = _without_doubts(recording, signals, grasps)
     else:
         found = _with_doubts(recording, grasps, tolerances, cutoff)
-    return replace(found, loops=tuple(loops))
+    return replace(found, loops=tuple(loops), suspicions=_suspicions(grasps))
 
 
-def _without_doubts(recording: Recording, grasps: HandEye, cutoff: float) -> Identification:
-    signals, poses = signals_of(recording, cutoff), grasps.team.poses
+def _suspicions(grasps: HandEye) -> tuple[str, ...]:
+    """That poses do not fit together, in words."""
+    turn, shift = float(np.degrees(grasps.noise[0])), grasps.noise[1]
+    if turn < _LARGEST_TURN and shift < _LARGEST_SHIFT:
+        return ()
+    return (
+        f"Poses differ by {turn:.2g}° and {1e3 * shift:.2g} mm from those of robots that hold one load. Are all clocks "
+        f"alike, quaternions in the order qx qy qz qw, poses those of grasp frames in home frames that stand still? "
+        f"Did nobody let go, and are the robots calibrated (--calibrate)?",
+    )
+
+
+def _without_doubts(recording: Recording, signals: Signals, grasps: HandEye) -> Identification:
+    poses = grasps.team.poses
     fit = parameters_fit(signals, poses)
-    by_poses = derivative_by_poses(lambda moved: parameters_fit(signals, moved).numbers, poses)
-    covariance = fit.covariance + by_poses @ grasps.team.covariance @ by_poses.T
+    covariance = fit.covariance + covariance_by_poses(signals, grasps.team)
     return Identification(
         method="pose",
         names=recording.names,
         team=grasps.team,
         payload=make_payload(of_central_numbers(fit.numbers), covariance, poses),
-        remarks=("The robots were taken to be perfectly calibrated; --calibrate estimates what is wrong with them.",),
+        remarks=(
+            "Standard deviations hold only if the robots are perfectly calibrated; --calibrate estimates what is wrong "
+            "with them.",
+        ),
         time=signals.time,
         residual=fit.residual,
     )
@@ -99,15 +121,19 @@ def _with_doubts(recording: Recording, grasps: HandEye, tolerances: Tolerances, 
         return fit_calibrated(signals, from_centre, tolerances, recording.gravity, start)
 
     gaussian = fit_with(poses)
-    by_poses = derivative_by_poses(lambda moved: _at_first_grasp(fit_with(moved, gaussian), moved)[0], poses)
+
+    def numbers_with(moved: Sequence[Pose]) -> Array:
+        return _at_first_grasp(fit_with(moved, gaussian), moved)[0]
+
+    by_poses = derivative_by_poses(numbers_with, poses)
     cut = cut_to_bounds(gaussian, tolerances, grasps.errors[:, POSITION_SCALE].ravel())
     fit = cut or gaussian
     numbers, covariance = _at_first_grasp(fit, poses)
-    covariance = covariance + by_poses @ _given_errors(grasps) @ by_poses.T
+    team = _in_true_lengths(grasps, fit)
+    covariance = covariance + by_poses @ _given_errors(grasps) @ by_poses.T + turned_covariance(numbers_with, team)
     # A wrong zero of the first robot's gimbal turns the frame that everything is given in.
     inertia = of_central_numbers(numbers)
     turned = seen_inertia_derivative(Pose.identity(), inertia)[:, :3] * grasps.errors_std[0, ZERO]
-    team = _in_true_lengths(grasps, fit)
     return Identification(
         method="pose",
         names=recording.names,

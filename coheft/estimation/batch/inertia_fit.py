@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from coheft.estimation.batch.body import regressor
 from coheft.estimation.batch.statistics import batch_scatter
@@ -18,6 +19,12 @@ from coheft.estimation.rigid_body import inertia_operator
 from coheft.estimation.spatial import Array, skew
 
 _REWEIGHTINGS = 3
+_FINEST = 1e-4
+"""Share of the wrench: residuals that are smaller are weighted as if they were not, so that no weight is infinite."""
+_ROUNDING = 1e-12
+"""Share of the largest information below which there is none, only rounding."""
+_STILL = 1e-6
+"""No acceleration is known better than this [rad/s², m/s²]: what is smaller is rounding, and no motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,14 +32,16 @@ class LinearFit:
     """Solution of a linear model.
 
     Attributes:
-        solution: Shape (u,).
-        covariance: Shape (u, u).
+        solution: Shape (u,); zero along hidden directions.
+        covariance: Shape (u, u), without what hidden directions add.
         residual: What the model leaves, shape (n, rows).
+        hidden: Unit directions of which the data say nothing at all, as columns, shape (u, k).
     """
 
     solution: Array
     covariance: Array
     residual: Array
+    hidden: Array
 
 
 def fit_tensor(motion: Array, wrench: Array, com: Array, rate: float) -> LinearFit:
@@ -69,8 +78,21 @@ def fit_parameters(motions: Array, wrench: Array, rate: float) -> LinearFit:
     weight = np.ones(6)
     for _ in range(_REWEIGHTINGS):
         fit = instrumental_fit(regressors, wrench, instruments, weight, rate)
-        weight = 1.0 / np.mean(fit.residual**2, axis=0)
+        weight = 1.0 / residual_variance(fit.residual, wrench)
     return fit
+
+
+def residual_variance(residual: Array, output: Array) -> Array:
+    """Mean square of each component of residuals (n, rows), shape (rows,); of exact ones a small share of the output's.
+
+    Raises:
+        ValueError: The output is zero all the time.
+    """
+    size = float(np.mean(output**2))
+    if size == 0.0:
+        raise ValueError("expected an output that is not zero all the time")
+    result: Array = np.maximum(np.mean(residual**2, axis=0), _FINEST**2 * size)
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +120,34 @@ def instrumental_fit(
     weighted = instruments * weight[:, None]
     matrix = np.einsum("ikru,ikrv->uv", weighted, regressors, optimize=True) + np.diag(prior.information)
     vector = np.einsum("ikru,kr->u", weighted, output, optimize=True) + prior.information * prior.mean
-    solution = np.linalg.solve(matrix, vector)
+    still = _STILL**2 * regressors.shape[0] * len(output) * float(weight.sum())
+    inverse, hidden = _inverse_and_hidden(matrix, prior.information > 0.0, still)
+    solution = inverse @ vector
     residuals = output - regressors @ solution
     scores = np.einsum("ikru,ikr->ku", weighted, residuals, optimize=True)
-    inverse = np.linalg.inv(matrix)
     covariance = inverse @ (batch_scatter(scores, rate) + np.diag(prior.information)) @ inverse.T
-    return LinearFit(solution, covariance, residuals.mean(axis=0))
+    return LinearFit(solution, covariance, residuals.mean(axis=0), hidden)
+
+
+def _inverse_and_hidden(matrix: Array, is_held: npt.NDArray[np.bool_], least: float) -> tuple[Array, Array]:
+    """Inverse of an information matrix (u, u) where there is any, and unit directions (u, k) where there is none.
+
+    Products of different robots' signals may make it indefinite, but sums over all pairs of robots keep it symmetric.
+
+    Args:
+        matrix: The data's and the prior's.
+        is_held: Which unknowns have a prior, shape (u,). Their units may be anything; the others compare as they are.
+        least: Information of those others below which there is none.
+    """
+    sizes = np.abs(np.diag(matrix))
+    largest = max(float(sizes[~is_held].max()), least)
+    balance = 1.0 / np.sqrt(np.where(is_held, sizes, largest))
+    balanced = matrix * np.outer(balance, balance)
+    values, vectors = np.linalg.eigh(0.5 * (balanced + balanced.T))
+    shown = np.abs(values) > max(_ROUNDING * np.abs(values).max(), least / largest)
+    directions = balance[:, None] * vectors
+    seen, hidden = directions[:, shown], directions[:, ~shown]
+    return (seen / values[shown]) @ seen.T, hidden / np.linalg.norm(hidden, axis=0)
 
 
 def others(views: Array) -> Array:

@@ -8,12 +8,13 @@ closes all loops (a pose graph: Lu and Milios 1997; Zhang et al., sec. III-B).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from coheft.estimation.body_motion import perturbation_between, perturbed, relative_pose_derivative
 from coheft.estimation.observability import Visibility
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.spatial import Array, Pose, skew
 from coheft.estimation.team_registration import TeamPoses
 from coheft.estimation.uncertain_pose import UncertainPose
 
@@ -55,14 +56,38 @@ def _rows(poses: list[Pose], i: int, j: int) -> Array:
     return rows
 
 
-def loop_errors(pairs: Mapping[tuple[int, int], UncertainPose]) -> list[Array]:
-    """By how much each loop of three robots fails to close, ``(rotation, translation)`` [rad, m], shape (6,) each."""
+@dataclass(frozen=True, eq=False)
+class LoopError:
+    """By how much a loop of three robots fails to close.
+
+    Attributes:
+        error: Of the third one's pose by way of the second, ``(rotation, translation)``, shape (6,) [rad, m].
+        deviations: Root mean square of it, in units of the standard deviations of the three pairs together.
+    """
+
+    error: Array
+    deviations: float
+
+
+def loop_errors(pairs: Mapping[tuple[int, int], UncertainPose]) -> list[LoopError]:
+    """By how much each loop of three robots fails to close."""
     robots = sorted({robot for pair in pairs for robot in pair})
     errors = []
     for a, i in enumerate(robots):
         for b, j in enumerate(robots[a + 1 :], a + 1):
             for k in robots[b + 1 :]:
                 if {(i, j), (j, k), (i, k)} <= set(pairs):
-                    loop = pairs[i, j].pose @ pairs[j, k].pose @ pairs[i, k].pose.inverse()
-                    errors.append(perturbation_between(Pose.identity(), loop))
+                    errors.append(_loop_error(pairs[i, j], pairs[j, k], pairs[i, k]))
     return errors
+
+
+def _loop_error(first: UncertainPose, second: UncertainPose, both: UncertainPose) -> LoopError:
+    """Of ``pose_j_in_i`` and ``pose_k_in_j`` together, compared with ``pose_k_in_i``."""
+    turn = first.pose.rotation
+    error = perturbation_between(both.pose, first.pose @ second.pose)
+    by_first, by_second = np.eye(6), np.kron(np.eye(2), turn)
+    by_first[3:, :3] = -skew(turn @ second.pose.translation)
+    covariance = (
+        by_first @ first.covariance @ by_first.T + by_second @ second.covariance @ by_second.T + both.covariance
+    )
+    return LoopError(error, float(np.sqrt(error @ np.linalg.solve(covariance, error) / len(error))))

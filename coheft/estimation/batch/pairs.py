@@ -10,6 +10,8 @@ from coheft.estimation.spatial import Array, Pose, skew
 
 _SINGULAR = 1e-12
 """Share of the largest singular value below which a direction of positions is not seen, and left zero."""
+_FINEST = 1e-6
+"""No twist is known better than this [rad/s, m/s]: what is smaller is rounding, and no motion."""
 
 
 def kabsch(w_i: Array, w_j: Array) -> Array:
@@ -41,7 +43,11 @@ def position_between(rotation: Array, w_i: Array, v_i: Array, v_j: Array, instru
     # p x w = -[w]x p, and [z]x^T = -[z]x.
     matrix = np.trace(products := instrument.T @ w_i) * np.eye(3) - products.T
     vector = np.cross(instrument, v_i - v_j @ rotation.T).sum(axis=0)
-    result: Array = np.linalg.lstsq(matrix, vector, rcond=_SINGULAR)[0]
+    largest = float(np.linalg.norm(matrix, 2))
+    rounding = len(w_i) * _FINEST**2
+    if largest <= rounding:
+        return np.zeros(3)
+    result: Array = np.linalg.lstsq(matrix, vector, rcond=max(_SINGULAR, rounding / largest))[0]
     return result
 
 
@@ -65,5 +71,9 @@ def pair_pose(twist_i: Array, twist_j: Array, rate: float, instrument: Array | N
     derivative[:3, :3] = np.einsum("kab,kbc->ac", skew(w_i), skew(turned_w))
     derivative[3:, :3] = np.einsum("kab,kbc->ac", skew(z), skew(turned_v))
     derivative[3:, 3:] = np.einsum("kab,kbc->ac", skew(z), skew(w_i))
-    seen = seen_information(sandwich_information(derivative, scores, rate), Visibility())
+    least = np.zeros((6, 6))
+    for rows, turning in ((slice(0, 3), turned_w), (slice(3, 6), z)):
+        across = skew(turning)
+        least[rows, rows] = _FINEST**2 * np.einsum("kab,kcb->ac", across, across)
+    seen = seen_information(sandwich_information(derivative, scores, rate, least), Visibility())
     return PoseEstimate(Pose(rotation, position), seen.inverse(), seen.unseen())

@@ -13,8 +13,19 @@ from coheft.estimation.inertia_derivatives import barycentric_derivative
 from coheft.estimation.inertia_estimate import middle_and_size, unseen_quantities
 from coheft.estimation.rigid_body import Inertia, pack_symmetric, unpack_symmetric
 from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.team_registration import TeamPoses
 
 _ROTATION_STEP, _TRANSLATION_STEP = 1e-4, 1e-4
+_TURNS = (2.0 * np.pi / 3.0, -2.0 * np.pi / 3.0)
+"""What a grasp may be turned by about an axis about which it was not seen [rad]: anything, and these show it."""
+_TURNING = 0.1
+"""Directions with less of a turn in them are translations."""
+_HIDDEN = 100.0
+"""Deviation of what the data do not show at all, in units of the mass, times metres or their squares: for infinite."""
+_FINEST = 1e-6
+"""No load is known better than to this share of its mass, its size, its inertia, whatever exact numbers say."""
+_ROUNDING = 1e-13
+"""Share of the largest variance below which it is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +48,18 @@ class Payload:
     def was_possible(self) -> bool:
         """Whether it was so without being made so."""
         return is_possible(self.measured.barycentric())
+
+    @property
+    def deviations_off(self) -> float:
+        """How far what was solved for is from the possible body, in its own standard deviations; 0 if it was one."""
+        change = self.measured.barycentric() - self.inertia.barycentric()
+        units = np.repeat([self.inertia.mass, 1.0, self.inertia.mass], [1, 3, 6])
+        information = _inverse(barycentric_derivative(self.inertia), self.covariance, units)
+        return float(np.sqrt(max(float(change @ information @ change), 0.0)))
+
+    def is_seen(self, quantity: str) -> bool:
+        """Whether all of it was seen: ``mass``, ``centre of mass``, or ``inertia``."""
+        return not any(what.startswith(quantity) for what in self.unseen)
 
     @property
     def std(self) -> Array:
@@ -87,11 +110,47 @@ def make_payload(measured: Inertia, covariance: Array, poses: Sequence[Pose]) ->
         poses: Of the grasps, for the size of the load.
     """
     _, length = middle_and_size(poses)
-    derivative = barycentric_derivative(measured)
-    information: Array = np.linalg.inv(derivative @ covariance @ derivative.T).astype(np.float64)
+    units = np.repeat([abs(measured.mass), length, abs(measured.mass) * length**2], [1, 3, 6])
+    covariance = covariance + np.diag((_FINEST * units) ** 2)
+    information = _inverse(barycentric_derivative(measured), covariance, units)
     possible = nearest_possible(measured.barycentric(), information, length)
     unseen = tuple(f"{u.what}: {u.remedy}" for u in unseen_quantities(covariance, abs(measured.mass), length))
     return Payload(Inertia.from_barycentric(possible), measured, covariance, unseen)
+
+
+def hidden_covariance(hidden: Array, mass: float) -> Array:
+    """What to add to the covariance (u, u) of a fit for directions of which it shows nothing, columns of (u, k)."""
+    result: Array = (_HIDDEN * mass) ** 2 * hidden @ hidden.T
+    return result
+
+
+def _inverse(derivative: Array, covariance: Array, units: Array) -> Array:
+    """Inverse of the covariance (10, 10) of what has this derivative, (10, 10), by unknowns with these units (10,)."""
+    values, vectors = np.linalg.eigh(covariance / np.outer(units, units))
+    values = np.maximum(values, max(_ROUNDING * float(values[-1]), _FINEST**2))
+    backwards = np.linalg.inv(derivative).T @ (vectors / units[:, None])
+    result: Array = (backwards / values) @ backwards.T
+    return result
+
+
+def turned_covariance(solve: Callable[[Sequence[Pose]], Array], team: TeamPoses) -> Array:
+    """What a result (u,) gains in covariance (u, u) by turns of grasps that were not seen: they are not small.
+
+    A derivative would not do: at a maximum it is zero, as that of the sum of two forces which were taken for parallel.
+    """
+    result = solve(team.poses)
+    covariance = np.zeros((len(result), len(result)))
+    for robot in range(1, len(team.poses)):
+        for direction in team.relative(0, robot).unseen:
+            size = float(np.linalg.norm(direction.rotation))
+            if size < _TURNING:
+                continue
+            for turn in _TURNS:
+                moved = list(team.poses)
+                moved[robot] = perturbed(moved[robot], np.concatenate([turn / size * direction.rotation, np.zeros(3)]))
+                change = solve(moved) - result
+                covariance += np.outer(change, change)
+    return covariance
 
 
 def derivative_by_poses(solve: Callable[[Sequence[Pose]], Array], poses: Sequence[Pose]) -> Array:

@@ -10,12 +10,12 @@ SPAN = 1.0
 """Scores are summed over so long [s]: much longer than filtered noise is correlated."""
 _FEWEST_SUMS = 4
 """Per unknown; of short recordings the sums are over less."""
-_EXACT = 1e-9
-"""No unknown is known better than this, in its own unit."""
+EXACT = 1e-5
+"""No pose is known better than this [rad, m], whatever exact numbers say: 10 µm, beyond any robot's calibration."""
 _SINGULAR = 1e-12
 
 
-def sandwich_information(derivative: Array, scores: Array, rate: float) -> Array:
+def sandwich_information(derivative: Array, scores: Array, rate: float, least: Array) -> Array:
     """Information on the solution of ``sum of scores = 0``: inverse of its covariance (Huber 1967).
 
     The scatter of the scores is taken from their sums over ``SPAN``, which hardly depend on each other (batch means).
@@ -25,11 +25,13 @@ def sandwich_information(derivative: Array, scores: Array, rate: float) -> Array
         derivative: Of the summed scores by the unknowns, shape (u, u).
         scores: At the solution, shape (n, u), consecutive in time.
         rate: Samples per second.
+        least: Covariance that the sum of scores has at least, whatever its scatter, shape (u, u): what was computed
+            without noise is still rounded.
 
     Returns:
         Shape (u, u).
     """
-    scatter = batch_scatter(scores, rate) + _EXACT**2 * derivative @ derivative.T
+    scatter = batch_scatter(scores, rate) + least + EXACT**2 * derivative @ derivative.T
     balance = 1.0 / np.sqrt(np.maximum(np.diag(scatter), np.finfo(np.float64).tiny))
     balanced = scatter * balance[:, None] * balance + _SINGULAR * np.eye(len(scatter))
     half = balance[:, None] * derivative

@@ -1,0 +1,49 @@
+"""What speaks against an identification: no robots and no load are like that, so the recording is not what it seems."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from coheft.estimation.batch.payload import Payload
+from coheft.estimation.inertia_estimate import middle_and_size
+from coheft.estimation.team_registration import TeamPoses
+
+_FAR = 10.0
+"""Standard deviations from all bodies that can exist, from which on noise is no explanation."""
+_FARTHEST = 20.0
+"""No load is longer [m]: a unit will be another one, as with the boxes of scenarios."""
+_METRES = "Are all lengths in metres, moments in N·m, and angular velocities in rad/s?"
+
+
+def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tuple[str, ...]:
+    """What cannot be, in words, of what was seen.
+
+    Args:
+        names: Of the robots.
+        team: Their grasps.
+        payload: What they hold.
+    """
+    doubts = []
+    relative = [team.relative(0, k) for k in range(1, len(names))]
+    far = {
+        name: distance
+        for name, pose in zip(names[1:], relative, strict=True)
+        if not pose.unseen and (distance := float(np.linalg.norm(pose.pose.translation))) > _FARTHEST
+    }
+    if far:
+        told = ", ".join(f"{name} {distance:.0f} m" for name, distance in far.items())
+        doubts.append(f"One load would be held by robots too far from {names[0]}: {told}. {_METRES}")
+    middle, _ = middle_and_size(team.poses)
+    away = float(np.linalg.norm(payload.inertia.com - middle))
+    if away > _FARTHEST and payload.is_seen("centre of mass") and not far:
+        doubts.append(f"The centre of mass would be {away:.0f} m from where robots hold the load. {_METRES}")
+    if payload.deviations_off > _FAR:
+        doubts.append(
+            f"What was solved for is no body that can exist, nor within {payload.deviations_off:.0f} of its standard "
+            f"deviations of one. Are forces and moments those on the load, in the axes of the grasp frame, and all "
+            f"clocks alike? Did the load change (--from and --to choose a part)? Are the robots not well calibrated "
+            f"(--calibrate)?"
+        )
+    return tuple(doubts)
