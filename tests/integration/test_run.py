@@ -110,7 +110,9 @@ def test_a_run_that_is_too_short_has_not_converged_and_says_so(tmp_path: Path) -
 def test_ctrl_c_stops_everything_at_once(sign: signal.Signals, start: Callable[..., Run], tmp_path: Path) -> None:
     """And so does a polite request to end, or a terminal that is closed. What is not written is said."""
     data = tmp_path / "data.npz"
+    before = signal.signal(sign, signal.SIG_DFL)  # tests may have been started by nohup
     run = start("--duration", "10000", "--save-data", str(data))
+    signal.signal(sign, before)
     run.wait_until_under_way()
     os.kill(run.supervisor.pid, sign)
     assert run.wait() == 130
