@@ -27,6 +27,9 @@ from coheft.wire.requests import InjectRequest, RemoveRequest, StatusRequest
 SAMPLE_EVERY = 10.0
 CHANGE_EVERY = 60.0
 KILL_EVERY = 240.0
+LAST_WORDS = 5.0
+"""Nobody asks a run for anything so shortly before its end [s]. Until then all goes on as ever: what an agent remembers
+of a load grows with the time since it came, so memory is compared at equal times after changes."""
 SETTLED = 300.0
 """From then on a process should not grow [s]: all has happened once, so all code that it needs is in memory."""
 WINDOW = 60.0
@@ -103,7 +106,7 @@ def follow(run: subprocess.Popen[bytes], folder: Path, seconds: float) -> tuple[
         try:
             known = {life.pid for life in lives}
             lives += [Life(name, pid) for name, pid in find_run(folder).pids.items() if pid not in known]
-            if elapsed < seconds - CHANGE_EVERY:
+            if elapsed < seconds - LAST_WORDS:
                 troubles.make(elapsed)
         except CoheftError as error:  # the run has not begun, or is over
             print(f"after {elapsed:.0f} s: {error}", file=sys.stderr)

@@ -217,7 +217,7 @@ def _load_change(period: LoadPeriod, names: Sequence[str]) -> LoadChangeReport:
         leak_kg_s=sum(load.leak for load in truth.loads if load.mass > 0.0),
         detected_at_s=_last_of([period.noticed.get(name) for name in names]),
         recovered_at_s=_last_of([period.recovered.get(name) for name in names]),
-        before_change={name: period.before[name] for name in names if name in period.before},
+        before_change={name: before for name in names if (before := period.believed_before(name)) is not None},
     )
 
 

@@ -32,16 +32,22 @@ class LoadPeriod:
     Attributes:
         start: When its first block began [s].
         truth: Of that block.
-        before: What each robot believed just before.
+        before: What each robot believed just before, a ``RobotReport`` as MessagePack: an hour may have hundreds of
+            changes, and as objects each would take ten times as much memory.
         noticed: When each robot first noticed a change in this period [s].
         recovered: Since when all of a robot's estimates have been near the truth [s]; None while they are not.
     """
 
     start: float
     truth: Truth
-    before: dict[str, RobotReport] = field(default_factory=dict)
+    before: dict[str, bytes] = field(default_factory=dict)
     noticed: dict[str, float] = field(default_factory=dict)
     recovered: dict[str, float | None] = field(default_factory=dict)
+
+    def believed_before(self, robot: str) -> RobotReport | None:
+        """What a robot believed just before; None if it had said nothing."""
+        before = self.before.get(robot)
+        return None if before is None else msgspec.msgpack.decode(before, type=RobotReport)
 
 
 class RobotRecord:
@@ -95,7 +101,7 @@ class RobotRecord:
         while self._period + 1 < len(periods) and periods[self._period + 1].truth.block <= estimate.block:
             self._period += 1
             if (before := self.report) is not None:
-                periods[self._period].before[name] = before
+                periods[self._period].before[name] = msgspec.msgpack.encode(before)
         recovered = periods[self._period].recovered
         if not self._judge.recovered(estimate):
             recovered[name] = None
