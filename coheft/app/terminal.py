@@ -99,13 +99,13 @@ class LineDisplay(QuietDisplay):
 
     def update(self, record: Record) -> None:
         """Print a line if it is time for one; sooner, what happens to the load, and why estimates are stale."""
+        if record.time >= (self._lines + 1) * _LINE_EVERY:
+            self._lines = int(record.time / _LINE_EVERY)
+            self._print(_summary_line(record))
         self._tell_of_load(record)
         if record.time >= self._checked + _CHECK_EVERY:
             self._checked = record.time
             self._tell_stale(record)
-        if record.time >= (self._lines + 1) * _LINE_EVERY:
-            self._lines = int(record.time / _LINE_EVERY)
-            self._print(_summary_line(record))
 
     def problem(self, problem: Problem) -> None:
         """A process refused something and went on."""
