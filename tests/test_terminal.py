@@ -19,7 +19,7 @@ from coheft.app.terminal import LineDisplay, LiveDisplay, QuietDisplay, make_dis
 from coheft.estimation.rigid_body import Inertia
 from coheft.wire.messages import Estimate, Problem
 from tests.escapes import COLOUR, SEQUENCE
-from tests.synthetic_run import GRASPS, HEAVY, INFO, SCENE, changing_run, estimate, recorded, truth
+from tests.synthetic_run import BLOCK, GRASPS, HEAVY, INFO, LIGHT, SCENE, changing_run, estimate, recorded, truth
 
 
 @pytest.fixture
@@ -96,6 +96,20 @@ def test_plain_lines_tell_once_that_all_have_noticed_another_load() -> None:
         "  2.0 s: the payload is 13.00 kg now",
         "  2.1 s: all robots have noticed the change",
     ]
+
+
+def test_plain_lines_tell_how_things_stand_before_what_has_happened_since() -> None:
+    """However many truths came at once."""
+    record = Record(SCENE, duration=20.0)
+    console = terminal(is_terminal=False)
+    display = LineDisplay(console)
+    at = round(5.0 / BLOCK)
+    for block in range(at + 1):
+        record.add_truth(truth(block, LIGHT if block < at else HEAVY))
+    display.update(record)
+    first, second = drawn(console).splitlines()
+    assert first.startswith("  5.0 s of 20 s")
+    assert second == "  5.0 s: the payload is 13.00 kg now"
 
 
 def test_what_robots_say_in_their_own_coordinates_is_told_as_one() -> None:
