@@ -33,7 +33,7 @@ class LoadPeriod:
         start: When its first block began [s].
         truth: Of that block.
         before: What each robot believed just before, a ``RobotReport`` as MessagePack: an hour may have hundreds of
-            changes, and as objects each would take ten times as much memory.
+            changes, and as objects each would take four times as much memory.
         noticed: When each robot first noticed a change in this period [s].
         recovered: Since when all of a robot's estimates have been near the truth [s]; None while they are not.
     """
