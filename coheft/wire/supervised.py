@@ -7,6 +7,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from typing import NoReturn, TypeVar
 
 import msgspec
@@ -34,6 +35,7 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     except msgspec.DecodeError as error:
         print(f"expected {kind.__name__} as one line of JSON on stdin: {error}", file=sys.stderr)
         sys.exit(2)
+    _run_in_batches()
     give_back_memory()
     threading.Thread(target=_leave_with_stdin, daemon=True).start()
     try:
@@ -42,6 +44,17 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
         print(error, file=sys.stderr)
         sys.exit(1)
     sys.exit(0)
+
+
+def _run_in_batches() -> None:
+    """Let this process, and all threads it starts from now on, finish what they are at before others of their kind.
+
+    Where there are more processes than cores, each would interrupt the others with every message, and find its caches
+    cold again. A process that finds a core idle starts at once all the same.
+    """
+    if sys.platform == "linux":
+        with suppress(OSError):  # some containers forbid it
+            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
 def _leave_with_stdin() -> None:
