@@ -77,7 +77,10 @@ class Excitation:
         self._omegas = 2.0 * np.pi * np.array(waves.frequencies)
         # Angles during a block, as turns from its first sample on: sines of sums take less time than sines.
         steps = self._omegas * (np.arange(block) / rate)[:, None, None]
-        self._phases, self._turns = np.array(waves.phases), np.array([np.sin(steps), np.cos(steps)])
+        turns = np.array([np.sin(steps), np.cos(steps)])
+        # By axis, shape (6, B, 4): sine and cosine of both waves.
+        self._turns = np.ascontiguousarray(turns.transpose(3, 1, 0, 2).reshape(6, block, 4))
+        self._phases = np.array(waves.phases)
         self._ramp = motion.ramp
         self._rate = rate
         self._block = block
@@ -98,8 +101,10 @@ class Excitation:
         start = (first + np.arange(self._at_once)) * self._block / self._rate
         phases = self._omegas * start[:, None, None] + self._phases
         cosine, sine = self._amplitudes * np.cos(phases), self._amplitudes * np.sin(phases)
+        # Of the position and of its rate, of either turn, for each block, of both waves, about each axis.
         gains = np.array([[cosine, sine], [-self._omegas * sine, self._omegas * cosine]])
-        waves = np.einsum("pbka,opnka->nboa", self._turns, gains)
+        by_axis = self._turns @ gains.transpose(4, 1, 3, 2, 0).reshape(6, 4, -1)
+        waves = by_axis.reshape(6, self._block, self._at_once, 2).transpose(2, 1, 3, 0)
         if start[0] < self._ramp:
             ramp, ramp_rate = self._ramp_at(start[:, None] + np.arange(self._block) / self._rate)
             waves = np.stack([ramp * waves[:, :, 0], ramp * waves[:, :, 1] + ramp_rate * waves[:, :, 0]], axis=2)

@@ -162,6 +162,7 @@ class InertiaModel:
         residual_covariance: ``Sigma_r``, shape (6, 6).
         weight: Its inverse.
         regressor_coefficients: Shape (19, 6, u): features times these add up to the regressor.
+        noise: What noise of a sample's ``(a, alpha)`` adds to ``regressor^T weight regressor``, shape (u, u).
         disturbance_size: As of ``expect_disturbance``.
     """
 
@@ -189,7 +190,7 @@ class InertiaModel:
         self._table = _packed_table(coefficients, self.weight)
         self._table[0] -= noise[np.triu_indices(len(noise))]
         self._unpack = _unpacking(len(noise))
-        self._noise = noise[:-1, :-1]
+        self.noise: Array = noise[:-1, :-1]
         self._disturbance_table = np.zeros_like(self._table)
 
     @cached_property
@@ -211,7 +212,7 @@ class InertiaModel:
         """Information of packed Gram matrices, shape (..., 190)."""
         joint = (grams @ self._table).take(self._unpack, axis=-1)
         matrix, count = joint[..., :-1, :-1], grams[..., 0]
-        uncompensated = matrix + count[..., None, None] * self._noise
+        uncompensated = matrix + count[..., None, None] * self.noise
         return InertiaInformation(
             matrix=matrix,
             vector=joint[..., :-1, -1],

@@ -60,7 +60,8 @@ def compare_loads(model: InertiaModel, total: Array, parts: Array, coherence: fl
     part = part.seen_by(basis)
     one, gain = np.eye(len(basis)), part.matrix / shares
     score = part.vector - gain @ (basis @ everything.vector)
-    of_part, of_rest = part.by_noise, one - part.by_noise
+    of_part = part.by_noise
+    of_rest = one - of_part
     if coherence > 0.0:
         each, all_of_them = (basis @ model.disturbance(sums[..., :GRAM_SIZE]) @ basis.T for sums in (parts, total))
         of_part = of_part + _disturbance_size(model, parts, coherence) * each
@@ -166,25 +167,37 @@ def _off(load: KnownLoad, parts: _Evidence, disturbance: Array) -> Array:
 
 
 class _Evidence(NamedTuple):
-    """What samples say: ``matrix @ unknowns = vector``, and how far off that is by noise, a covariance."""
+    """What samples say: ``matrix @ unknowns = vector``, and how far off that is by noise.
+
+    Attributes:
+        matrix: Shape (..., u, u).
+        vector: Shape (..., u).
+        samples: How many, shape (...).
+        noise: What noise of a sample's motion adds to the matrix, if it is not taken away, shape (u, u) or (..., u, u).
+    """
 
     matrix: Array
     vector: Array
-    by_noise: Array
+    samples: Array
+    noise: Array
 
     @staticmethod
     def of(model: InertiaModel, sums: Array) -> _Evidence:
         """Of samples (..., 190 + riders)."""
         information = model.information(sums[..., :GRAM_SIZE])
+        return _Evidence(information.matrix, information.vector, information.count, model.noise)
+
+    @property
+    def by_noise(self) -> Array:
+        """Covariance of how far off that is, shape (..., u, u)."""
         # With the regressor's noise as expected on top of what it happened to be: in a few samples that can be nil.
-        by_noise = 2.0 * information.uncompensated - information.matrix
-        return _Evidence(information.matrix, information.vector, by_noise)
+        return self.matrix + (2.0 * self.samples)[..., None, None] * self.noise
 
     def seen_by(self, combination: Array) -> _Evidence:
         """Of combinations (..., r, u) of the equations, whose unknowns they are as well."""
         back = combination.swapaxes(-1, -2)
-        matrix, by_noise = (combination @ each @ back for each in (self.matrix, self.by_noise))
-        return _Evidence(matrix, (combination @ self.vector[..., None])[..., 0], by_noise)
+        matrix, noise = combination @ self.matrix @ back, combination @ self.noise @ back
+        return _Evidence(matrix, (combination @ self.vector[..., None])[..., 0], self.samples, noise)
 
 
 def _disturbance(model: InertiaModel, sums: Array, coherence: float) -> Array:

@@ -61,8 +61,14 @@ class Stretches:
 
     def _bring_up_to_date(self) -> None:
         if self._before_late or len(self._places) < len(self._sums):
-            late = self._late - np.array(self._before_late).reshape(-1, len(self._late))
-            self._set_sums(np.concatenate([self._sums[self._places] + self._late, late]))
+            older, newer = len(self._places), len(self._before_late)
+            sums = np.empty((older + newer, len(self._late)))
+            # Not checking each place needs no copy beside.
+            self._sums.take(self._places, axis=0, out=sums[:older], mode="clip")
+            sums[:older] += self._late
+            if newer:
+                np.subtract(self._late, self._before_late, out=sums[older:])
+            self._set_sums(sums)
 
     def _set_sums(self, sums: Array) -> None:
         self._sums, self._places = sums, list(range(len(sums)))
