@@ -18,9 +18,9 @@ from msgspec.structs import replace
 from benchmarks.figures import Effort, Figure, Section, Skipped
 from benchmarks.network import Network
 from benchmarks.runner import run_alone
-from benchmarks.scenarios import team_scenario
+from benchmarks.scenarios import team_scenario, weaker
 from benchmarks.timing import ratio
-from coheft.wire.scenario import Graph, Scenario
+from coheft.wire.scenario import Graph
 
 _TURN = 10
 _TURNS: dict[Effort, int] = {"short": 15, "usual": 25, "full": 50}
@@ -28,14 +28,11 @@ _BAR = 20.0
 _SMALL, _LARGE = 6, 24
 _LONGER = (100, 200)
 """A block costs nearly the same however many samples it has; with longer ones changes are noticed later."""
-_LARGER: dict[Effort, tuple[int, ...]] = {"short": (), "usual": (100,), "full": (100, 300, 1000)}
-_KINDS: dict[Effort, tuple[Literal["ring", "star"], ...]] = {"short": (), "usual": ("ring",), "full": ("ring", "star")}
+_LARGER = (100, 300)
+_KINDS: tuple[Literal["ring", "star"], ...] = ("ring", "star")
 """A ring's rounds grow with N, a star's do not, but its hub hears everybody."""
-_LIMIT: dict[Effort, float] = {"short": 0.0, "usual": 40.0, "full": 1200.0}
+_LIMIT = 1200.0
 """A larger team is given up after so much CPU time [s]."""
-_SAME_COST = 1.2
-_STRONG = 24
-"""More robots than these are weaker in proportion: together they would shake the load apart."""
 
 
 @dataclass
@@ -114,41 +111,29 @@ def measure(effort: Effort) -> Section:
         ),
     ]
     skipped: list[Skipped] = []
-    for robots in _LARGER[effort]:
-        for kind in _KINDS[effort]:
-            _measure_larger(robots, Graph(kind=kind), _LIMIT[effort], figures, skipped)
+    if effort == "full":
+        for robots in _LARGER:
+            for kind in _KINDS:
+                _measure_larger(robots, Graph(kind=kind), figures, skipped)
     return Section(name="inprocess", title="Teams in one process, one core", figures=figures, skipped=skipped)
 
 
-def _measure_larger(robots: int, graph: Graph, limit: float, figures: list[Figure], skipped: list[Skipped]) -> None:
-    """A team of hundreds, if it comes to work within ``limit`` seconds."""
+def _measure_larger(robots: int, graph: Graph, figures: list[Figure], skipped: list[Skipped]) -> None:
+    """A team of hundreds, if it comes to work before it is given up."""
     name = f"{graph.kind} of {robots}"
-    network = Network(_weaker(replace(team_scenario(robots), graph=graph)))
-    deadline = time.process_time() + limit
+    network = Network(weaker(replace(team_scenario(robots), graph=graph)))
+    deadline = time.process_time() + _LIMIT
     while not network.is_working and time.process_time() < deadline:
         network.step()
     if not network.is_working:
         simulated = network.block * network.block_duration
-        reason = f"after {limit:.0f} s of CPU time it had simulated {simulated:.2f} s, and weighed no load yet"
+        reason = f"after {_LIMIT:.0f} s of CPU time it had simulated {simulated:.2f} s, and weighed no load yet"
         skipped.append(Skipped(name, reason))
         return
     team = Runner(network, robots)
     for _ in range(5):
         team.turn()
     figures.extend(team.figures(name))
-
-
-def _weaker(scenario: Scenario) -> Scenario:
-    """The same with arms that together are as strong as those of ``_STRONG``."""
-    robots, share = scenario.robots, min(1.0, _STRONG / scenario.robot_count)
-    return replace(
-        scenario,
-        robots=replace(
-            robots,
-            stiffness=(share * robots.stiffness[0], share * robots.stiffness[1]),
-            damping=(share * robots.damping[0], share * robots.damping[1]),
-        ),
-    )
 
 
 if __name__ == "__main__":

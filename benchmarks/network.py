@@ -56,7 +56,12 @@ class Network:
     @property
     def is_working(self) -> bool:
         """Whether every agent weighs the load."""
-        return len(self._phases) == len(self.graph) and set(self._phases.values()) == {"inertia"}
+        return len(self._phases) == len(self.graph) and self.phases == {"inertia"}
+
+    @property
+    def phases(self) -> set[str]:
+        """What agents have said last that they are at, see ``Estimate.phase``."""
+        return set(self._phases.values())
 
     def step(self) -> None:
         """One block."""

@@ -19,7 +19,7 @@ from coheft.errors import CoheftError
 
 GUARDED = ("kernels", "startup", "inprocess", "floor")
 """Benchmarks with figures that the regression guard compares."""
-BENCHMARKS = (*GUARDED, "realtime", "rounds")
+BENCHMARKS = (*GUARDED, "realtime", "rounds", "wide")
 
 
 def measure(name: str, effort: Effort) -> Section:

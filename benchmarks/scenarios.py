@@ -11,6 +11,8 @@ RATE = 1000
 BLOCK = 20
 """Samples per block: 50 blocks a second at 1 kHz."""
 _FOREVER = 1e6
+_STRONG = 24
+"""More robots than these are weaker in proportion: together they would shake the load apart."""
 
 
 def team_scenario(robots: int, rate: int = RATE, block: int = BLOCK, duration: float = _FOREVER) -> Scenario:
@@ -30,4 +32,17 @@ def team_scenario(robots: int, rate: int = RATE, block: int = BLOCK, duration: f
         sensors=replace(base.sensors, rate=rate, block=block),
         load_changes=(),
         duration=duration,
+    )
+
+
+def weaker(scenario: Scenario) -> Scenario:
+    """The same with arms that together are as strong as those of ``_STRONG``."""
+    robots, share = scenario.robots, min(1.0, _STRONG / scenario.robot_count)
+    return replace(
+        scenario,
+        robots=replace(
+            robots,
+            stiffness=(share * robots.stiffness[0], share * robots.stiffness[1]),
+            damping=(share * robots.damping[0], share * robots.damping[1]),
+        ),
     )

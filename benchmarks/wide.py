@@ -1,0 +1,76 @@
+"""A ring of 1,000 agents in one process against a ring of 24: does a robot cost more in a larger team?
+
+    python -m benchmarks.wide [--effort short|usual|full]
+
+Both rings take turns, ten blocks each. The agents use the seed method, which does as many rounds of consensus in any
+team. They are finding their neighbours' poses all along: a robot of the long ring hears the sums of its part of it only.
+"""
+
+from __future__ import annotations
+
+import resource
+import statistics
+import sys
+from typing import Any
+
+from msgspec.structs import replace
+
+from benchmarks.figures import Effort, Figure, Section, Skipped
+from benchmarks.inprocess import Runner
+from benchmarks.network import Network
+from benchmarks.runner import run_alone
+from benchmarks.scenarios import team_scenario, weaker
+from benchmarks.timing import ratio
+
+_SMALL, _LARGE = 24, 1000
+_BAR = 1.2
+_FIRST = 50
+"""Blocks until everybody has heard of its neighbours, and looks for their poses."""
+_TURNS: dict[Effort, int] = {"short": 0, "usual": 5, "full": 20}
+
+
+def measure(effort: Effort) -> Section:
+    """Both rings."""
+    title = f"A ring of {_LARGE} agents in one process"
+    if not _TURNS[effort]:
+        return Section(name="wide", title=title, figures=[], skipped=[Skipped("all of it", "it takes a minute")])
+    small, large = (Runner(_network(robots), robots) for robots in (_SMALL, _LARGE))
+    for team in (small, large):
+        team.network.run_until(_FIRST * team.network.block_duration)
+    for _ in range(_TURNS[effort]):
+        for team in (small, large):
+            team.turn()
+    costs = [f"{1e6 * statistics.median(team.agents):.0f}" for team in (large, small)]
+    phases = ", ".join(sorted(large.network.phases | small.network.phases))
+    return Section(
+        name="wide",
+        title=title,
+        figures=[
+            Figure(
+                name=f"cost per agent and block, {_LARGE} against {_SMALL}",
+                value=ratio(large.agents, small.agents),
+                bar=_BAR,
+                note=f"{' against '.join(costs)} µs; {large.network.block} blocks; phase: {phases}",
+            ),
+            Figure(
+                name="physics per block and robot, the same",
+                value=ratio(large.physics, small.physics) * _SMALL / _LARGE,
+                note=f"{1e3 * statistics.median(large.physics):.1f} ms a block",
+            ),
+            Figure(name="memory of all agents and the physics", value=_resident(), unit="MB"),
+        ],
+    )
+
+
+def _network(robots: int) -> Network:
+    return Network(replace(weaker(team_scenario(robots)), estimator="seed"))
+
+
+def _resident() -> float:
+    """Most memory that this process has had [MB]."""
+    size: Any = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return float(size) / (1e6 if sys.platform == "darwin" else 1e3)
+
+
+if __name__ == "__main__":
+    run_alone("wide", __doc__)
