@@ -3,7 +3,7 @@
     python -m benchmarks.wide [--effort short|usual|full]
 
 Both rings take turns, ten blocks each. The agents use the seed method, which does as many rounds of consensus in any
-team. They are finding their neighbours' poses all along: a robot of the long ring hears the sums of its part of it only.
+team. They look for their neighbours' poses all along; robots of the long ring hear the sums of their part of it only.
 """
 
 from __future__ import annotations
