@@ -8,10 +8,7 @@ team. They look for their neighbours' poses all along; robots of the long ring h
 
 from __future__ import annotations
 
-import resource
 import statistics
-import sys
-from typing import Any
 
 from msgspec.structs import replace
 
@@ -57,19 +54,12 @@ def measure(effort: Effort) -> Section:
                 value=ratio(large.physics, small.physics) * _SMALL / _LARGE,
                 note=f"{1e3 * statistics.median(large.physics):.1f} ms a block",
             ),
-            Figure(name="memory of all agents and the physics", value=_resident(), unit="MB"),
         ],
     )
 
 
 def _network(robots: int) -> Network:
     return Network(replace(weaker(team_scenario(robots)), estimator="seed"))
-
-
-def _resident() -> float:
-    """Most memory that this process has had [MB]."""
-    size: Any = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return float(size) / (1e6 if sys.platform == "darwin" else 1e3)
 
 
 if __name__ == "__main__":
