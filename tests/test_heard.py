@@ -38,7 +38,9 @@ def test_a_run_has_a_status() -> None:
         ({"rotations": SCENE.rotations[:, :, [1, 0, 2]]}, "r1"),
         ({"translations": SCENE.translations[:, :2]}, "translations"),
         ({"translations": np.full((3, 3), np.inf)}, "translations"),
-        ({"neighbours": {**SCENE.neighbours, "r9": ["r1"]}}, "of the team"),
+        ({"neighbours": {**SCENE.neighbours, "r9": ["r1"]}}, "neighbours are told of"),
+        ({"neighbours": {"r1": ["r2"]}}, "neighbours are told of"),
+        ({"neighbours": {**SCENE.neighbours, "r1": ["r9"]}}, "'r9' but expected one of 'r1', 'r2'"),
         ({"home": (0.0, NOT_A_NUMBER, 1.0)}, "number of the scene"),
         ({"boxes": [BoxShape((0.1, NOT_A_NUMBER, 0.3), (0.0, 0.0, 0.1), (0.0, 0.0, 0.0))]}, "number of the scene"),
     ],
@@ -49,7 +51,7 @@ def test_a_scene_that_cannot_be_is_refused(parts: dict[str, Any], complaint: str
 
 
 def test_the_estimator_in_use_is_one_of_those_that_there_are() -> None:
-    with pytest.raises(MessageError, match="estimator"):
+    with pytest.raises(MessageError, match="estimator is 'guess' but expected one of"):
         check_status(msgspec.structs.replace(BEGIN, estimator="guess"))
 
 

@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from coheft.app.hosts import free_ports
-from coheft.errors import CoheftError, LinkError
+from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.codec import encode
 from coheft.wire.inbox import Inbox, LinkChange, Question, Received, Refused
 from coheft.wire.messages import PROTOCOL_VERSION, Hello, Measurements, Ready
@@ -177,6 +177,18 @@ def test_a_malformed_question_is_refused_by_the_inbox(pair, keys):
     assert len(errors) == 1
     assert errors[0] is not None
     assert b"not a " in errors[0].payload.to_bytes()
+
+
+def test_an_answer_of_another_release_is_no_silence(pair, keys):
+    near, far = pair
+    key = keys.request("operator")
+    other = encode(Refusal(reason="no", version=PROTOCOL_VERSION + 1), key)
+    queryable = near.declare_queryable(key, lambda query: query.reply_err(other), complete=True)
+    querier = far.declare_querier(key)
+    wait_until(lambda: querier.matching_status.matching)
+    with pytest.raises(MessageError, match="run the same release of coheft everywhere"):
+        ask(far, key, StatusRequest())
+    queryable.undeclare()
 
 
 def test_a_question_that_nobody_answers_is_an_error(endpoint, keys):

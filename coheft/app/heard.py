@@ -10,7 +10,7 @@ import numpy as np
 from coheft.errors import MessageError, one_line
 from coheft.estimation.measurement import SAMPLE_SIZE
 from coheft.estimation.spatial import Array
-from coheft.wire.codec import check_array, check_field
+from coheft.wire.codec import check_array, check_choice, check_field
 from coheft.wire.messages import Estimate, Message, PayloadEstimate, PoseEstimate, Problem, Scene, Truth
 from coheft.wire.planes import SERVER
 from coheft.wire.requests import Status
@@ -52,13 +52,17 @@ def check_status(status: Status) -> None:
         MessageError: It cannot be a team.
     """
     scene = status.scene
-    check_field("robots are there, once each", 0 < len(set(scene.robots)) == len(scene.robots), True)
+    if not 0 < len(set(scene.robots)) == len(scene.robots):
+        raise MessageError(f"robots are {scene.robots} but expected some, once each")
     check_array(scene.rotations, (len(scene.robots), 3, 3), "rotations")
     for name, rotation in zip(scene.robots, scene.rotations, strict=True):
         _check_rotation(rotation, name)
     _check_numbers(scene.translations, (len(scene.robots), 3), "translations")
-    check_field("neighbours are of the team", set(scene.neighbours) <= set(scene.robots), True)
-    check_field("estimator is one of the run's", status.estimator in status.estimators, True)
+    check_field("neighbours are told of", sorted(scene.neighbours), sorted(scene.robots))
+    for name, others in scene.neighbours.items():
+        for other in others:
+            check_choice(f"neighbour of {name!r}", other, scene.robots)
+    check_choice("estimator", status.estimator, status.estimators)
     for value in (
         *scene.home,
         *(number for box in scene.boxes for number in (*box.size, *box.position, *box.rotation_deg)),
@@ -104,19 +108,20 @@ def check_estimate(estimate: Estimate, source: str, robots: Collection[str]) -> 
         MessageError: It is not what the robot called ``source`` can believe.
     """
     check_field("robot", estimate.robot, source)
-    check_field("robot is in the team", estimate.robot in robots, True)
+    check_choice("robot", estimate.robot, robots)
     _check_moment(estimate.block, estimate.time)
     _check_numbers(estimate.total_wrench, (6,), "total_wrench")
-    check_field("total_block is not after block", estimate.total_block <= estimate.block, True)
+    if estimate.total_block > estimate.block:
+        raise MessageError(f"total_block is {estimate.total_block} but expected at most {estimate.block}, the block")
     if estimate.payload is not None:
         _check_payload(estimate.payload)
     for name, pose in estimate.poses.items():
-        check_field(f"{name!r} is in the team", name in robots, True)
+        check_choice("robot of a pose", name, robots)
         _check_pose(pose, name)
     for notice in estimate.load_changes:
         _check_number(notice.noticed_at, "noticed_at")
     for name in estimate.silent:
-        check_field(f"{name!r} is in the team", name in robots, True)
+        check_choice("robot that is silent", name, robots)
     for text in (*estimate.reasons, *estimate.not_observable, estimate.estimator):
         check_field("text in one line", text, one_line(text))
 
@@ -128,7 +133,8 @@ def _check_payload(payload: PayloadEstimate) -> None:
         _check_numbers(payload.com, (3,), "com")
         size = 4
     if payload.tensor is not None:
-        check_field("com beside a tensor", payload.com is not None, True)
+        if payload.com is None:
+            raise MessageError("com is missing but expected, because there is a tensor")
         _check_numbers(payload.tensor, (3, 3), "tensor")
         size = 10
     _check_covariance(payload.covariance, size, "payload")

@@ -83,7 +83,11 @@ class Observer:
         return None
 
     def status(self) -> Status | None:
-        """How the run is, or how it ended; None if the server does not answer (yet, or any more)."""
+        """How the run is, or how it ended; None if the server does not answer (yet, or any more).
+
+        Raises:
+            MessageError: It answers what makes no sense, because it is of another release, for instance.
+        """
         if self._last_word is not None:
             return self._last_word
         try:
@@ -92,7 +96,10 @@ class Observer:
             self._unanswered += 1
             return None
         self._unanswered = 0
-        return answer if isinstance(answer, Status) else None
+        if isinstance(answer, Refusal):
+            return None
+        check_status(answer)
+        return answer
 
     @property
     def has_ended(self) -> bool:
@@ -118,6 +125,7 @@ class Observer:
 
         Raises:
             LinkError: It does not answer.
+            MessageError: It answers what makes no sense.
             CoheftError: It does not do it; says why.
         """
         deadline = time.monotonic() + _ANSWER_LIMIT
@@ -128,6 +136,7 @@ class Observer:
         answer = ask(self._session, self._request, request, timeout=_ANSWER_LIMIT)
         if isinstance(answer, Refusal):
             raise CoheftError(f"refused: {answer.reason}")
+        check_status(answer)
         return answer
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Collection
 from typing import Any, TypeVar
 
 import msgspec
@@ -136,3 +137,13 @@ def check_field(name: str, found: object, expected: object) -> None:
     """
     if found != expected:
         raise MessageError(f"{name} is {found!r} but expected {expected!r}")
+
+
+def check_choice(name: str, found: object, choices: Collection[object]) -> None:
+    """Check that a field of a message that came over the wire is one of those that it can be.
+
+    Raises:
+        MessageError: It is another.
+    """
+    if found not in choices:
+        raise MessageError(f"{name} is {found!r} but expected one of {', '.join(map(repr, choices))}")

@@ -24,7 +24,7 @@ os.environ.setdefault(
 
 import zenoh
 
-from coheft.errors import CoheftError, LinkError, MessageError
+from coheft.errors import CoheftError, LinkError
 from coheft.wire.codec import decode, encode
 from coheft.wire.message_size import LEAST_LIMIT
 from coheft.wire.messages import Message
@@ -227,9 +227,6 @@ def ask_for(kind: type[M], session: zenoh.Session, key: str, request: Message, t
     for reply in session.get(key, payload=encode(request, key), timeout=timeout):
         if reply.ok is not None:
             return decode(reply.ok.payload.to_bytes(), kind, key)
-        if reply.err is not None and reply.err.payload:
-            try:
-                return decode(reply.err.payload.to_bytes(), Refusal, key)
-            except MessageError:
-                break  # Zenoh's own words for a timeout
+        if reply.err is not None and reply.err.encoding != zenoh.Encoding.ZENOH_STRING:  # its own words for a timeout
+            return decode(reply.err.payload.to_bytes(), Refusal, key)
     raise LinkError(f"no answer to the request under '{key}' within {timeout:g} s")

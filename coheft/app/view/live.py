@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from coheft.app.heard import check_status
 from coheft.app.observer import Observer, observe
 from coheft.app.run_folder import locate_run
 from coheft.app.view import words
@@ -40,7 +39,6 @@ def view_run(folder: Path | None, host: str, port: int | None, tell: Callable[[s
     with open_server(host, port) as server:
         with observe(run_file) as observer:
             status = observer.ask(StatusRequest())
-            check_status(status)
             model = ViewModel(status)
             page = Page(server, model)
             controls = Controls(page, model, run_file, folder)
