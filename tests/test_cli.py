@@ -341,6 +341,16 @@ def test_free_ports_can_be_listened_on() -> None:
             listener.bind(("127.0.0.1", port))
 
 
+def test_many_ports_take_no_more_files_than_one() -> None:
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (256, limits[1]))
+    try:
+        assert len(set(free_ports(1000))) == 1000
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+
+
 def test_the_newest_run_that_answers_is_found() -> None:
     with contextlib.ExitStack() as stack:
         listeners = [stack.enter_context(socket.socket()) for _ in range(2)]

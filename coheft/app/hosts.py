@@ -123,15 +123,11 @@ def free_ports(number: int) -> list[int]:
         LinkError: There are not enough.
     """
     found: list[int] = []
-    with contextlib.ExitStack() as held:
-        for port in random.sample(_PORTS, len(_PORTS)):
-            if len(found) == number:
-                break
-            candidate = held.enter_context(socket.socket())
-            try:
-                candidate.bind((LOOPBACK, port))
-            except OSError:
-                continue
+    for port in random.sample(_PORTS, len(_PORTS)):
+        if len(found) == number:
+            break
+        with socket.socket() as candidate, contextlib.suppress(OSError):
+            candidate.bind((LOOPBACK, port))
             found.append(port)
     if len(found) < number:
         raise LinkError(f"found {len(found)} free ports from {_PORTS[0]} to {_PORTS[-1]}, but the run needs {number}")
