@@ -32,6 +32,7 @@ from coheft.app.cli_base import (
     EXIT_USAGE,
     PARTS,
     RUN,
+    GivenPath,
     app,
 )
 from coheft.app.cli_errors import complain, explain_usage
@@ -86,7 +87,7 @@ def _by_number(name: str) -> list[tuple[int, str]]:
 
 
 @app.command(group=PARTS)
-def server(config: Path) -> int:
+def server(config: GivenPath) -> int:
     """Start a physics server by hand.
 
     Parameters
@@ -98,7 +99,7 @@ def server(config: Path) -> int:
 
 
 @app.command(group=PARTS)
-def agent(config: Path) -> int:
+def agent(config: GivenPath) -> int:
     """Start one robot by hand.
 
     Parameters

@@ -46,7 +46,6 @@ app = cyclopts.App(
 )
 
 Vector = Annotated[tuple[float, float, float], Parameter(negative=())]
-RunFolder = Annotated[Path | None, Parameter(name="--run", help="Folder of the run, if it is not the newest of yours.")]
 Flag = Annotated[bool, Parameter(negative=(), show_default=False)]
 
 
@@ -173,6 +172,11 @@ Count = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1))]
 NotNegative = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0))]
 Positive = Annotated[float, Parameter(validator=Number(gt=0))]
 Port = Annotated[int | None, Parameter(converter=_whole, validator=Number(gte=1, lte=65535))]
+GivenPath = Annotated[Path, Parameter(converter=_path)]
+RunFolder = Annotated[
+    Path | None,
+    Parameter(name="--run", converter=_path, help="Folder of the run, if it is not the newest of yours."),
+]
 ReportTarget = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_is_target)]
 FileTarget = Annotated[Path | None, Parameter(converter=_path, validator=_is_file)]
 FolderTarget = Annotated[Path | None, Parameter(converter=_path, validator=_is_folder)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -13,6 +12,7 @@ from coheft.app.cli_base import (
     EXIT_NOT_CONVERGED,
     Flag,
     FolderTarget,
+    GivenPath,
     Positive,
     ReportTarget,
     app,
@@ -24,7 +24,7 @@ from coheft.errors import RecordingError, UsageError
 
 @app.command(group=EVALUATE)
 def identify(
-    recording: Path,
+    recording: GivenPath,
     *,
     method: Method | None = None,
     calibrate: Flag = False,

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from coheft.app.cli_base import PARTS, app
+from coheft.app.cli_base import PARTS, GivenPath, app
 
 
 @app.command(group=PARTS)
 def keys(
-    folder: Path,
+    folder: GivenPath,
     scenario: str = "ring6",
     *,
-    hosts: Path | None = None,
+    hosts: GivenPath | None = None,
     days: Annotated[float, Parameter(validator=Number(gt=0, lte=36500))] = 365.0,
 ) -> None:
     """Make a certificate authority and one certificate for each robot, the server, observers and the operator.

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from coheft.app.cli_base import EVALUATE, FileTarget, Flag, app
+from coheft.app.cli_base import EVALUATE, FileTarget, Flag, GivenPath, app
 
 
 @app.command(group=EVALUATE)
-def recover(recording: Path, *, output: FileTarget = None, overwrite: Flag = False) -> None:
+def recover(recording: GivenPath, *, output: FileTarget = None, overwrite: Flag = False) -> None:
     """Save what there is of a recording whose run was killed.
 
     Parameters
@@ -22,7 +20,7 @@ def recover(recording: Path, *, output: FileTarget = None, overwrite: Flag = Fal
     """
     from coheft.app.recording.recover import recover as recover_file
 
-    target = output if output is not None else recording.with_name(f"{recording.stem}-recovered{recording.suffix}")
+    target = output if output is not None else recording.parent / f"{recording.stem}-recovered{recording.suffix}"
     saved = recover_file(recording, target, overwrite=overwrite)
     if saved is None:
         print(f"{recording} is complete: nothing to do")

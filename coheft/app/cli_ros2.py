@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from coheft.app.cli_base import PARTS, RunFolder, Whole, app
+from coheft.app.cli_base import PARTS, GivenPath, RunFolder, Whole, app
 
 ROUTER = "tcp/127.0.0.1:7447"
 Time = Annotated[float, Parameter(validator=Number(gte=0))]
@@ -33,7 +32,7 @@ def ros2_bridge(run: RunFolder = None, *, domain: Domain = 0, endpoint: str = RO
 
 
 @app.command(group=PARTS)
-def ros2_driver(*configs: Path, domain: Domain = 0, endpoint: str = ROUTER, epoch: Time | None = None) -> None:
+def ros2_driver(*configs: GivenPath, domain: Domain = 0, endpoint: str = ROUTER, epoch: Time | None = None) -> None:
     """Feed agents with what robots measure in ROS 2, in place of the physics server; see docs/ros2.md.
 
     Parameters

@@ -14,6 +14,7 @@ from coheft.app.cli_base import (
     DataTarget,
     Flag,
     FolderTarget,
+    GivenPath,
     NotNegative,
     RecordingTarget,
     ReportTarget,
@@ -53,11 +54,11 @@ def run(
     save_data: DataTarget = None,
     record: RecordingTarget = None,
     view: Flag = False,
-    logs: Path | None = None,
+    logs: GivenPath | None = None,
     secure: Flag = False,
-    keys: Path | None = None,
-    hosts: Path | None = None,
-    write_configs: Path | None = None,
+    keys: GivenPath | None = None,
+    hosts: GivenPath | None = None,
+    write_configs: GivenPath | None = None,
     feedforward: bool | None = None,
 ) -> int:
     """Start the physics server and one process per robot, and watch them find out what they hold.

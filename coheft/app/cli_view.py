@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from pathlib import Path
 
-from coheft.app.cli_base import RUN, Port, app
+from coheft.app.cli_base import RUN, GivenPath, Port, app
 
 
 @app.command(group=RUN)
-def view(what: Path | None = None, *, host: str = "127.0.0.1", port: Port = None) -> None:
+def view(what: GivenPath | None = None, *, host: str = "127.0.0.1", port: Port = None) -> None:
     """See a run, or a recording of one, in the browser. Ctrl-C ends the view.
 
     Parameters
