@@ -7,6 +7,7 @@ was found there and what is allowed.
 from __future__ import annotations
 
 import os
+import sys
 import tomllib
 from pathlib import Path
 
@@ -19,7 +20,9 @@ from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_checks import check_changes_come, check_choices, check_scenario
 from coheft.wire.scenario_errors import did_you_mean, explain
 
-CONFIG_FOLDER = Path(__file__).resolve().parents[2] / "configs"
+_IN_CLONE, _INSTALLED = Path(__file__).resolve().parents[2] / "configs", Path(sys.prefix) / "share/coheft/configs"
+CONFIG_FOLDER = _IN_CLONE if _IN_CLONE.is_dir() else _INSTALLED
+"""Where the shipped scenarios are."""
 
 
 def available_scenarios() -> dict[str, Path]:
