@@ -22,9 +22,9 @@ class ViaPoints(Section, frozen=True):
         hold_transit: Time to get there [s].
     """
 
-    count: Annotated[int, Meta(ge=2)] = 80
+    count: Annotated[int, Meta(ge=2, le=10_000)] = 80
     transit: tuple[Positive, Positive] = (0.8, 2.0)
     dwell: tuple[NotNegative, NotNegative] = (0.2, 0.8)
-    holds: Annotated[int, Meta(ge=0)] = 6
+    holds: Annotated[int, Meta(ge=0, le=1000)] = 6
     hold_time: Positive = 8.0
     hold_transit: Positive = 2.0
