@@ -5,12 +5,9 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections import deque
 from typing import NoReturn
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded: small products, many processes
 
 import numpy as np
 from msgspec import structs

@@ -6,13 +6,10 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
 import time
 from collections import deque
 from typing import NoReturn
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded: small products, many processes
 
 from msgspec import structs
 

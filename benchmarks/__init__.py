@@ -2,4 +2,6 @@
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded: as in the processes that are measured
+from coheft.wire.supervised import ONE_THREAD
+
+os.environ.update(ONE_THREAD)  # before numpy is loaded, which reads it: as in the processes that are measured

@@ -6,14 +6,11 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
 import time
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Literal, NoReturn
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded: small products, many processes
 
 import zenoh
 

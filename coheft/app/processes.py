@@ -20,13 +20,10 @@ from typing import Any, Self
 import msgspec
 
 from coheft.errors import CoheftError
-from coheft.wire.supervised import TERMINATED
+from coheft.wire.supervised import KILLED_BY, ONE_THREAD, TERMINATED
 
-# One thread of mathematics per process: the processes themselves fill the cores. Nobody draws: MuJoCo need not load
-# what it would draw with.
-ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
-UNUSABLE_CONFIG = 2
-"""Exit status of a process that was told nothing that it could use."""
+# Nobody draws: MuJoCo need not load what it would draw with.
+ENVIRONMENT = {**ONE_THREAD, "MUJOCO_GL": "disable"}
 _GO_BY_THEMSELVES = 1.0
 _GO_WHEN_ASKED = 0.4
 _OTHERS_FAIL = 0.5
@@ -50,8 +47,8 @@ class Child:
 
     Attributes:
         name: In the run.
-        module: What it runs,
-        config: with this, as JSON.
+        module: What it runs.
+        config: What it was told when it started, as JSON.
         log: Where its output goes.
         process: It.
         restarts: How often it had been started before.
@@ -241,11 +238,14 @@ def run_in_foreground(module: str, config: Path) -> int:
     )
     assert process.stdin is not None
     try:
-        process.stdin.write(line + b"\n")
-        process.stdin.flush()
-        return process.wait()
+        with suppress(BrokenPipeError):  # it has failed already, and said why
+            process.stdin.write(line + b"\n")
+            process.stdin.flush()
+        code = process.wait()
+        return code if code >= 0 else KILLED_BY - code
     finally:
-        process.stdin.close()
+        with suppress(BrokenPipeError):
+            process.stdin.close()
         try:
             process.wait(_GO_BY_THEMSELVES)
         except subprocess.TimeoutExpired:

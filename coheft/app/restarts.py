@@ -6,9 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from coheft.app.observer import Observer
-from coheft.app.processes import UNUSABLE_CONFIG, Child, Processes
+from coheft.app.processes import Child, Processes
 from coheft.app.terminal import Display
 from coheft.wire.messages import Problem
+from coheft.wire.supervised import UNUSABLE_CONFIG
 
 
 @dataclass(frozen=True)

@@ -18,15 +18,21 @@ from coheft.wire.memory import give_back_memory
 C = TypeVar("C", bound=msgspec.Struct)
 COMMENT_AFTER = 5.0
 """Who has not been met after so long may never come [s]: it is said whom the process waits for."""
-TERMINATED = 128 + signal.SIGTERM
-"""Exit status of a process that was told to end before it was done, as shells have it."""
+ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1")
+"""Environment of such a process, whatever numpy was built with: products are small, and processes fill the cores."""
+UNUSABLE_CONFIG = 2
+"""Exit status of a process that was told nothing that it could use."""
+KILLED_BY = 128
+"""A process that a signal ended has this plus the signal's number as its exit status, as shells have it."""
+TERMINATED = KILLED_BY + signal.SIGTERM
+"""Exit status of a process that was told to end before it was done."""
 
 
 def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     """Read a configuration, one line of JSON, from stdin; run with it until done, or until stdin ends.
 
-    SIGINT is left to the supervisor, who gets it too. The exit status is 0, 1 after an error that was foreseen, 2 if
-    there is no usable configuration, ``TERMINATED`` after SIGTERM.
+    SIGINT is left to the supervisor, who gets it too. The exit status is 0, 1 after an error that was foreseen,
+    ``UNUSABLE_CONFIG``, or ``TERMINATED`` after SIGTERM.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
@@ -34,7 +40,7 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
         config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind)
     except msgspec.DecodeError as error:
         print(f"expected {kind.__name__} as one line of JSON on stdin: {error}", file=sys.stderr)
-        sys.exit(2)
+        sys.exit(UNUSABLE_CONFIG)
     _run_in_batches()
     give_back_memory()
     threading.Thread(target=_leave_with_stdin, daemon=True).start()

@@ -15,6 +15,7 @@ import msgspec
 import zenoh
 
 from coheft.app.plan import Plan, make_plan
+from coheft.app.processes import ENVIRONMENT
 from coheft.errors import LinkError
 from coheft.wire.planes import guard_observer
 from coheft.wire.requests import Refusal, Request, Status, StatusRequest
@@ -63,7 +64,7 @@ class Team:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 cwd=ROOT,
-                env={**os.environ, "PYTHONPATH": str(ROOT), "HEARD_FOLDER": str(self.folder)},
+                env={**os.environ, **ENVIRONMENT, "PYTHONPATH": str(ROOT), "HEARD_FOLDER": str(self.folder)},
             )
         stdin = self.processes[name].stdin
         assert stdin is not None

@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from coheft.wire.supervised import ONE_THREAD
+
 from .namespaces import Host, hosts
 from .team import ROOT, wait_until
 
@@ -82,7 +84,7 @@ class Parts:
 
 
 def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+    return {**os.environ, "PYTHONPATH": str(ROOT), **ONE_THREAD}
 
 
 @pytest.fixture
