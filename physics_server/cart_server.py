@@ -16,6 +16,7 @@ from coheft.wire.cart import CartMeasurement, CartPush, CartServerConfig
 from coheft.wire.codec import check_array, check_field
 from coheft.wire.inbox import Event, Inbox, LinkChange, Received, Refused
 from coheft.wire.messages import Message, Ready, Stop
+from coheft.wire.planes import SERVER
 from coheft.wire.problem_log import ProblemLog
 from coheft.wire.supervised import supervised_main
 from coheft.wire.transport import Keys, Sender, open_session
@@ -82,7 +83,7 @@ class CartServer:
         self._simulation = CartSimulation(config.scenario)
         self._inbox = Inbox()
         self._truth = Sender(observers, keys.observe_server("truth"), may_drop=True)
-        self._problems = ProblemLog("server", Sender(observers, keys.observe_server("problem"), may_drop=True))
+        self._problems = ProblemLog(SERVER, Sender(observers, keys.observe_server("problem"), may_drop=True))
         self._links = {
             name: _PusherLink(name, session, self._inbox, keys, config.scenario.lag) for name, session in robots.items()
         }

@@ -202,7 +202,25 @@ def test_a_file_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
     assert load_scenario(path).name == "two"
     hosts = tmp_path / "hosts.toml"
     hosts.write_text('[hosts]\nserver = "localhost"\n', encoding="utf-8-sig")
-    assert load_hosts(hosts, load_scenario(path)).of("server") == "localhost"
+    assert load_hosts(hosts, load_scenario(path)).of("r1") == "127.0.0.1"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("[hosts]\nr1 = 7", "key 'hosts.*': expected a text under each name; found {'r1': 7}"),
+        ("port = 99999\n[hosts]", "key 'port': expected .*; found 99999"),
+        ("[hosts]\nr9 = 'a'", r"no such part; there are: server, r1, r2"),
+        ("[hosts]\nr1 = ''", r"key 'hosts\.r1': found '', expected an address"),
+        ("[hosts]\nr1 = '10.0.0.1/24'", r"key 'hosts\.r1': found '10\.0\.0\.1/24'"),
+        ("[hosts]\nr1 = '10.0.0.300'", r"key 'hosts\.r1': found '10\.0\.0\.300'"),
+    ],
+)
+def test_hosts_that_cannot_be(text: str, complaint: str, tmp_path: Path) -> None:
+    hosts = tmp_path / "hosts.toml"
+    hosts.write_text(text)
+    with pytest.raises(ScenarioError, match=complaint):
+        load_hosts(hosts, parse_scenario(GOOD, "two"))
 
 
 def test_the_reference_is_up_to_date_and_its_example_is_a_scenario() -> None:

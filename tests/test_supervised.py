@@ -1,11 +1,13 @@
-"""How processes of a run are scheduled."""
+"""How processes of a run are scheduled, and how they leave."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
+from pathlib import Path
 
+import msgspec
 import pytest
 
 SCHEDULED = """
@@ -39,3 +41,41 @@ def test_processes_of_a_run_and_their_threads_do_not_interrupt_each_other() -> N
         process.stdin.write(f'{{"expected": {os.SCHED_BATCH}}}\n')
         process.stdin.flush()  # open until it has answered: it leaves with its stdin
         assert process.stdout.readline() == "True\n"
+
+
+LEAVING = """
+import threading
+from pathlib import Path
+import msgspec
+from coheft.wire.data_replace import replace_files
+from coheft.wire.supervised import supervised_main
+
+class Config(msgspec.Struct):
+    target: str
+
+def write(file):
+    file.write(b"half of it")
+    file.flush()
+    print("writing", flush=True)
+    threading.Event().wait()
+
+supervised_main(Config, lambda config: replace_files({Path(config.target): write}))
+"""
+
+
+def test_who_leaves_while_it_writes_leaves_nothing_behind(tmp_path: Path) -> None:
+    target = tmp_path / "data.npz"
+    target.write_text("from before")
+    process = subprocess.Popen(
+        [sys.executable, "-c", LEAVING], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    with process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write(msgspec.json.encode({"target": str(target)}).decode() + "\n")
+        process.stdin.flush()
+        assert process.stdout.readline() == "writing\n"
+        assert (tmp_path / "data.npz.part").exists()
+        process.stdin.close()
+        assert process.wait() == 0
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("data.npz", "from before")]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ipaddress
 import random
+import re
 import socket
 import tomllib
 from collections import defaultdict
@@ -17,6 +18,7 @@ import msgspec
 from coheft.errors import LinkError, ScenarioError
 from coheft.wire.planes import SERVER
 from coheft.wire.scenario import Scenario
+from coheft.wire.scenario_errors import explain
 
 _LARGEST_PORT = 65535
 LOOPBACK = "127.0.0.1"
@@ -58,8 +60,9 @@ class Hosts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     port: Annotated[int, msgspec.Meta(ge=1, le=65535)] = 20000
 
     def of(self, name: str) -> str:
-        """Where a part is."""
-        return self.hosts.get(name, self.hosts.get("server", LOOPBACK))
+        """Where a part is. This machine has one name, so that its ports are counted once."""
+        host = self.hosts.get(name, self.hosts.get(SERVER, LOOPBACK))
+        return LOOPBACK if host == "localhost" else host
 
     @property
     def are_remote(self) -> bool:
@@ -95,18 +98,25 @@ def load_hosts(path: Path, scenario: Scenario) -> Hosts:
     Raises:
         ScenarioError: The file cannot be used.
     """
+    table: dict[str, object] = {}
     try:
-        hosts = msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8-sig")), Hosts)
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        hosts = msgspec.convert(table, Hosts)
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path}: not valid TOML: {error}") from error
     except msgspec.ValidationError as error:
-        raise ScenarioError(f"{path}: {error}; expected a table [hosts], and perhaps port = 20000") from error
+        raise ScenarioError(f"{path}: {explain(error, table, Hosts)}") from error
     parts = (SERVER, *scenario.robot_names)
     unknown = sorted(hosts.hosts.keys() - set(parts))
     if unknown:
         raise ScenarioError(f"{path}: key 'hosts.{unknown[0]}': no such part; there are: {', '.join(parts)}")
+    for part, host in hosts.hosts.items():
+        if not _is_host(host):
+            raise ScenarioError(
+                f"{path}: key 'hosts.{part}': found {host!r}, expected an address, such as 192.168.0.7, or a host name"
+            )
     local = [part for part in parts if _is_loopback(hosts.of(part))]
     if hosts.are_remote and local:
         raise ScenarioError(
@@ -132,6 +142,19 @@ def free_ports(number: int) -> list[int]:
     if len(found) < number:
         raise LinkError(f"found {len(found)} free ports from {_PORTS[0]} to {_PORTS[-1]}, but the run needs {number}")
     return found
+
+
+def _is_host(host: str) -> bool:
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return re.fullmatch(r"[A-Za-z0-9]([A-Za-z0-9_.-]*[A-Za-z0-9])?", host) is not None and not _is_number(host)
+    return True
+
+
+def _is_number(host: str) -> bool:
+    """Whether a name can only be an address that is none, such as 10.0.0.300."""
+    return host.replace(".", "").isdigit()
 
 
 def _is_loopback(host: str) -> bool:

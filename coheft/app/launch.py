@@ -20,6 +20,7 @@ from coheft.app.run_folder import RunFile, announce, announced
 from coheft.app.terminal import Display
 from coheft.errors import LinkError
 from coheft.wire.messages import Problem
+from coheft.wire.planes import SERVER
 from coheft.wire.requests import Status, StatusRequest
 
 _POLL = 0.02
@@ -52,7 +53,7 @@ def launch(
     """
     scenario = plan.server.scenario
     with Processes(folder) as processes, observe(plan.run_file()) as observer, display:
-        processes.start("server", "physics_server.server", plan.server)
+        processes.start(SERVER, "physics_server.server", plan.server)
         for name, agent in plan.agents.items():
             processes.start(name, "agents.process", agent)
         with announced(folder, _run_file(plan, processes)):
@@ -116,7 +117,7 @@ def _run_file(plan: Plan, processes: Processes) -> RunFile:
 def _wait_for_start(observer: Observer, processes: Processes, display: Display) -> Status:
     """Wait until all links stand and the clock runs."""
     began = time.monotonic()
-    waiting_for = ["server"]
+    waiting_for = [SERVER]
     while time.monotonic() < began + _START_LIMIT:
         processes.check()
         status = observer.status()
@@ -143,14 +144,14 @@ def _follow(
         LinkError: The server has no last word.
     """
     news = time.monotonic()
-    while not processes.all_done_but("server") or processes.failed:
+    while not processes.all_done_but(SERVER) or processes.failed:
         again.check()
         if audience.collect(observer):
             news = time.monotonic()
         elif time.monotonic() > news + _SILENCE:
             status = observer.status()
-            if processes.ended("server") or (status is not None and status.state == "finished"):
-                processes.wait_for_all_but("server", _AGENTS_END)
+            if processes.ended(SERVER) or (status is not None and status.state == "finished"):
+                processes.wait_for_all_but(SERVER, _AGENTS_END)
             elif status is not None:
                 _explain_silence(status, audience.display)
     processes.check()
@@ -159,7 +160,7 @@ def _follow(
         audience.collect(observer)
     deadline += _WRITING_LIMIT
     while (status := observer.status()) is None or status.failure:  # one that has failed is about to end: see how
-        has_ended = processes.ended("server")
+        has_ended = processes.ended(SERVER)
         processes.check()
         if is_saving and not has_ended:
             audience.display.note("the server writes down what the robots have measured")

@@ -9,6 +9,7 @@ from coheft.app.observer import Observer
 from coheft.app.processes import Child, Processes
 from coheft.app.terminal import Display
 from coheft.wire.messages import Problem
+from coheft.wire.planes import SERVER
 from coheft.wire.supervised import UNUSABLE_CONFIG
 
 
@@ -48,10 +49,10 @@ class Restarts:
         self.announce()
 
     def _may_try_again(self, child: Child) -> bool:
-        return child.name != "server" and child.restarts < self.limit and child.process.returncode != UNUSABLE_CONFIG
+        return child.name != SERVER and child.restarts < self.limit and child.process.returncode != UNUSABLE_CONFIG
 
     def _goes_on(self) -> bool:
         while (status := self.observer.status()) is None:
-            if self.observer.has_lost_server or self.processes.ended("server"):
+            if self.observer.has_lost_server or self.processes.ended(SERVER):
                 return False
         return status.state in ("running", "paused")

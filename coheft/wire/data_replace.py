@@ -7,6 +7,9 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import BinaryIO
 
+_parts: set[Path] = set()
+"""What is being written now, and not yet complete."""
+
 
 def replace_files(writers: Mapping[Path, Callable[[BinaryIO], None]], old: Iterable[Path] = ()) -> None:
     """Write files, each beside its place first. If one cannot be written, all that was there stays as it was.
@@ -20,11 +23,13 @@ def replace_files(writers: Mapping[Path, Callable[[BinaryIO], None]], old: Itera
     """
     parts = {path.with_name(f"{path.name}.part"): path for path in writers}
     try:
+        _parts.update(parts)
         for part, path in parts.items():
             with part.open("wb") as file:
                 writers[path](file)
                 file.flush()
                 os.fsync(file.fileno())  # else a power cut may leave the new name without what belongs to it
+        _parts.difference_update(parts)  # from now on they are all there is
         for path in old:  # before the first new one comes: who is killed in between leaves no mixture
             path.unlink()
         for part, path in parts.items():
@@ -32,3 +37,10 @@ def replace_files(writers: Mapping[Path, Callable[[BinaryIO], None]], old: Itera
     finally:
         for part in parts:
             part.unlink(missing_ok=True)
+        _parts.difference_update(parts)
+
+
+def remove_parts() -> None:
+    """Remove what is not complete, because the process is about to leave at once."""
+    for part in _parts.copy():
+        part.unlink(missing_ok=True)

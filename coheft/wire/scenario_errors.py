@@ -70,6 +70,8 @@ def _expected(text: str, place: str, kind: types.Type | None) -> str:
             return "expected a list of texts"
         case types.StructType():
             return f"expected a section, written {f'[{key}]' if key == place else f'[[{key}]]'}"
+        case types.DictType(value_type=types.StrType()):
+            return "expected a text under each name"
         case types.DictType():
             return f"expected tables, each written [{key}.NAME]"
     return expected_by_msgspec(text)

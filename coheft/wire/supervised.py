@@ -13,6 +13,7 @@ from typing import NoReturn, TypeVar
 import msgspec
 
 from coheft.errors import CoheftError
+from coheft.wire.data_replace import remove_parts
 from coheft.wire.memory import give_back_memory
 
 C = TypeVar("C", bound=msgspec.Struct)
@@ -67,4 +68,6 @@ def _leave_with_stdin() -> None:
     """Wait for the end of stdin, then leave at once: whoever wanted the run is gone."""
     while os.read(sys.stdin.fileno(), 4096):
         pass
+    with suppress(OSError):
+        remove_parts()
     os._exit(0)

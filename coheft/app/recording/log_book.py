@@ -8,6 +8,7 @@ from typing import NamedTuple
 from coheft.app.heard import News
 from coheft.app.recording import ros
 from coheft.wire.messages import Estimate, LoadState, Truth
+from coheft.wire.planes import SERVER
 
 
 class Line(NamedTuple):
@@ -41,10 +42,10 @@ class LogBook:
         for number, load in loads.items():
             if number not in before:
                 place = ", ".join(f"{value:g}" for value in load.position)
-                yield Line("server", ros.INFO, f"load {number} of {load.mass:g} kg is put on at ({place}) m")
+                yield Line(SERVER, ros.INFO, f"load {number} of {load.mass:g} kg is put on at ({place}) m")
         for number in before:
             if number not in loads:
-                yield Line("server", ros.INFO, f"load {number} is taken away")
+                yield Line(SERVER, ros.INFO, f"load {number} is taken away")
         self._loads = loads
 
     def _robot_lines(self, estimate: Estimate) -> Iterator[Line]:

@@ -15,6 +15,7 @@ from coheft.app.recording.raw import KINDS, from_raw
 from coheft.app.recording.ros import bytes_in
 from coheft.errors import MessageError, RecordingError
 from coheft.wire.messages import Estimate, Message, Problem, Scene
+from coheft.wire.planes import SERVER
 from coheft.wire.requests import Status
 
 SCENARIO = "scenario.json"
@@ -97,6 +98,6 @@ def _checked(time: int, message: Message, scene: Scene) -> list[tuple[float, New
         case Problem():
             source = message.source
         case _:
-            source = "server"
+            source = SERVER
     news = check_news(source, message, scene)
     return [(time / 1e9, news)] if news is not None else []
