@@ -8,6 +8,7 @@ import numpy as np
 
 from agents.early_sums import PACE
 from agents.inbox import AHEAD
+from agents.regular import Regular
 from agents.watch import MISFIT, Watch
 from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array, Pose
@@ -44,7 +45,7 @@ class Contradictions:
         self._own = names.index(config.name)
         blocks_per_second = config.rate / config.block
         self._watch, self._early_watch = (Watch(config.noise, blocks_per_second / pace) for pace in (1, PACE))
-        self._every = config.blocks(_TOLD)
+        self._looks = Regular(config.blocks(_TOLD))
         self._patience = config.blocks(_BLAMED)
         self._blamed, self._anybody_blamed = 0, 0.0
         self._told = 0.0
@@ -76,7 +77,7 @@ class Contradictions:
 
     def step(self, index: int) -> None:
         """One block, by its number."""
-        if index % self._every == 0:
+        if self._looks.is_due(index):
             misfit = max(watch.misfit(self._pose, self._variances) for watch in (self._watch, self._early_watch))
             if max(misfit, self._told) > MISFIT:
                 self.flood.tell(self._own, index, np.array([misfit]))

@@ -22,6 +22,7 @@ from agents.kept_load import KeptLoad
 from agents.known_pose import KnownPose
 from agents.load_changes import LoadChanges
 from agents.pose_search import PoseSearch
+from agents.regular import Regular
 from agents.team import Team
 from coheft.estimation.measurement import KINEMATICS, MeasurementBlock
 from coheft.estimation.observability import PoseEstimate
@@ -49,7 +50,7 @@ class EfficientEstimator:
         self._gossip = gossip
         self._body_frame = BodyFrame(config, gossip)
         self._history_length = config.blocks(EARLY)
-        self._look_every = config.blocks(_PAIRS_EVERY)
+        self._looks = Regular(config.blocks(_PAIRS_EVERY))
         self._history: dict[int, Array] = {}
         self._search: PoseSearch | None = None
         self._team: Team | None = None
@@ -62,11 +63,12 @@ class EfficientEstimator:
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
         """See ``Estimator.step``."""
         samples = None if own is None else own.samples
+        is_time_to_look = self._looks.is_due(index)
         at_work = self._team or self._search
         if at_work is not None and at_work.must_start_over and self._gossip.own.holding:
             self._body_frame.start_over(index)
             self._gossip.announce_holding(True, index)  # as if it had just taken hold: with its pose unknown
-        if self._gossip.team != self._team_number:
+        if self._team_number not in (0, self._gossip.team):
             self._dissolve()
         start = self._gossip.start_block
         if self._search is None and self._team is None and start is not None and index >= start:
@@ -79,11 +81,12 @@ class EfficientEstimator:
             return told | self._team.step(index, samples, inbox_of_team)
         if self._search is not None:
             return told | self._look_for_poses(self._search, index, samples, inbox_of_team)
-        return told | self._prepare(index, samples, inbox)
+        return told | self._prepare(index, samples, inbox, is_time_to_look)
 
     def _remember(self, index: int, samples: Array | None) -> None:
         """Own samples, for the sums that are to begin."""
-        self._history = {block: rows for block, rows in self._history.items() if block > index - self._history_length}
+        while self._history and (oldest := next(iter(self._history))) <= index - self._history_length:
+            del self._history[oldest]
         if samples is not None:
             self._history[index] = samples
 
@@ -91,24 +94,26 @@ class EfficientEstimator:
         self, search: PoseSearch, index: int, samples: Array | None, inbox: Mapping[str, Channels]
     ) -> dict[str, Array]:
         told = search.step(index, samples, inbox)
-        pose = search.well_known_pose()
-        if pose is not None and not self._gossip.own.refined:
+        pose = None if self._gossip.own.refined else search.well_known_pose()
+        if pose is not None:
             self._announce_pose(index, pose, self._frame, refined=True)
         return told
 
-    def _prepare(self, index: int, samples: Array | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
+    def _prepare(
+        self, index: int, samples: Array | None, inbox: Mapping[str, Channels], is_time_to_look: bool
+    ) -> dict[str, Array]:
         """A block without sums: find out the own pose in the body frame."""
         self._body_frame.update_pairs(index - 1, self._history.get(index - 1), inbox)
         self._body_frame.hear_kept_poses(inbox)
         where = self._gossip.frame(), min(self._gossip.graph or ("",))
         self._kept_load.hear(inbox, where)
-        self._announce(index)
+        self._announce(index, is_time_to_look)
         told = self._body_frame.channels() | self._kept_load.channels(where)
         if samples is not None:
             told["kinematics"] = samples[:, KINEMATICS]
         return told
 
-    def _announce(self, index: int) -> None:
+    def _announce(self, index: int, is_time_to_look: bool) -> None:
         """Once the own pose in the body frame is known, tell it: one that is kept is known well, one found roughly."""
         if self._gossip.graph is None or (self._gossip.is_ready and self._gossip.own.frame == self._gossip.frame()):
             return
@@ -116,7 +121,7 @@ class EfficientEstimator:
         if kept is not None:
             known, frame = kept
             self._announce_pose(index, known.pose, frame, refined=True, deviations=known.deviations)
-        elif index % self._look_every == 0:
+        elif is_time_to_look:
             self._body_frame.forget_misfits(index)
             if self._body_frame.misfits:  # sums with these samples would contradict themselves
                 self._history = {block: rows for block, rows in self._history.items() if block >= index}
@@ -171,8 +176,7 @@ class EfficientEstimator:
             else:
                 self._body_frame.keep(self._frame, poses, self._holds)
                 self._kept_load.keep((self._frame, min(poses)), self._team.known_load())
-        if self._team_number:
-            self._left.append(self._team_number)
+        self._left.append(self._team_number)
         self._team_number = 0
         self._search = self._team = None
 

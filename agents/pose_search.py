@@ -62,7 +62,6 @@ class PoseSearch:
         self._version = 0
         self._fitted: TeamPoses | None = None
         self._next = start
-        self._last_block = -1
 
     def step(self, index: int, samples: Array | None, inbox: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
         """One block: it enters the sums, and one that entered earlier leaves them."""
@@ -91,11 +90,10 @@ class PoseSearch:
     def _moments(self, entered: Entered, sums: Array) -> RegistrationMoments | None:
         """What a block says of the own pose; None if it is not complete, or unlike those of late."""
         block = self._motion.add(entered, sums)
-        seen = None if block is None else self._motion.look_at(block, self._last_block, self._use_poses)
+        seen = None if block is None else self._motion.look_at(block, self._use_poses)
         if block is None or seen is None:
             return None
         entered, _, motion = seen
-        self._last_block = block
         moments = RegistrationMoments.of(entered.samples[:, KINEMATICS], motion)
         is_like_others = self._contradictions.add(moments)
         is_kept = block >= self._fits.again_before  # before it, poses were too far off

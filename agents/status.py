@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from agents.estimator import Belief
+from agents.regular import Regular
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import Estimate, PoseEstimate
 
@@ -22,14 +23,15 @@ class StatusKeeper:
 
     def __init__(self, config: AgentConfig) -> None:
         self._config = config
-        self._every = config.blocks(_REPORT_INTERVAL)
+        self._reports = Regular(config.blocks(_REPORT_INTERVAL))
         self._valid: Belief | None = None
         self._doubted = False
         self.problems = 0
 
     def is_due(self, index: int, doubts: Sequence[str]) -> bool:
         """Whether to report after this block: at times that are the same for all agents, and when doubts come or go."""
-        return (index + 1) % self._every == 0 or bool(doubts) != self._doubted
+        is_time = self._reports.is_due(index + 1)  # its end, so that reports are of round times
+        return is_time or bool(doubts) != self._doubted
 
     def report(
         self, index: int, belief: Belief, doubts: Sequence[str], members: int, silent: Sequence[str] = ()

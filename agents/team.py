@@ -282,7 +282,7 @@ class Team:
 
     def _look_at(self, block: int, index: int) -> RegistrationMoments | None:
         """Learn from the sums of a block, if they can be true; returns what they say of the own pose."""
-        seen = self._motion.look_at(block, self._completeness.newest, self._use_poses)
+        seen = self._motion.look_at(block, self._use_poses)
         if seen is None:
             return None
         entered, sums, motion = seen
@@ -332,11 +332,12 @@ class Team:
                 self._early_sums.forget()
             self._early_sums.begin(self._fits.again_before)
             self._contradictions.forget_early()
-        rows = self._wrenches.rows(self._version)
-        if self._fitted is None or self._corrected == self._version or rows is None:
+        if self._fitted is None or self._corrected == self._version:
             return
-        self._memory.correct(rows, self._fitted)
-        self._corrected = self._version
+        rows = self._wrenches.rows(self._version)
+        if rows is not None:
+            self._memory.correct(rows, self._fitted)
+            self._corrected = self._version
 
     def _use_poses(self, version: int) -> None:
         """All samples so far count from now on as if they had been carried with the poses of a version."""

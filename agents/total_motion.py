@@ -77,20 +77,19 @@ class TotalMotion:
             steps = (rows[1:] - rows[:-1]) / self._deviations
         return outliers(steps) is None
 
-    def look_at(self, block: int, after: int, use_poses: Callable[[int], None]) -> tuple[Entered, Array, Array] | None:
-        """What a block shows.
+    def look_at(self, block: int, use_poses: Callable[[int], None]) -> tuple[Entered, Array, Array] | None:
+        """What a block shows. When its poses make the slope needless, the one after it is not looked at.
 
         Args:
             block: Its number, from ``add``.
-            after: The block that was looked at last: new poses can make the slope needless, or needed.
             use_poses: Called with the version of the poses that it was carried with, to bring these into use.
 
         Returns:
-            Own samples, the team's sums (B, 3, 6), and the motion of the body (B, 12); None if the block, or one that
-            it takes beside it, is missing.
+            The own samples as they entered, the team's sums (B, 3, 6), and the motion of the body (B, 12); None if the
+            block, or one that it takes beside it, is missing.
         """
         total = self._totals.get(block)
-        if total is None or block <= after:
+        if total is None:
             return None
         entered, sums = total
         use_poses(entered.version)

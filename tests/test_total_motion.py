@@ -39,7 +39,7 @@ def looked_at(motion: TotalMotion, team: Team, blocks: Array) -> list[bool]:
     for number, block in enumerate(blocks):
         newest = motion.add(Entered(number, np.zeros((BLOCK, 15)), team.poses[0], 0), block)
         assert newest in (number, None)
-        seen.append(newest is not None and motion.look_at(number, -1, lambda _: None) is not None)
+        seen.append(newest is not None and motion.look_at(number, lambda _: None) is not None)
     return seen
 
 

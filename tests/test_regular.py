@@ -1,0 +1,23 @@
+"""When regular work is due, where every block is stepped for and where some are skipped."""
+
+from __future__ import annotations
+
+import pytest
+
+from agents.regular import Regular
+
+
+@pytest.mark.parametrize("first", [0, 3, 10])
+def test_it_is_due_at_multiples(first: int) -> None:
+    regular = Regular(5)
+    assert [block for block in range(first, 31) if regular.is_due(block)] == [
+        block for block in range(first, 31) if block % 5 == 0
+    ]
+
+
+@pytest.mark.parametrize("stride", [2, 5, 7, 10])
+def test_who_skips_blocks_does_it_as_often_as_it_can(stride: int) -> None:
+    regular = Regular(5)
+    blocks = range(3, 203, stride)
+    due = [block for block in blocks if regular.is_due(block)]
+    assert len(due) >= min(len(blocks) - 1, 200 // 5 - 1)
