@@ -33,7 +33,7 @@ class Contradictions:
         config: The robot's settings.
         names: Of the team, in its order.
         pose: The own one.
-        deviations: Standard deviations of poses, shape (6,).
+        deviations: Standard deviations of poses' perturbations in the robots' own frames, shape (6,) [rad, m].
 
     Attributes:
         flood: Tells the others how badly the own sensors fit, once they do not, and hears the same of them.
@@ -90,15 +90,15 @@ class Contradictions:
 
     def _count_blame(self) -> None:
         """One more block that somebody is blamed in, or nobody; one that is blamed again and again is blamed, too."""
-        by = self.by
-        if by is None:
+        suspect = self.suspect
+        if suspect is None:
             self._blamed, self._anybody_blamed = max(0, self._blamed - 1), max(0.0, self._anybody_blamed - _EXCUSED)
         else:
-            self._blamed += by == self._names[self._own]
+            self._blamed += suspect == self._names[self._own]
             self._anybody_blamed += 1
 
     @property
-    def by(self) -> str | None:
+    def suspect(self) -> str | None:
         """The robot whose measurements contradict the team's motion most, if any do."""
         if self.flood.newest < 0:
             return None  # nobody has ever told of any
@@ -116,9 +116,9 @@ class Contradictions:
         return self._is_wrong or self._blamed > self._patience
 
     @property
-    def go_round(self) -> bool:
+    def is_own_turn(self) -> bool:
         """Whether contradictions have come and gone for long, and it is this robot's turn to be blamed for them."""
-        return self.by == self._names[self._own] and self._anybody_blamed > _ROUNDS * self._patience
+        return self.suspect == self._names[self._own] and self._anybody_blamed > _ROUNDS * self._patience
 
     @property
     def anybodys_have_lasted(self) -> bool:

@@ -1,4 +1,4 @@
-"""A block of sums that surprises waits for the next one: a load changes for longer than a block, a glitch does not."""
+"""A block of sums that surprises waits for the next complete one: a load changes for longer than a glitch lasts."""
 
 from __future__ import annotations
 

@@ -63,6 +63,7 @@ class LateWrenches:
     def forget_solution(self) -> None:
         """Too little is remembered to say what the load is."""
         self._residual_of_features = None
+        self._contradicted = 0
 
     def solve(self, model: InertiaModel, information: InertiaInformation) -> None:
         """Find what the load is, from all that is remembered."""

@@ -131,7 +131,8 @@ class LoadMemory:
         is_coherent = self._correction is not None
         if self._is_enough() and self._weights.are_due(self.count):
             self._weights.learn(self._window)
-        is_told = self._is_change_told = self._is_change_told and self._window.former is not None
+        self._is_change_told &= self._window.former is not None
+        is_told = self._is_change_told
         change = self._window.review(self._weights.model, is_coherent) if self._weights.know_load else None
         if change is None:
             self._look_back(block, moments)

@@ -93,12 +93,12 @@ class PoseFits:
         prior: What is known of the poses from a former team.
 
     Attributes:
-        prior: The same, None once samples have contradicted it.
+        prior: The same, None once samples have contradicted it, see ``forget_prior``.
         common: Moments over the samples that all have.
         told_moments: The same as they were when the own score was told last.
         carried: Version of the poses that samples are carried with now, 0 at the start.
         again_before: Samples from before this block do not count, unless they go through sums again, with these poses.
-        spoilt: Poses of versions up to this one were fitted to samples that something may have spoilt.
+        spoilt: Poses of versions up to this one were fitted to samples that something may have spoilt, -1 if none.
         floods: What is told to neighbours and heard from them, by name.
     """
 
@@ -176,12 +176,20 @@ class PoseFits:
             self._told_poses[told_version] = _poses(fitted)
             self.carried = told_version
             if self.prior is not None and not fitted[0, 2]:
-                self.prior, self.spoilt = None, max(self.spoilt, 0)
+                self.forget_prior()
             if fitted[0, 3]:
                 self.spoilt = max(self.spoilt, told_version)
             if fitted[0, 1] > self.again_before:
                 self.again_before = int(fitted[0, 1])
                 self.common.begin_again(self.again_before)
+
+    def forget_prior(self) -> None:
+        """What a former team knew of the poses is wrong, and so may be the poses that this team has begun with."""
+        self.prior, self.spoilt = None, max(self.spoilt, 0)
+
+    def may_be_spoilt(self, version: int) -> bool:
+        """Whether something may have spoilt the samples that poses of a version were fitted to."""
+        return version <= self.spoilt
 
     @property
     def are_stuck(self) -> bool:
@@ -222,7 +230,7 @@ class PoseFits:
         """
         left = _LEFT * np.concatenate(steps)
         inflation = self._inflation(untried)
-        prior = self.prior and self.prior.scaled(inflation)  # it is not new
+        prior = self.prior and self.prior.scaled(inflation)  # what was known before is not to be less certain below
         fitted = fitted_poses(poses, self.told_moments, self._config.noise, slope=slope, prior=prior)
         # Birge (1932): as residuals are larger than noise explains, so may be errors.
         inflation *= min(self._used_scores()[:, 1].max(initial=1.0), _WORST)
@@ -237,7 +245,7 @@ class PoseFits:
         if version == 0:
             return self.prior is not None
         chunk = self._chunks.get(version, self.common.chunks)  # a version that nobody has told scores for is not
-        return version > self.spoilt and self.common.chunks - chunk >= self._unsure
+        return not self.may_be_spoilt(version) and self.common.chunks - chunk >= self._unsure
 
     def map(self, feature_map: Array) -> None:
         """All samples' features are ``feature_map`` (28, 28) times what they were."""

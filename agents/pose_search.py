@@ -76,7 +76,7 @@ class PoseSearch:
             self._poses,
             self._motion.slope,
             is_settled=True,
-            is_spoilt=self._contradictions.by is not None,
+            is_spoilt=self._contradictions.suspect is not None,
             are_rough=False,
             come_again=True,
         )
@@ -126,7 +126,7 @@ class PoseSearch:
 
     def well_known_pose(self) -> Pose | None:
         """The own pose in the body frame, once the poses of the whole team are known well."""
-        if self._fitted is None or self._version <= self._fits.spoilt:
+        if self._fitted is None or self._fits.may_be_spoilt(self._version):
             return None
         if not np.all(self._fitted.deviations < WELL_KNOWN):
             return None
@@ -134,7 +134,7 @@ class PoseSearch:
 
     def doubts(self) -> tuple[str, ...]:
         """Why nothing is known yet."""
-        suspect = self._contradictions.by
+        suspect = self._contradictions.suspect
         if suspect is not None:
             return (f"what {suspect} measures contradicts how the load moves",)
         return ("the poses are still being found",)

@@ -134,7 +134,7 @@ class Team:
         for name, channels in inbox.items():
             self._floods.hear(name, channels)
             self._hear_of_change(channels.get("load_change"), index)
-        self._look_for_contradictions()
+        self._look_for_contradictions(index)
         self._fit_poses(index)
         finished = self._sums.advance(inbox)
         newest = None if finished is None else self._take_in(*finished, index)
@@ -170,18 +170,18 @@ class Team:
 
     def poses_to_keep(self) -> dict[str, KnownPose] | None:
         """Of all members, in the body frame, for the next team; None if they cannot be relied upon."""
-        is_doubtful = self._contradictions.by is not None or self._version <= self._fits.spoilt
+        is_doubtful = self._contradictions.suspect is not None or self._fits.may_be_spoilt(self._version)
         kept = self._legacy.poses(None if is_doubtful else self._poses)
         return None if kept is None else dict(zip(self._names, kept, strict=True))
 
     @property
     def _is_settled(self) -> bool:
         """Whether what is remembered of the load is seen with the poses in use, and nothing may have spoilt these."""
-        return self._corrected == self._version > self._fits.spoilt
+        return self._corrected == self._version and not self._fits.may_be_spoilt(self._version)
 
     def known_load(self) -> KnownLoad | None:
         """What the load is in the body frame, for the next team; None if that never was known of the present one."""
-        if self._contradictions.by is None:
+        if self._contradictions.suspect is None:
             self._note_load()
         return self._legacy.load(self._memory.changed_at)
 
@@ -206,13 +206,13 @@ class Team:
         """Why what is known of the load may not be true any more."""
         if self._completeness.newest < 0:
             return ("the team's sums have just begun",)
-        suspect = self._contradictions.by
+        suspect = self._contradictions.suspect
         if suspect is not None:
             return (f"what {suspect} measures contradicts how the load moves",)
         gap = self._completeness.gap(self._next)
         if gap is not None:
             return (gap,)
-        if self._fitted is not None and (self._version <= self._fits.spoilt or self._memory.is_spoilt):
+        if self._fitted is not None and (self._fits.may_be_spoilt(self._version) or self._memory.is_spoilt):
             return ("the poses are still being found",)
         recent_gap = self._completeness.recent_gap
         return () if recent_gap is None else (recent_gap,)
@@ -224,17 +224,17 @@ class Team:
         Where poses in use may be spoilt, contradictions may be theirs: everybody is blamed in turn, and there are no
         samples to fit them anew to. Then it is up to the one that is blamed now; the others go on with better poses.
         """
-        go_round = self._version <= self._fits.spoilt and self._contradictions.go_round
-        return self._contradictions.have_lasted or go_round or self._fits.are_stuck
+        is_own_turn = self._fits.may_be_spoilt(self._version) and self._contradictions.is_own_turn
+        return self._contradictions.have_lasted or is_own_turn or self._fits.are_stuck
 
-    def _look_for_contradictions(self) -> None:
+    def _look_for_contradictions(self, index: int) -> None:
         """When there is one, what was learned while it went unnoticed does not count."""
-        was, self._is_contradicted = self._is_contradicted, self._contradictions.by is not None
+        was, self._is_contradicted = self._is_contradicted, self._contradictions.suspect is not None
         if self._is_contradicted and not was:
             self._held.drop()
             self._memory.forget_late(UNNOTICED)
             self._note_load()
-            if not self._early_sums.are_over(self._next):
+            if not self._early_sums.are_over(index - self._config.blocks(UNNOTICED)):
                 self._memory.forget_early(PACE * UNNOTICED)
             self._early_sums.end()
             if self._version == 0 and self._fitted is not None:
@@ -242,7 +242,8 @@ class Team:
 
     def _forget_what_was_known(self) -> None:
         """Poses from a former team may be what contradicts: they are to be found again, as if nobody had known more."""
-        self._fits.prior = self._fitted = None
+        self._fits.forget_prior()
+        self._fitted = None
         self._neighbours_poses, self._largest_step = {}, np.inf
         self._contradictions.use_pose(self._poses[self._own], WELL_KNOWN)
         self._memory.expect_anything()
@@ -328,7 +329,7 @@ class Team:
         if self._version == 0 and self._fits.prior is None:
             self._legacy.forget_sure_poses()
         if self._fits.again_before > self._early_sums.start:
-            if self._fits.spoilt >= self._fits.carried:
+            if self._fits.may_be_spoilt(self._fits.carried):
                 self._early_sums.forget()
             self._early_sums.begin(self._fits.again_before)
             self._contradictions.forget_early()
@@ -345,7 +346,7 @@ class Team:
             return
         self._found_before = None if self.doubts() else self.found()
         self._held.drop()
-        if self._contradictions.by is None:
+        if self._contradictions.suspect is None:
             self._note_load()
         poses = self._fits.take_poses(version)
         self._motion.set_poses(poses)
@@ -364,5 +365,6 @@ class Team:
         comes_again = self._fits.again_before > self._counted_from
         self._counted_from = self._fits.again_before
         # What came while poses were too rough may be of several loads, whether it comes again or not.
-        if self._memory.is_spoilt if self._motion.needs_slope else comes_again:
+        must_begin_again = self._memory.is_spoilt if self._motion.needs_slope else comes_again
+        if must_begin_again:
             self._memory.begin_again(self._fitted)

@@ -63,7 +63,7 @@ class Watching:
 def test_nobody_is_blamed_without_reason() -> None:
     watching = Watching({})
     watching.run(0, 70)
-    assert [robot.by for robot in watching.robots] == [None] * 3
+    assert [robot.suspect for robot in watching.robots] == [None] * 3
     assert not any(robot.have_lasted or robot.anybodys_have_lasted for robot in watching.robots)
     assert watching.unlike == []
 
@@ -72,7 +72,7 @@ def test_nobody_is_blamed_without_reason() -> None:
 def test_who_is_wrong_is_named_by_all_and_starts_over(early: bool) -> None:
     watching = Watching({"r2": 0.5})
     watching.run(0, 70, early=early)
-    assert [robot.by for robot in watching.robots] == ["r2"] * 3
+    assert [robot.suspect for robot in watching.robots] == ["r2"] * 3
     assert [robot.have_lasted for robot in watching.robots] == [False, True, False]
 
 
@@ -80,12 +80,12 @@ def test_while_no_sum_is_complete_nobody_is_blamed_any_longer() -> None:
     watching = Watching({})
     watching.samples[20 * BLOCK : 25 * BLOCK, 1, :3] *= 3.0
     watching.run(0, 25)
-    assert [robot.by for robot in watching.robots] == ["r2"] * 3
+    assert [robot.suspect for robot in watching.robots] == ["r2"] * 3
     watching.run(25, 35, complete=False)  # 0.7 s
-    assert [robot.by for robot in watching.robots] == ["r2"] * 3
+    assert [robot.suspect for robot in watching.robots] == ["r2"] * 3
     assert not any(robot.have_lasted or robot.anybodys_have_lasted for robot in watching.robots)
     watching.run(60, 18)
-    assert [robot.by for robot in watching.robots] == [None] * 3
+    assert [robot.suspect for robot in watching.robots] == [None] * 3
     assert not any(robot.have_lasted or robot.anybodys_have_lasted for robot in watching.robots)
 
 
