@@ -1,0 +1,34 @@
+"""Processes that benchmarks start: what ends is told, and none is left behind."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import msgspec
+import psutil
+import pytest
+
+from benchmarks.raw_team import RawServer, Sizes, raw_team
+from benchmarks.scenarios import team_scenario
+from coheft.app.hosts import free_ports
+from coheft.app.plan import make_plan
+from coheft.errors import LinkError
+from tests.waiting import LIMIT
+
+SIZES = Sizes(measurements=100, message=100, reference=100)
+
+
+def test_the_death_of_the_raw_server_is_told_and_nobody_is_left_behind() -> None:
+    with raw_team(make_plan(team_scenario(3)), SIZES) as team:
+        assert team.turn(0.1).blocks > 0
+        team.processes["server"].kill()
+        with pytest.raises(LinkError, match="with status -9"):
+            team.turn(0.1)
+    assert not any(psutil.pid_exists(process.pid) for process in team.processes.values())
+
+
+def test_the_raw_server_ends_with_its_stdin_whatever_it_waits_for() -> None:
+    config = RawServer("run", {"r1": f"tcp/127.0.0.1:{free_ports(1)[0]}"}, 4, SIZES)
+    line = msgspec.json.encode(config).decode() + "\n"
+    subprocess.run([sys.executable, "-m", "benchmarks.raw_team"], input=line, text=True, timeout=LIMIT, check=True)
