@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import msgspec
 import psutil
@@ -11,8 +14,10 @@ import pytest
 
 from benchmarks.raw_team import RawServer, Sizes, raw_team
 from benchmarks.scenarios import team_scenario
+from benchmarks.startup import Run
 from coheft.app.hosts import free_ports
 from coheft.app.plan import make_plan
+from coheft.app.run_folder import find_run
 from coheft.errors import LinkError
 from tests.waiting import LIMIT
 
@@ -32,3 +37,17 @@ def test_the_raw_server_ends_with_its_stdin_whatever_it_waits_for() -> None:
     config = RawServer("run", {"r1": f"tcp/127.0.0.1:{free_ports(1)[0]}"}, 4, SIZES)
     line = msgspec.json.encode(config).decode() + "\n"
     subprocess.run([sys.executable, "-m", "benchmarks.raw_team"], input=line, text=True, timeout=LIMIT, check=True)
+
+
+def test_a_run_that_does_not_begin_is_told(tmp_path: Path) -> None:
+    (tmp_path / "server.log").touch()
+    with Run(tmp_path) as run, pytest.raises(LinkError, match="never overwritten"):
+        run.began()
+
+
+def test_a_run_that_ends_too_early_is_told(tmp_path: Path) -> None:
+    with Run(tmp_path) as run:
+        run.began()
+        os.kill(find_run(tmp_path).pids["server"], signal.SIGKILL)
+        with pytest.raises(LinkError, match="server was killed by signal 9"):
+            run.memory(1e6)
