@@ -22,8 +22,8 @@ import psutil
 import zenoh
 
 from benchmarks.figures import Effort, Figure, Section
-from benchmarks.network import SETTLED
 from benchmarks.runner import run_alone
+from benchmarks.stepped_team import SETTLED
 from benchmarks.timing import ratio
 from coheft.app.processes import ENVIRONMENT
 from coheft.app.run_folder import RunFile, find_run
