@@ -1,18 +1,20 @@
-"""All benchmarks, one after another; writes a Markdown table and the same as JSON.
+"""All benchmarks, one after another; writes a Markdown table and the same as JSON, anew after each one.
 
     python -m benchmarks [NAME ...] [--effort short|usual|full] [--to FOLDER]
 
 'usual' takes some minutes, 'full' most of an hour. Each runs alone, too: python -m benchmarks.NAME --help
+If one fails, the others are measured all the same; the exit status is 1.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
-from benchmarks.runner import BENCHMARKS, add_effort, measure_all
-from coheft.errors import CoheftError
+from benchmarks.figures import Results, Section
+from benchmarks.runner import BENCHMARKS, add_effort, measure_all, this_machine
 
 
 def main() -> None:
@@ -27,15 +29,20 @@ def main() -> None:
     unknown = sorted(set(chosen.names) - set(BENCHMARKS))
     if unknown:
         parser.error(f"there is no benchmark {', '.join(unknown)}; there are {', '.join(BENCHMARKS)}")
+    load_before = os.getloadavg()[0]
+    sections: list[Section] = []
     try:
-        results = measure_all(chosen.names or BENCHMARKS, chosen.effort)
-        paths = results.write(chosen.to)
-    except (CoheftError, OSError) as error:
+        for section in measure_all(chosen.names or BENCHMARKS, chosen.effort):
+            sections.append(section)
+            results = Results(effort=chosen.effort, machine=this_machine(load_before), sections=sections)
+            paths = results.write(chosen.to)  # each time: what was measured is not lost
+    except OSError as error:
         sys.exit(str(error))
     except KeyboardInterrupt:
         sys.exit(130)
     print(results.markdown())
     print("Written:", *paths)
+    sys.exit(1 if any(section.has_failed for section in sections) else 0)
 
 
 if __name__ == "__main__":

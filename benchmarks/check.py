@@ -22,12 +22,12 @@ from coheft.errors import CoheftError
 def check() -> int:
     """Measure and compare; the exit status."""
     committed = load_committed()
-    found = guarded(measure_all(GUARDED, "short").sections)
+    found = guarded(measure_all(GUARDED, "short"))
     worse = [each for each in compare(committed, found) if each.is_regression and each.now is not None]
     if worse:
         again = sorted({each.name.partition(":")[0] for each in worse}, key=GUARDED.index)
         print(f"once more, because of {'; '.join(map(str, worse))}", file=sys.stderr)
-        found = better_of(found, guarded(measure_all(again, "short").sections))
+        found = better_of(found, guarded(measure_all(again, "short")))
     comparisons = compare(committed, found)
     for each in comparisons:
         print(f"{'WORSE ' if each.is_regression else 'ok    '}{each}")

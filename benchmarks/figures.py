@@ -59,6 +59,7 @@ class Section(msgspec.Struct, frozen=True, kw_only=True):
         figures: What was found.
         skipped: What was not measured.
         seconds: How long it took [s].
+        has_failed: Whether an error ended it; then nothing of it was measured.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Section(msgspec.Struct, frozen=True, kw_only=True):
     figures: list[Figure]
     skipped: list[Skipped] = []
     seconds: float = 0.0
+    has_failed: bool = False
 
 
 class Machine(msgspec.Struct, frozen=True, kw_only=True):

@@ -19,12 +19,12 @@ import numpy as np
 
 from benchmarks.bench_server import latencies
 from benchmarks.figures import Effort, Figure, Section
-from benchmarks.network import SETTLED
 from benchmarks.paced_team import Turn, paced_team
 from benchmarks.raw_team import Sizes, raw_team
 from benchmarks.replay import record, sizes
 from benchmarks.runner import run_alone
 from benchmarks.scenarios import team_scenario
+from benchmarks.stepped_team import SETTLED
 from benchmarks.timing import ratio
 from coheft.app.plan import make_plan
 from coheft.estimation.spatial import Array

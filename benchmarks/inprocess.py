@@ -16,9 +16,9 @@ from typing import Literal
 from msgspec.structs import replace
 
 from benchmarks.figures import Effort, Figure, Section, Skipped
-from benchmarks.network import Network
 from benchmarks.runner import run_alone
 from benchmarks.scenarios import team_scenario, weaker
+from benchmarks.stepped_team import SteppedTeam
 from benchmarks.timing import ratio
 from coheft.wire.scenario import Graph
 
@@ -36,28 +36,28 @@ _LIMIT = 1200.0
 
 
 @dataclass
-class Runner:
+class TimedTeam:
     """A team, and what each of its turns took.
 
     Attributes:
-        network: The team.
+        stepped: The team.
         robots: How many.
         agents: CPU time per agent and block, a number for each turn [s].
         physics: CPU time of the physics per block, likewise [s].
     """
 
-    network: Network
+    stepped: SteppedTeam
     robots: int
     agents: list[float] = field(default_factory=list)
     physics: list[float] = field(default_factory=list)
 
     def turn(self) -> None:
         """Some blocks."""
-        agents, physics = self.network.agents_time, self.network.physics_time
+        agents, physics = self.stepped.agents_time, self.stepped.physics_time
         for _ in range(_TURN):
-            self.network.step()
-        self.agents.append((self.network.agents_time - agents) / _TURN / self.robots)
-        self.physics.append((self.network.physics_time - physics) / _TURN)
+            self.stepped.step()
+        self.agents.append((self.stepped.agents_time - agents) / _TURN / self.robots)
+        self.physics.append((self.stepped.physics_time - physics) / _TURN)
 
     def figures(self, name: str, bar: float | None = None) -> list[Figure]:
         """How fast it is."""
@@ -66,7 +66,7 @@ class Runner:
         return [
             Figure(
                 name=f"{name}, physics included",
-                value=self.network.block_duration / (agents + physics),
+                value=self.stepped.block_duration / (agents + physics),
                 unit="times real time",
                 bar=bar,
                 more_is_better=True,
@@ -74,7 +74,7 @@ class Runner:
             ),
             Figure(
                 name=f"{name}, agents alone",
-                value=self.network.block_duration / agents,
+                value=self.stepped.block_duration / agents,
                 unit="times real time",
                 more_is_better=True,
                 note=note,
@@ -84,14 +84,16 @@ class Runner:
 
 def measure(effort: Effort) -> Section:
     """All teams."""
-    small, large = (Runner(Network(team_scenario(robots)), robots) for robots in (_SMALL, _LARGE))
+    small, large = (TimedTeam(SteppedTeam(team_scenario(robots)), robots) for robots in (_SMALL, _LARGE))
     teams = {f"ring of {_SMALL}": small, f"ring of {_LARGE}": large}
     if effort != "short":
-        teams[f"ring of {_SMALL}, 500 Hz"] = Runner(Network(team_scenario(_SMALL, 500, 10)), _SMALL)
+        teams[f"ring of {_SMALL}, 500 Hz"] = TimedTeam(SteppedTeam(team_scenario(_SMALL, 500, 10)), _SMALL)
         for block in _LONGER:
-            teams[f"ring of {_SMALL}, blocks of {block}"] = Runner(Network(team_scenario(_SMALL, block=block)), _SMALL)
+            teams[f"ring of {_SMALL}, blocks of {block}"] = TimedTeam(
+                SteppedTeam(team_scenario(_SMALL, block=block)), _SMALL
+            )
     for team in teams.values():
-        team.network.settle()
+        team.stepped.settle()
     for _ in range(_TURNS[effort]):
         for team in teams.values():
             team.turn()
@@ -121,16 +123,16 @@ def measure(effort: Effort) -> Section:
 def _measure_larger(robots: int, graph: Graph, figures: list[Figure], skipped: list[Skipped]) -> None:
     """A team of hundreds, if it comes to work before it is given up."""
     name = f"{graph.kind} of {robots}"
-    network = Network(weaker(replace(team_scenario(robots), graph=graph)))
+    stepped = SteppedTeam(weaker(replace(team_scenario(robots), graph=graph)))
     deadline = time.process_time() + _LIMIT
-    while not network.is_working and time.process_time() < deadline:
-        network.step()
-    if not network.is_working:
-        simulated = network.block * network.block_duration
+    while not stepped.is_working and time.process_time() < deadline:
+        stepped.step()
+    if not stepped.is_working:
+        simulated = stepped.block * stepped.block_duration
         reason = f"after {_LIMIT:.0f} s of CPU time it had simulated {simulated:.2f} s, and weighed no load yet"
         skipped.append(Skipped(name, reason))
         return
-    team = Runner(network, robots)
+    team = TimedTeam(stepped, robots)
     for _ in range(5):
         team.turn()
     figures.extend(team.figures(name))

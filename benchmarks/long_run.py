@@ -3,7 +3,7 @@
     python -m benchmarks.long_run [--minutes M] [--scenario NAME] [--sensor-rate R]
 
 Prints, for every process that lived for ten minutes or more, its resident memory and open files five minutes after it
-started, at its end, and three times in between. Needs Linux: it reads /proc.
+started, at its end, and three times in between. The exit status is that of the run.
 """
 
 from __future__ import annotations
@@ -16,8 +16,11 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import psutil
 
 from coheft.app.observer import ask_run
 from coheft.app.run_folder import find_run
@@ -51,13 +54,14 @@ class Life:
     def look(self, now: float) -> None:
         """Note how it is, if it still is."""
         try:
-            pages = int(Path(f"/proc/{self.pid}/statm").read_text().split()[1])
-            files = len(os.listdir(f"/proc/{self.pid}/fd"))
-        except (OSError, IndexError):
+            process = psutil.Process(self.pid)
+            memory, files = process.memory_info().rss, process.num_fds()
+        except (psutil.NoSuchProcess, psutil.AccessDenied):  # the latter if nobody has heard of its end yet
             return
-        self.times.append(now)
-        self.memory.append(pages * os.sysconf("SC_PAGE_SIZE"))
-        self.files.append(files)
+        if memory:  # likewise
+            self.times.append(now)
+            self.memory.append(memory)
+            self.files.append(files)
 
     @property
     def duration(self) -> float:
@@ -92,8 +96,9 @@ class Troubles:
         if elapsed >= self._next_kill:
             self._next_kill += KILL_EVERY
             run_file = find_run(self._folder)
-            os.kill(run_file.pids[list(run_file.agents)[-1]], signal.SIGKILL)
-            self.kills += 1
+            with suppress(ProcessLookupError):  # it has just ended by itself
+                os.kill(run_file.pids[list(run_file.agents)[-1]], signal.SIGKILL)
+                self.kills += 1
 
 
 def follow(run: subprocess.Popen[bytes], folder: Path, seconds: float) -> tuple[list[Life], Troubles]:
@@ -112,7 +117,8 @@ def follow(run: subprocess.Popen[bytes], folder: Path, seconds: float) -> tuple[
             print(f"after {elapsed:.0f} s: {error}", file=sys.stderr)
         for life in lives:
             life.look(elapsed)
-        time.sleep(SAMPLE_EVERY)
+        with suppress(subprocess.TimeoutExpired):
+            run.wait(SAMPLE_EVERY)
     return lives, troubles
 
 
@@ -158,6 +164,7 @@ def main() -> None:
             run.wait()
     print(f"\nexit status {run.returncode}; {troubles.changes} changes of the load, {troubles.kills} agents killed\n")
     print_table(lives)
+    sys.exit(run.returncode)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """A team that does nothing but say as many bytes: Zenoh sessions and two loops, none of the product's processes.
 
 ``python -m benchmarks.raw_team`` reads one line of JSON from stdin, a ``RawServer`` or a ``RawAgent``. The server then
-reads a number of seconds per line, runs so long in lockstep, and answers with a line: blocks and seconds.
+reads a number of seconds per line, runs so long in lockstep, and answers with a line: blocks and seconds. Both end with
+stdin.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from queue import SimpleQueue
 from typing import Any
 
 import msgspec
@@ -21,6 +23,7 @@ import zenoh
 
 from benchmarks.paced_team import Turn
 from coheft.app.plan import Plan
+from coheft.errors import LinkError
 from coheft.wire.config import Neighbour
 from coheft.wire.transport import open_session
 
@@ -56,19 +59,28 @@ class RawAgent(msgspec.Struct, frozen=True, tag=True):
 
 
 class RawTeam:
-    """Running processes, see ``raw_team``."""
+    """Running processes by name (``server`` is one of them), see ``raw_team``."""
 
-    def __init__(self, server: subprocess.Popen[str], agents: dict[str, subprocess.Popen[str]]) -> None:
-        self._server = server
-        self._children = {name: psutil.Process(child.pid) for name, child in {"server": server, **agents}.items()}
+    def __init__(self, processes: dict[str, subprocess.Popen[str]]) -> None:
+        self.processes = processes
+        self._children = {name: psutil.Process(process.pid) for name, process in processes.items()}
 
     def turn(self, seconds: float) -> Turn:
-        """Let it run for so long [s]."""
-        assert self._server.stdin is not None
-        assert self._server.stdout is not None
+        """Let it run for so long [s].
+
+        Raises:
+            LinkError: The server has ended.
+        """
+        server = self.processes["server"]
+        assert server.stdin is not None
+        assert server.stdout is not None
         before = self._cpu()
-        print(seconds, file=self._server.stdin, flush=True)
-        blocks, wall = self._server.stdout.readline().split()
+        with suppress(BrokenPipeError):  # then there is no answer
+            print(seconds, file=server.stdin, flush=True)
+        answer = server.stdout.readline().split()
+        if not answer:
+            raise LinkError(f"the server has ended, with status {server.wait()}: what it said is above")
+        blocks, wall = answer
         cpu = {name: now - before[name] for name, now in self._cpu().items()}
         return Turn(first=0, blocks=int(blocks), wall=float(wall), cpu=cpu)
 
@@ -81,7 +93,7 @@ class RawTeam:
 def raw_team(plan: Plan, sizes: Sizes) -> Iterator[RawTeam]:
     """Start one with the links of a plan."""
     lookahead = plan.server.scenario.lookahead
-    configs: dict[str, RawServer | RawAgent] = {
+    configs = {
         name: RawAgent(plan.run, name, agent.server, agent.listen, agent.neighbours, sizes)
         for name, agent in plan.agents.items()
     }
@@ -95,13 +107,19 @@ def raw_team(plan: Plan, sizes: Sizes) -> Iterator[RawTeam]:
                 text=True,
                 start_new_session=True,
             )
-            stack.enter_context(child)  # closes its stdin, whose end tells it to go, and waits
+            stack.callback(_end, child)
             assert child.stdin is not None
             print(msgspec.json.encode(config).decode(), file=child.stdin, flush=True)
             return child
 
         server = start(RawServer(plan.run, plan.server.robots, lookahead, sizes))
-        yield RawTeam(server, {name: start(config) for name, config in configs.items()})
+        yield RawTeam({"server": server, **{name: start(config) for name, config in configs.items()}})
+
+
+def _end(child: subprocess.Popen[str]) -> None:
+    """Kill a process, and wait until it is gone."""
+    with suppress(BrokenPipeError), child:  # it may not have read all
+        child.kill()
 
 
 class _Link:
@@ -130,7 +148,7 @@ class _Link:
         self._heard.recv().payload.to_bytes()
 
 
-def _run_server(config: RawServer, stack: ExitStack) -> None:
+def _run_server(config: RawServer, turns: SimpleQueue[float], stack: ExitStack) -> None:
     links = [
         _Link(stack.enter_context(open_session([endpoint])), f"{config.run}/down/{name}", f"{config.run}/up/{name}")
         for name, endpoint in config.robots.items()
@@ -139,8 +157,9 @@ def _run_server(config: RawServer, stack: ExitStack) -> None:
         link.wait()
         link.hear()
     data = bytes(config.sizes.measurements)
-    for line in sys.stdin:
-        began, seconds, sent, answered = time.monotonic(), float(line), 0, 0
+    while True:
+        seconds = turns.get()
+        began, sent, answered = time.monotonic(), 0, 0
         while answered < sent or time.monotonic() < began + seconds:
             is_over = time.monotonic() >= began + seconds
             if not is_over and sent < answered + config.lookahead:
@@ -183,16 +202,19 @@ def _run_agent(config: RawAgent, stack: ExitStack) -> None:
 def main() -> None:
     """Run what stdin says, until its end."""
     config = msgspec.json.decode(sys.stdin.readline(), type=RawServer | RawAgent)
+    turns: SimpleQueue[float] = SimpleQueue()
+    threading.Thread(target=_read_turns, args=(turns,), daemon=True).start()
     with ExitStack() as stack:
         if isinstance(config, RawServer):
-            _run_server(config, stack)
+            _run_server(config, turns, stack)
         else:
-            threading.Thread(target=_leave_with_stdin, daemon=True).start()
             _run_agent(config, stack)
 
 
-def _leave_with_stdin() -> None:
-    sys.stdin.read()
+def _read_turns(turns: SimpleQueue[float]) -> None:
+    """Hand on how long the server shall run, each time; leave at once when stdin ends."""
+    for line in sys.stdin:
+        turns.put(float(line))
     os._exit(0)
 
 

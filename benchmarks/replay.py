@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from agents.agent import Outbox
-from benchmarks.network import Network
+from benchmarks.stepped_team import SteppedTeam
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.codec import decode, encode
 from coheft.wire.config import AgentConfig
@@ -25,12 +25,12 @@ _KEY = "replay"
 
 def record(scenario: Scenario, folder: Path) -> dict[str, Path]:
     """Run a scenario in this process until it has settled, and write what each agent says then to a file."""
-    network = Network(scenario)
-    network.settle()
-    said: dict[str, list[tuple[bytes, bytes, bytes]]] = {name: [] for name in network.graph}
+    team = SteppedTeam(scenario)
+    team.settle()
+    said: dict[str, list[tuple[bytes, bytes, bytes]]] = {name: [] for name in team.graph}
     for _ in range(BLOCKS):
-        network.step()
-        for name, outbox in network.outboxes.items():
+        team.step()
+        for name, outbox in team.outboxes.items():
             estimate = b"" if outbox.estimate is None else encode(outbox.estimate, _KEY)
             said[name].append((encode(outbox.message, _KEY), encode(outbox.reference, _KEY), estimate))
     files = {name: folder / f"{name}.replay" for name in said}

@@ -8,13 +8,14 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Sequence
+import traceback
+from collections.abc import Iterator, Sequence
 from typing import get_args
 
 import numpy as np
 from msgspec.structs import replace
 
-from benchmarks.figures import Effort, Machine, Results, Section, Skipped, section_lines
+from benchmarks.figures import Effort, Machine, Section, Skipped, section_lines
 from coheft.errors import CoheftError
 
 GUARDED = ("kernels", "startup", "inprocess", "floor")
@@ -29,26 +30,39 @@ def measure(name: str, effort: Effort) -> Section:
     return replace(section, seconds=time.monotonic() - began)
 
 
-def measure_all(names: Sequence[str], effort: Effort) -> Results:
-    """Run some benchmarks, one after another; tells on stderr which one is at work."""
-    load_before = os.getloadavg()[0]
-    sections = []
+def measure_all(names: Sequence[str], effort: Effort) -> Iterator[Section]:
+    """Run some benchmarks, one after another; tells on stderr which one is at work, and what has failed."""
     for name in names:
         print(f"{name} …", file=sys.stderr, flush=True)
         try:
-            sections.append(measure(name, effort))
-        except CoheftError as error:  # the others can still be measured
-            reason = " ".join(str(error).split())
-            sections.append(Section(name=name, title=name, figures=[], skipped=[Skipped("all of it", reason)]))
-        print(f"{name}: {sections[-1].seconds:.0f} s", file=sys.stderr, flush=True)
-    machine = Machine(
+            section = measure(name, effort)
+        except Exception as error:  # the others can still be measured
+            section = _failed(name, error)
+        print(f"{name}: {section.seconds:.0f} s", file=sys.stderr, flush=True)
+        yield section
+
+
+def _failed(name: str, error: Exception) -> Section:
+    """What is left of a benchmark that an error ended."""
+    if isinstance(error, CoheftError):
+        reason = str(error)
+        print(reason, file=sys.stderr)
+    else:
+        reason = f"{type(error).__name__}: {error}"
+        traceback.print_exception(error)
+    skipped = [Skipped("all of it", " ".join(reason.split()))]
+    return Section(name=name, title=name, figures=[], skipped=skipped, has_failed=True)
+
+
+def this_machine(load_before: float) -> Machine:
+    """Where we are, and how busy others were and are."""
+    return Machine(
         cores=os.cpu_count() or 1,
         python=platform.python_version(),
         numpy=np.__version__,
         load_before=load_before,
         load_after=os.getloadavg()[0],
     )
-    return Results(effort=effort, machine=machine, sections=sections)
 
 
 def add_effort(parser: argparse.ArgumentParser, default: Effort = "usual") -> None:

@@ -14,21 +14,24 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import psutil
 import zenoh
 
 from benchmarks.figures import Effort, Figure, Section
-from benchmarks.network import SETTLED
 from benchmarks.runner import run_alone
+from benchmarks.stepped_team import SETTLED
 from benchmarks.timing import ratio
 from coheft.app.processes import ENVIRONMENT
 from coheft.app.run_folder import RunFile, find_run
 from coheft.errors import CoheftError, LinkError
 from coheft.wire.requests import Refusal, Status, StatusRequest
 from coheft.wire.transport import Keys, ask, open_session
+
+T = TypeVar("T")
 
 ROBOTS = 6
 _FIRST_BLOCK_BAR, _IMPORT_BAR, _MEMORY_BAR = 1.0, 0.3, 60.0
@@ -56,7 +59,7 @@ def measure(effort: Effort) -> Section:
 def _first_block(turns: int) -> list[Figure]:
     real, bare = [], []
     for _ in range(turns):
-        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder, _Run(Path(folder)) as run:
+        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder, Run(Path(folder)) as run:
             real.append(run.began() - run.called_at)
         bare.append(_bare_start())
     seconds = statistics.median(real)
@@ -91,45 +94,71 @@ def _bare_start() -> float:
     return time.monotonic() - began
 
 
-class _Run:
+class Run:
     """'coheft run ring6' in a process of its own, ended with the context."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
+        self._said = folder / "stderr.txt"
         self.called_at = time.monotonic()
         command = [sys.executable, "-m", "coheft", "run", "ring6", "--duration", "1000"]
-        self._process = subprocess.Popen(
-            [*command, "--quiet", "--logs", str(folder)], stderr=subprocess.DEVNULL, start_new_session=True, env=_USUAL
-        )
+        with self._said.open("wb") as said:
+            self._process = subprocess.Popen(
+                [*command, "--quiet", "--logs", str(folder)], stderr=said, start_new_session=True, env=_USUAL
+            )
 
     def began(self) -> float:
-        """When the first block began, of the clock ``time.monotonic``."""
+        """When the first block began, of the clock ``time.monotonic``.
+
+        Raises:
+            LinkError: None does.
+        """
         run_file = self._find()
         with open_session(connect=[run_file.server]) as session:
-            while True:
-                status = _status(session, run_file)
-                if status is not None and status.real_time_factor > 0.0:
-                    return time.monotonic() - status.time / status.real_time_factor
-                time.sleep(_POLL)
+            status = self._wait_for(lambda: _status(session, run_file, lambda status: status.real_time_factor > 0.0))
+            return time.monotonic() - status.time / status.real_time_factor
 
     def memory(self, simulated: float) -> dict[str, float]:
-        """Resident memory of each process once a simulated time [s] has passed, by name [MB]."""
+        """Resident memory of each process once a simulated time [s] has passed, by name [MB].
+
+        Raises:
+            LinkError: It does not pass.
+        """
         run_file = self._find()
         with open_session(connect=[run_file.server]) as session:
-            while (status := _status(session, run_file)) is None or status.time < simulated:
-                time.sleep(0.2)
+            self._wait_for(lambda: _status(session, run_file, lambda status: status.time >= simulated), every=0.2)
         pids = {"the command": self._process.pid, **run_file.pids}
         return {name: psutil.Process(pid).memory_info().rss / 1e6 for name, pid in pids.items()}
 
     def _find(self) -> RunFile:
-        while time.monotonic() < self.called_at + _LIMIT:
+        def found() -> RunFile | None:
             try:
                 return find_run(self._folder)
             except CoheftError:
-                time.sleep(_POLL)
-        raise LinkError(f"'coheft run' has not begun after {_LIMIT:g} s")
+                return None
 
-    def __enter__(self) -> _Run:
+        return self._wait_for(found)
+
+    def _wait_for(self, look: Callable[[], T | None], every: float = _POLL) -> T:
+        """What is seen in the end; until then it is looked for every so many seconds.
+
+        Raises:
+            LinkError: Nothing is seen in time, or the run has ended.
+        """
+        while (seen := look()) is None:
+            if self._process.poll() is not None:
+                raise LinkError(f"'coheft run' has ended, with status {self._process.returncode}{self._words()}")
+            if time.monotonic() > self.called_at + _LIMIT:
+                raise LinkError(f"'coheft run' is not where it should be after {_LIMIT:g} s{self._words()}")
+            time.sleep(every)
+        return seen
+
+    def _words(self) -> str:
+        """What it has said on stderr."""
+        said = self._said.read_text(errors="replace").strip()
+        return f": {said}" if said else ""
+
+    def __enter__(self) -> Run:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -137,13 +166,13 @@ class _Run:
         self._process.wait(_LIMIT)
 
 
-def _status(session: zenoh.Session, run_file: RunFile) -> Status | None:
-    """How the run is; None if it does not say."""
+def _status(session: zenoh.Session, run_file: RunFile, condition: Callable[[Status], bool]) -> Status | None:
+    """How the run is; None if it does not say, or as long as a condition does not hold."""
     try:
         answer = ask(session, Keys(run_file.run).request("observer"), StatusRequest(), timeout=0.5)
     except LinkError:
         return None
-    return None if isinstance(answer, Refusal) else answer
+    return None if isinstance(answer, Refusal) or not condition(answer) else answer
 
 
 def _imports(turns: int) -> list[Figure]:
@@ -180,7 +209,7 @@ def _output(code: str) -> str:
 
 
 def _memory() -> list[Figure]:
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder, _Run(Path(folder)) as run:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder, Run(Path(folder)) as run:
         memory = run.memory(SETTLED)
     bare = float(_output(f"{_LEAST}, psutil; print(psutil.Process().memory_info().rss / 1e6)"))
     agents: Sequence[float] = [size for name, size in memory.items() if name not in ("server", "the command")]

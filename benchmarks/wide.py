@@ -13,10 +13,10 @@ import statistics
 from msgspec.structs import replace
 
 from benchmarks.figures import Effort, Figure, Section, Skipped
-from benchmarks.inprocess import Runner
-from benchmarks.network import Network
+from benchmarks.inprocess import TimedTeam
 from benchmarks.runner import run_alone
 from benchmarks.scenarios import team_scenario, weaker
+from benchmarks.stepped_team import SteppedTeam
 from benchmarks.timing import ratio
 
 _SMALL, _LARGE = 24, 1000
@@ -31,14 +31,14 @@ def measure(effort: Effort) -> Section:
     title = f"A ring of {_LARGE} agents in one process"
     if not _TURNS[effort]:
         return Section(name="wide", title=title, figures=[], skipped=[Skipped("all of it", "it takes a minute")])
-    small, large = (Runner(_network(robots), robots) for robots in (_SMALL, _LARGE))
+    small, large = (TimedTeam(_stepped(robots), robots) for robots in (_SMALL, _LARGE))
     for team in (small, large):
-        team.network.run_until(_FIRST * team.network.block_duration)
+        team.stepped.run_until(_FIRST * team.stepped.block_duration)
     for _ in range(_TURNS[effort]):
         for team in (small, large):
             team.turn()
     costs = [f"{1e6 * statistics.median(team.agents):.0f}" for team in (large, small)]
-    phases = ", ".join(sorted(large.network.phases | small.network.phases))
+    phases = ", ".join(sorted(large.stepped.phases | small.stepped.phases))
     return Section(
         name="wide",
         title=title,
@@ -47,7 +47,7 @@ def measure(effort: Effort) -> Section:
                 name=f"cost per agent and block, {_LARGE} against {_SMALL}",
                 value=ratio(large.agents, small.agents),
                 bar=_BAR,
-                note=f"{' against '.join(costs)} µs; {large.network.block} blocks; phase: {phases}",
+                note=f"{' against '.join(costs)} µs; {large.stepped.block} blocks; phase: {phases}",
             ),
             Figure(
                 name="physics per block and robot, the same",
@@ -58,8 +58,8 @@ def measure(effort: Effort) -> Section:
     )
 
 
-def _network(robots: int) -> Network:
-    return Network(replace(weaker(team_scenario(robots)), estimator="seed"))
+def _stepped(robots: int) -> SteppedTeam:
+    return SteppedTeam(replace(weaker(team_scenario(robots)), estimator="seed"))
 
 
 if __name__ == "__main__":

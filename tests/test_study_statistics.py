@@ -71,3 +71,8 @@ def test_false_alarms_are_counted_once_for_all_robots_that_agree() -> None:
     unchanged = judge_detection(runs, change=None, duration=36.0)
     assert (unchanged.false_alarms, unchanged.missed, unchanged.delay_s) == (4, 0, None)
     assert unchanged.false_alarms_per_hour == pytest.approx(400.0)
+
+
+def test_without_any_run_there_is_no_rate_of_false_alarms() -> None:
+    found = judge_detection([], change=None, duration=36.0)
+    assert (found.false_alarms, found.false_alarms_per_hour, found.hours) == (0, None, 0.0)

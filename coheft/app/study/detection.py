@@ -17,7 +17,7 @@ class Detection(msgspec.Struct, frozen=True):
         delay_max_s: The longest [s].
         missed: Runs in which some robot had not noticed when the run ended.
         false_alarms: Notices without a change; those of several robots that agree are one.
-        false_alarms_per_hour: Of simulated time.
+        false_alarms_per_hour: Of simulated time; None if there was none.
         hours: Of simulated time.
     """
 
@@ -25,7 +25,7 @@ class Detection(msgspec.Struct, frozen=True):
     delay_max_s: float | None
     missed: int
     false_alarms: int
-    false_alarms_per_hour: float
+    false_alarms_per_hour: float | None
     hours: float
 
 
@@ -55,7 +55,7 @@ def judge_detection(
         delay_max_s=max(delays, default=None),
         missed=missed,
         false_alarms=alarms,
-        false_alarms_per_hour=alarms / hours,
+        false_alarms_per_hour=alarms / hours if hours > 0.0 else None,
         hours=hours,
     )
 

@@ -1,4 +1,4 @@
-"""Agents in one process, block by block, with or without physics: what benchmarks time and record."""
+"""Agents and their physics in one process, block by block: what benchmarks time and record."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import time
 from agents.agent import Outbox
 from coheft.app.inprocess import TeamInProcess, measured
 from coheft.errors import CoheftError
-from coheft.wire.messages import Truth
 from coheft.wire.scenario import Scenario
 
 SETTLED = 12.0
@@ -16,14 +15,13 @@ _SETTLED_BLOCKS = 150
 """The same for long blocks: much of a start takes a number of rounds, however long they are."""
 
 
-class Network:
+class SteppedTeam:
     """A team and its physics in this process; time is counted separately for both.
 
     Attributes:
         block_duration: Of one block [s].
         graph: Who talks with whom.
         outboxes: What each agent said last.
-        truth: The newest block's; None before the first.
         agents_time: CPU time of all agents so far [s].
         physics_time: CPU time of physics and sensors so far [s].
     """
@@ -31,9 +29,8 @@ class Network:
     def __init__(self, scenario: Scenario) -> None:
         self.block_duration = scenario.block_duration
         self._team = TeamInProcess(scenario)
-        self.graph, self.scene = self._team.graph, self._team.simulation.scene
+        self.graph = self._team.graph
         self.outboxes: dict[str, Outbox] = {}
-        self.truth: Truth | None = None
         self.agents_time = self.physics_time = 0.0
         self._phases: dict[str, str] = {}
 
@@ -67,7 +64,6 @@ class Network:
         """One block."""
         began = time.process_time()
         result = self._team.measure()
-        self.truth = result.truth
         between = time.process_time()
         self.outboxes = self._team.answer(measured(result), self._team.heard())
         ended = time.process_time()

@@ -1,0 +1,76 @@
+"""Processes that benchmarks start: what ends is told, and none is left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import psutil
+import pytest
+
+from benchmarks.long_run import Life
+from benchmarks.raw_team import RawServer, Sizes, raw_team
+from benchmarks.scenarios import team_scenario
+from benchmarks.startup import Run
+from coheft.app.hosts import free_ports
+from coheft.app.plan import make_plan
+from coheft.app.run_folder import find_run
+from coheft.errors import LinkError
+from tests.waiting import LIMIT, wait_until
+
+SIZES = Sizes(measurements=100, message=100, reference=100)
+
+
+def test_the_death_of_the_raw_server_is_told_and_nobody_is_left_behind() -> None:
+    with raw_team(make_plan(team_scenario(3)), SIZES) as team:
+        assert team.turn(0.1).blocks > 0
+        team.processes["server"].kill()
+        with pytest.raises(LinkError, match="with status -9"):
+            team.turn(0.1)
+    assert not any(psutil.pid_exists(process.pid) for process in team.processes.values())
+
+
+def test_the_raw_server_ends_with_its_stdin_whatever_it_waits_for() -> None:
+    config = RawServer("run", {"r1": f"tcp/127.0.0.1:{free_ports(1)[0]}"}, 4, SIZES)
+    line = msgspec.json.encode(config).decode() + "\n"
+    subprocess.run([sys.executable, "-m", "benchmarks.raw_team"], input=line, text=True, timeout=LIMIT, check=True)
+
+
+def test_a_run_that_does_not_begin_is_told(tmp_path: Path) -> None:
+    (tmp_path / "server.log").touch()
+    with Run(tmp_path) as run, pytest.raises(LinkError, match="never overwritten"):
+        run.began()
+
+
+def test_a_run_that_ends_too_early_is_told(tmp_path: Path) -> None:
+    with Run(tmp_path) as run:
+        run.began()
+        os.kill(find_run(tmp_path).pids["server"], signal.SIGKILL)
+        with pytest.raises(LinkError, match="server was killed by signal 9"):
+            run.memory(1e6)
+
+
+def test_a_process_of_a_long_run_is_looked_at_until_it_ends() -> None:
+    ours = Life("ours", os.getpid())
+    with subprocess.Popen([sys.executable, "-c", ""]) as process:
+        ended = Life("ended", process.pid)
+        wait_until(lambda: psutil.Process(process.pid).status() == psutil.STATUS_ZOMBIE, "its end, of which none knows")
+        ended.look(0.0)
+    ended.look(1.0)
+    ours.look(1.0)
+    assert ours.times == [1.0]
+    assert ours.memory[0] > 1e6
+    assert ours.files[0] > 2
+    assert not ended.times
+
+
+def test_a_long_run_that_fails_says_so() -> None:
+    command = [sys.executable, "-m", "benchmarks.long_run", "--scenario", "nowhere"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT, check=False)
+    assert "nowhere" in done.stderr
+    assert done.returncode == 2
+    assert "exit status 2;" in done.stdout
