@@ -95,7 +95,7 @@ class Agent:
         """
         heard, gossip, problems = self._inbox.take(index, inbox, self._estimator.fits)
         self._gossip.hear(gossip)
-        if block is not None and not self._sensors.work(block.samples):
+        if block is not None and not self._sensors.is_usable(block.samples):
             block = None
         channels = self._estimator.step(index, block, {name: message.channels for name, message in heard.items()})
         self._status.problems += len(problems)

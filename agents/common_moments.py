@@ -42,7 +42,7 @@ class CommonMoments:
     Attributes:
         chunks: Number of chunks that are agreed upon.
         steps: Step, counted from the first, at which the next one begins.
-        forgotten: Samples that counted before all came again.
+        forgotten: Number of samples that had counted when all came again last.
         left_out: Blocks that came since the last agreement and could not be told of.
         is_spoilt: Whether somebody said with the last one that something is wrong.
         has_forgotten: Whether the samples before it do not count any more.

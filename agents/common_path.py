@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coheft.estimation.smooth_step import least_jerk_step
 from coheft.estimation.spatial import Array
 from coheft.wire.carry import Carry
 
@@ -48,5 +49,5 @@ class CommonPath:
     def share(self, time: Array) -> tuple[Array, Array]:
         """Smooth step from 0 to 1 during the start, and its rate, each (n, 1)."""
         s = np.clip((time - self._start) / self._ramp, 0.0, 1.0)[:, None]
-        # Least jerk, so that no acceleration comes suddenly (Flash, Hogan 1985).
-        return s**3 * (10.0 - 15.0 * s + 6.0 * s**2), 30.0 * s**2 * (1.0 - s) ** 2 / self._ramp
+        share, rate = least_jerk_step(s)  # no acceleration comes suddenly
+        return share, rate / self._ramp

@@ -7,7 +7,7 @@ from coheft.estimation.spatial import Array
 
 
 class EarlyBlocks:
-    """Those that wait, and whether more may come: they do, the newest first, until one is of another load.
+    """Those that wait for the next new block. More may come, the newest first, until one is of another load.
 
     Attributes:
         first: The oldest one that has come, -1 while there is none.

@@ -25,7 +25,9 @@ _ALIKE = 4
 _LARGEST = 1e12
 """No number that an estimator sends is as large as this."""
 _LARGEST_NUMBER = 2**62
-"""No number of a record is as large: there have to be larger ones that a message can hold."""
+"""No number of a record is as large that grows: there have to be larger ones that a message can hold."""
+_LARGEST_CHECKSUM = 2**32
+"""Nor any that is a checksum."""
 _POSE_SIZE, _DEVIATIONS_SIZE = 12, 6
 _LONGEST_NAME = 32
 
@@ -114,6 +116,10 @@ def is_possible(record: LinkState) -> bool:
     if record.robot in record.neighbours:
         return False
     if not all(0 <= number < _LARGEST_NUMBER for number in (record.incarnation, record.sequence, record.since)):
+        return False
+    if not -1 <= record.ready_block < _LARGEST_NUMBER:
+        return False
+    if not all(0 <= number < _LARGEST_CHECKSUM for number in (record.team, record.frame)):
         return False
     if len(record.neighbours) > MAX_ROBOTS or max(map(len, (record.robot, *record.neighbours))) > _LONGEST_NAME:
         return False

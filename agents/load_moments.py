@@ -42,6 +42,9 @@ def block_moments(samples: Array, motion: Array, wrench: Array) -> tuple[Registr
         samples: Own, shape (B, 15).
         motion: Of the body frame, shape (B, 12).
         wrench: Total, in the body frame, shape (B, 6).
+
+    Returns:
+        Moments of ``registration``, and one vector (190 + ``RIDERS``,).
     """
     rows = np.empty((len(samples), _ROW))
     registration_features(samples[:, KINEMATICS], motion, out=rows)

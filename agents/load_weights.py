@@ -28,7 +28,7 @@ class LoadWeights:
         config: The agent's settings.
         poses: Of all robots, in the body frame.
         fusion: Of their motion sensors, at these poses.
-        disturbance: What poses do to wrenches: it is told what it is, and tells the weights.
+        disturbance: What poses do to wrenches, shared with the memory: its size is set here, and told to every model.
 
     Attributes:
         model: The weights.

@@ -9,6 +9,7 @@ import numpy as np
 from agents.own import make_own
 from agents.via_points import ViaPointMotion
 from coheft.errors import PluginError
+from coheft.estimation.smooth_step import cubic_step
 from coheft.estimation.spatial import Array
 from coheft.wire.config import AgentConfig
 from coheft.wire.plugins import told
@@ -114,5 +115,5 @@ class Excitation:
 
     def _ramp_at(self, time: Array) -> tuple[Array, Array]:
         """Smooth step from 0 to 1 over the ramp, and its rate, at times (n, B), each (n, B, 1)."""
-        s = np.clip(time / self._ramp, 0.0, 1.0)[..., None]
-        return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s) / self._ramp
+        share, rate = cubic_step(np.clip(time / self._ramp, 0.0, 1.0)[..., None])
+        return share, rate / self._ramp

@@ -8,10 +8,10 @@ import numpy.typing as npt
 from coheft.estimation.spatial import Array
 
 _OUTLIER = 12.0
-"""A sample that differs by more standard deviations from both its neighbours, on the same side, is an outlier. The last
-one of a block has one neighbour: it is an outlier if it is so far from where the two before it point,"""
+"""A sample that differs by more standard deviations from both its neighbours, on the same side, is an outlier."""
 _UNUSUAL = 3.0
-"""and so many times as far as any other of the block."""
+"""The last sample of a block has one neighbour: it is an outlier if it is as far from where the two before it point,
+and so many times as far as any other of the block."""
 _BACK = 0.3
 """After an outlier at least so much of the step is taken back: what really changes suddenly may overshoot, but
 stays."""

@@ -19,6 +19,8 @@ from dataclasses import replace
 import numpy as np
 
 from agents.common_moments import CommonMoments
+from agents.noise_judge import NoiseJudge
+from agents.pose_rows import FIT_SIZE, SCORE_SIZE, Fit, Scores, score_row
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.registration import RegistrationMoments, least_squares, score_and_information
 from coheft.estimation.spatial import Array, Pose
@@ -58,25 +60,13 @@ enough [rad]."""
 _FAR_SHIFT = 0.05
 """The same for a shift [m]: what velocities say of ``w`` was wrong then, and so were the products of ``w``."""
 _FAR_IN_DEVIATIONS = 15.0
-"""A shift by less, in the deviations of the new pose, does not count as one: then those errors are smaller still."""
+"""A shift by less, in deviations of the new pose, is not far: then what was wrong with products of ``w`` is below the
+noise."""
 _LEFT = 0.25
 """Share of a fit's last step that may be left to go, because the fit is not linear."""
 _UNTRIED = 1.5
 """Poses are so much less certain, in variance, as the square of this over the time of samples that they were fitted to
 [s]: what is left out of their covariance is of second order, and matters when they are new."""
-_SCORE_SIZE = 9
-"""The version of the poses that a score is at, the mean square of the residuals in units of what noise leaves in them,
-of how many samples, and the score."""
-_POSE_SIZE = 12
-_FIT_SIZE = 4 + _POSE_SIZE
-"""From which block on the poses count, before which one samples go through sums again, whether what was known of poses
-before is in them, whether the samples cannot all be true, and a pose."""
-_SLACK, _ROUGH_SLACK = 0.03, 0.6
-"""Share by which the mean square of residuals may be larger than usual, always; and at the first fit, where poses are
-rough."""
-_SIGMAS = 6.0
-"""Standard deviations by which it may be larger by chance. Else not all samples can be true: somebody's sensor was off
-for a while, by too little to be noticed at once."""
 
 
 class PoseFits:
@@ -123,8 +113,8 @@ class PoseFits:
         chunk = max(config.blocks(_CHUNK), 2 * hearing)
         self._unsure = -(-config.blocks(UNNOTICED) // chunk) + 1
         self.common = CommonMoments(robots, own, start, chunk, parts=2, unsure=self._unsure)
-        self._scores = Flood(robots, _SCORE_SIZE)
-        self._fits = Flood(robots, _FIT_SIZE)
+        self._scores = Flood(robots, SCORE_SIZE)
+        self._fits = Flood(robots, FIT_SIZE)
         self.floods = {"common": self.common.flood, "scores": self._scores, "fits": self._fits}
         self.told_moments = RegistrationMoments.none()
         self.carried, self.spoilt, self._told_chunk, self._used = 0, -1, 0, 0
@@ -132,7 +122,7 @@ class PoseFits:
         self.again_before = start
         self._regrowth = regrowth
         self._patience, self._uncarried = config.blocks(_STUCK) + 2 * hearing, 0
-        self._usual, self._left_out = 1.0, 0.0  # squares of residuals; of the samples that were left out last
+        self._noise_judge = NoiseJudge()
         self._told_poses: dict[int, tuple[Pose, ...]] = {}
         self._chunks: dict[int, int] = {}
 
@@ -170,18 +160,24 @@ class PoseFits:
         if self._own == 0:
             self._fit(index, version, poses, slope, are_rough, come_again)
         told_version, _ = self._fits.row(0)
-        fitted = self._fits.rows(told_version) if told_version > self.carried else None
+        rows = self._fits.rows(told_version) if told_version > self.carried else None
         self._uncarried = 0 if self._fits.newest <= self.carried else self._uncarried + 1
-        if fitted is not None and index >= fitted[0, 0] >= fitted[0, 1] and all(map(Pose.is_rigid, _poses(fitted))):
-            self._told_poses[told_version] = _poses(fitted)
-            self.carried = told_version
-            if self.prior is not None and not fitted[0, 2]:
-                self.forget_prior()
-            if fitted[0, 3]:
-                self.spoilt = max(self.spoilt, told_version)
-            if fitted[0, 1] > self.again_before:
-                self.again_before = int(fitted[0, 1])
-                self.common.begin_again(self.again_before)
+        if rows is None:
+            return
+        fit = Fit.of(rows)
+        if index >= fit.since and fit.is_possible:
+            self._switch(told_version, fit)
+
+    def _switch(self, version: int, fit: Fit) -> None:
+        """From now on samples that enter the sums are carried with the poses of a fit."""
+        self._told_poses[version], self.carried = fit.poses, version
+        if self.prior is not None and not fit.has_prior:
+            self.forget_prior()
+        if fit.are_noisy:
+            self.spoilt = max(self.spoilt, version)
+        if fit.again_before > self.again_before:
+            self.again_before = int(fit.again_before)
+            self.common.begin_again(self.again_before)
 
     def forget_prior(self) -> None:
         """What a former team knew of the poses is wrong, and so may be the poses that this team has begun with."""
@@ -209,13 +205,14 @@ class PoseFits:
         poses, self._used = self._told_poses[version], version
         self._told_poses = {number: each for number, each in self._told_poses.items() if number > version}
         self._chunks = {number: each for number, each in self._chunks.items() if number >= version}
-        if len(np.unique(self._used_scores()[:, 2])) > 1:  # not everybody had the same samples: nothing was fitted
+        if len(np.unique(self._used_scores().counts)) > 1:  # not everybody had the same samples: nothing was fitted
             self.spoilt = version
         return poses
 
-    def _used_scores(self) -> Array:
-        """What robots told for the poses in use, shape (n, 9); who could not tell is left out."""
-        return self._scores.table[self._scores.table[:, 0] == self._used, 1:]
+    def _used_scores(self) -> Scores:
+        """What robots told for the poses in use; who could not tell is left out."""
+        table = self._scores.table
+        return Scores.of(table[table[:, 0] == self._used, 1:])
 
     def known(
         self, poses: Sequence[Pose], steps: Sequence[Array], slope: Array, untried: float = _UNTRIED
@@ -233,7 +230,7 @@ class PoseFits:
         prior = self.prior and self.prior.scaled(inflation)  # what was known before is not to be less certain below
         fitted = fitted_poses(poses, self.told_moments, self._config.noise, slope=slope, prior=prior)
         # Birge (1932): as residuals are larger than noise explains, so may be errors.
-        inflation *= min(self._used_scores()[:, 1].max(initial=1.0), _WORST)
+        inflation *= min(self._used_scores().squares.max(initial=1.0), _WORST)
         return replace(fitted, covariance=inflation * fitted.covariance + np.outer(left, left))
 
     def _inflation(self, untried: float = _UNTRIED) -> float:
@@ -274,7 +271,7 @@ class PoseFits:
             score, information, cost = score_and_information(moments, poses[self._own], self._config.noise)
             share = residual_shares(poses, self._config.noise)[self._own]
             square = least_squares(score, information, cost) / (9.0 * share * max(moments.count, 1.0))
-            self._scores.tell(self._own, self._tells, np.concatenate([[version, square, moments.count], score]))
+            self._scores.tell(self._own, self._tells, score_row(version, square, moments.count, score))
             self.told_moments = moments
 
     def _look_at_spoilt(self) -> None:
@@ -291,40 +288,31 @@ class PoseFits:
         if self._tells <= self.carried or max(told_version, 0) != version:
             return
         rows = self._scores.rows(self._tells)
-        if rows is None or np.any(rows[:, 0] != version):
+        if rows is None:
+            return
+        told = Scores.of(rows)
+        if np.any(told.versions != version):
             return
         since = index + self._hearing
-        if np.all(rows[:, 2] == self.told_moments.count):
-            noise, scores = self._config.noise, rows[:, 3:]
-            prior = self._prior_that_fits(poses, scores, slope)
-            registered = register_team(poses, scores, self.told_moments, noise, slope=slope, prior=prior)
+        if np.all(told.counts == self.told_moments.count):
+            prior = self._prior_that_fits(poses, told.scores, slope)
+            registered = register_team(
+                poses, told.scores, self.told_moments, self._config.noise, slope=slope, prior=prior
+            )
             fitted, is_far = registered.poses, _is_far(poses, registered)
             are_rough |= prior is None and self.prior is not None
-            are_noisy = come_again and self._are_noisy(float(rows[:, 1].max()), is_first=version == 0)
+            are_noisy = come_again and self._noise_judge.must_leave_out(
+                float(told.squares.max()), self.told_moments.count, are_rough=version == 0
+            )
             if are_noisy:
                 fitted = tuple(poses)  # nothing is to be learned from such samples
             are_far = are_rough or are_noisy or is_far
             again_before = since if are_far and come_again else self.again_before
         else:  # somebody has it wrong which samples all have: begin anew
             fitted, again_before, prior, are_noisy = tuple(poses), since, None, False
-        for robot, pose in enumerate(fitted):
-            row = np.array([since, again_before, float(prior is not None), float(are_noisy), *pose.numbers()])
+        fit = Fit(since, again_before, prior is not None, are_noisy, fitted)
+        for robot, row in enumerate(fit.rows()):
             self._fits.tell(robot, self._tells, row)
-
-    def _are_noisy(self, square: float, is_first: bool) -> bool:
-        """Whether some samples must be wrong, by the mean square of the residuals of the worst robot.
-
-        If it is as large with others, noise is larger than the sensors claim, and that is what it is from now on.
-        """
-        # Of 9 residuals in a sample, about 6 in a small team are not of the motion, which all find together.
-        by_chance = _SIGMAS * np.sqrt(2.0 / (6.0 * max(self.told_moments.count, 1.0)))
-        limit = 1.0 + (_ROUGH_SLACK if is_first else _SLACK) + by_chance
-        if square > limit * max(self._usual, self._left_out):
-            self._left_out = square
-            return True
-        self._usual = max(1.0, square if self._left_out else min(square, self._usual))
-        self._left_out = 0.0
-        return False
 
     def _prior_that_fits(self, poses: Sequence[Pose], scores: Array, slope: Array) -> PosePrior | None:
         """What was known of poses before, in weights of the samples; None if the samples contradict it."""
@@ -333,11 +321,6 @@ class PoseFits:
         inflation = self._inflation()
         does_fit = self.prior.fits(poses, scores, self.told_moments, self._config.noise, slope, inflation)
         return self.prior.scaled(inflation) if does_fit else None
-
-
-def _poses(fitted: Array) -> tuple[Pose, ...]:
-    """Of all robots, from rows (N, 16) that the reference robot has told."""
-    return tuple(Pose.of_numbers(row[4:]) for row in fitted)
 
 
 def _is_far(poses: Sequence[Pose], fitted: TeamPoses) -> bool:

@@ -29,8 +29,6 @@ _UNSEEN_DEG = 20.0
 """A pose whose rotation is less certain than this is not worth a number [degrees]."""
 
 _KINEMATICS_SIZE = 9
-_LATE = 0.25
-"""After so long without a complete sum what is believed is in doubt [s]."""
 
 
 class SeedEstimator:
@@ -122,11 +120,11 @@ class SeedEstimator:
             converged=payload is not None and is_converged(payload, self._config.converged),
             payload=payload,
             poses=poses,
-            total_block=phase.total_block,
+            total_block=phase.completeness.newest,
             total_wrench=phase.total_wrench,
             not_observable=missing,
             load_changes=self._load_changes.notices,
-            learned_block=phase.total_block,
+            learned_block=phase.completeness.newest,
         )
 
     def doubts(self) -> tuple[str, ...]:
@@ -134,11 +132,10 @@ class SeedEstimator:
         phase = self._inertial_phase
         if phase is None:
             return ("the team's sums have not begun",)
-        if phase.total_block < 0:
+        if phase.completeness.newest < 0:
             return ("the team's sums have just begun",)
-        if self._index - self._settings.rounds - phase.total_block > self._config.blocks(_LATE):
-            return (f"no complete sum of the team since {self._config.start_of(phase.total_block + 1):.2f} s",)
-        return ()
+        gap = phase.completeness.gap(self._index + 1)
+        return () if gap is None else (gap,)
 
     def _update_pose(self, name: str, own: Array, other: Array) -> None:
         if self._config.name < name:

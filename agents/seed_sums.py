@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from agents.completeness import Completeness
 from agents.estimator import Channels
 from agents.load_changes import LoadChanges
 from coheft.estimation.angular_acceleration import AngularAcceleration, gyro_derivative
@@ -32,10 +33,11 @@ _START = np.array([1.0, 1.0] + [0.0] * 9)
 """Before the first estimate: 1 kg, and h at the own grasp, so that the consensus on h is the centre of the grasps."""
 
 _SURPRISE = 9.0
+"""A block is surprising when the mean square of its normalised residuals is so many times the usual one."""
 _SURPRISED_BLOCKS = 2
+"""So many surprising blocks in a row are a load change."""
 _SETTLED = 1.0
-"""A load change is noticed when this many blocks in a row are this much less likely than usual [ratio of mean squared
-normalised residuals], and the filter has had this long to settle since it started or noticed one [s]."""
+"""None is noticed so soon after the filter has started or noticed one [s]."""
 
 
 class SeedSums:
@@ -48,8 +50,8 @@ class SeedSums:
         load_changes: Told of those that are noticed.
 
     Attributes:
-        total_block: Block of the newest total, -1 while there is none.
-        total_wrench: Total wrench (6,) about the origin of ``F_i`` at its last sample.
+        completeness: Follows the blocks whose totals have come.
+        total_wrench: Total wrench (6,) about the origin of ``F_i`` at the last sample of the newest one.
     """
 
     def __init__(
@@ -68,7 +70,7 @@ class SeedSums:
         self._filter: JointRls | None = None
         self._surprised = 0
         self._quiet_until = np.inf
-        self.total_block = -1
+        self.completeness = Completeness(config, self._rounds, settling=0)
         self.total_wrench = np.zeros(6)
         self._load_changes = load_changes
         self.start_sums()
@@ -175,7 +177,8 @@ class SeedSums:
 
     def _take_in(self, leaving: int, index: int, samples: Array, average: Array) -> None:
         total = self._members * average[:, :6]
-        self.total_block, self.total_wrench = leaving, total[-1]
+        self.completeness.note(leaving)
+        self.total_wrench = total[-1]
         if self._filter is None:
             self._filter = self._new_filter(centre=self._agreed[2:5])
             self._quiet_until = self._config.start_of(index) + _SETTLED

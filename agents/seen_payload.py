@@ -48,8 +48,8 @@ class StandingPayload:
 
         Args:
             count: Number of samples that it is to be found from.
-            objects: Others are there when it changes what they say.
-            numbers: Others are said when something else changes that it follows from.
+            objects: What the solution follows from, and is replaced by another object when it changes.
+            numbers: What else it follows from, and what says that such an object has changed in place.
             solve: Finds it.
         """
         is_same = numbers == self._numbers and all(

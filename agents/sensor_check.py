@@ -30,14 +30,14 @@ class SensorCheck:
         self._deviations = noise.per_column()
         self._last = np.empty((0, len(self._deviations)))
         self._frozen = np.zeros(len(_SENSORS), dtype=np.bool_)
-        self._before = True
+        self._was_right = True
         self.fault: str | None = None
 
-    def work(self, samples: Array) -> bool:
+    def is_usable(self, samples: Array) -> bool:
         """Whether a block of samples (B, 15) can be used."""
         found = self._find(np.concatenate([self._last, samples]))
-        self.fault = None if self._before else found
-        self._before = found is None
+        self.fault = None if self._was_right else found
+        self._was_right = found is None
         is_spoiling = found is not None and not np.abs(samples[-1]).max() <= _LARGEST  # the next block, too
         self._last = samples[:0] if is_spoiling else samples[-1:]
         return found is None

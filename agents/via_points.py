@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coheft.estimation.smooth_step import least_jerk_step
 from coheft.estimation.spatial import Array
 from coheft.wire.scenario import Motion
 from coheft.wire.via_points import ViaPoints
@@ -49,7 +50,7 @@ class ViaPointMotion:
         s = ((time - self._times[k]) / duration)[:, None]
         way = self._points[k + 1] - self._points[k]
         motion = np.zeros((self._block, 12))
-        # The smoothest way from rest to rest: a polynomial of fifth degree has least jerk (Flash, Hogan 1985).
-        motion[:, 3:6] = self._points[k] + way * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-        motion[:, 9:] = way * 30.0 * s**2 * (1.0 - s) ** 2 / duration[:, None]
+        share, rate = least_jerk_step(s)
+        motion[:, 3:6] = self._points[k] + way * share
+        motion[:, 9:] = way * rate / duration[:, None]
         return motion

@@ -89,7 +89,7 @@ class Watch:
         self._grams = feature_map @ self._grams @ feature_map.T
 
     def misfit(self, pose: Pose, variances: Array) -> float:
-        """How badly the own sensors fit lately; ``MISFIT`` is the limit. Below it, at most so badly.
+        """How badly the own sensors fit lately; ``MISFIT`` is the limit. A result below it is an upper bound.
 
         Args:
             pose: Own pose in the body frame.

@@ -29,7 +29,7 @@ class WrenchCorrection:
     """A correction under way.
 
     Args:
-        total: Sums of all samples so far, with motions as seen with the new poses.
+        total: Sums (190 + riders,) of all samples so far, with motions as seen with the new poses.
         changed_at: First block with their load.
         first_block: The oldest one among them.
         last_block: The newest one.
@@ -85,7 +85,7 @@ class WrenchCorrection:
         return bool(np.all(rows[:, _COUNT] == self.count) and np.all(rows[:, _FIRST] == self._first_block))
 
     def mean_lack(self, rows: Array) -> float:
-        """How many of these samples a robot lacks, the mean over everybody's ``told``; at least, as it lacks others."""
+        """How many of these samples a robot lacks: mean over robots, a lower bound, as only counts are compared."""
         return float(np.maximum(0.0, self.count - rows[:, _COUNT]).mean())
 
     def left(self, rows: Array) -> float:

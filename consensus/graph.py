@@ -104,7 +104,8 @@ def diameter(neighbours: Neighbours) -> int:
 def hearing(neighbours: Neighbours) -> int:
     """Blocks until everybody has heard what all have told at a time.
 
-    Whoever is farthest has heard a diameter later; one block more, so that a lost message does no harm.
+    Whoever is farthest has heard a diameter later; one block more, so that a lost message does no harm, and as many as
+    it takes a table with a row for each robot beyond the first message.
     """
     return diameter(neighbours) + 1 + len(neighbours) // PER_MESSAGE
 

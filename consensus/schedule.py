@@ -101,7 +101,7 @@ class TreeSchedule:
         return gains
 
     def error(self) -> float:
-        """None: there are nothing but additions."""
+        """Zero: a tree only adds."""
         return 0.0
 
 

@@ -4,26 +4,21 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from agents.pose_fits import PoseFits
-from coheft.wire.config import agent_config
+from agents.noise_judge import NoiseJudge
 from tests.in_process import changed, steps
 
 CLAIMED = 0.6
 """Share of their noise that sensors claim: squares are 2.8 times as large as that says, so a fit notices."""
 
 
-def fits_of_ring3() -> PoseFits:
-    """After a fit to 300 samples: by chance, squares are hardly ever larger than 1.23."""
-    config = agent_config(changed("ring3"), "r1", ("r2", "r3"))
-    fits = PoseFits(config, robots=3, own=0, start=0, under_way=1, hearing=2, regrowth=1.0)
-    fits.told_moments.gram[0, 0] = 300.0
-    return fits
+SAMPLES = 300.0
+"""Of so many samples squares are hardly ever larger than 1.23, by chance."""
 
 
 def are_noisy(*squares: float) -> list[bool]:
     """What fits to ever new samples say."""
-    fits = fits_of_ring3()
-    return [fits._are_noisy(square, is_first=False) for square in squares]
+    judge = NoiseJudge()
+    return [judge.must_leave_out(square, SAMPLES, are_rough=False) for square in squares]
 
 
 def test_wrong_samples_are_left_out_each_time_that_they_come():
@@ -31,15 +26,13 @@ def test_wrong_samples_are_left_out_each_time_that_they_come():
 
 
 def test_the_more_samples_the_less_may_be_chance():
-    fits = fits_of_ring3()
-    assert not fits._are_noisy(1.2, is_first=False)
-    fits.told_moments.gram[0, 0] = 1000.0
-    assert fits._are_noisy(1.2, is_first=False)
+    assert not NoiseJudge().must_leave_out(1.2, SAMPLES, are_rough=False)
+    assert NoiseJudge().must_leave_out(1.2, 1000.0, are_rough=False)
 
 
 def test_rough_poses_leave_larger_residuals():
-    assert not fits_of_ring3()._are_noisy(1.7, is_first=True)
-    assert fits_of_ring3()._are_noisy(1.9, is_first=True)
+    assert not NoiseJudge().must_leave_out(1.7, SAMPLES, are_rough=True)
+    assert NoiseJudge().must_leave_out(1.9, SAMPLES, are_rough=True)
 
 
 def test_samples_that_become_worse_and_worse_are_left_out():

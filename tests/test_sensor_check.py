@@ -28,7 +28,7 @@ def samples(blocks: int, seed: int = 1, size: int = BLOCK) -> Array:
 
 def work(blocks: Array) -> list[bool]:
     check = SensorCheck(NOISE)
-    return [check.work(block) for block in blocks]
+    return [check.is_usable(block) for block in blocks]
 
 
 @given(st.integers(0, 10**6), st.integers(3, 12), st.integers(1, 4), st.data())
@@ -110,7 +110,7 @@ def test_what_is_wrong_is_told_from_the_second_block_on_until_one_is_right(senso
     blocks[1:4, 3, 3 * sensor] = np.nan
     check, told = SensorCheck(NOISE), []
     for block in blocks:
-        check.work(block)
+        check.is_usable(block)
         told.append(check.fault)
     # The sample before the last block was right, so it is as well.
     assert told == [None, None, *2 * [f"the {SENSORS[sensor]} is not a finite number"], None]

@@ -1,6 +1,6 @@
 """Whether the motions of a scenario are such that arms can follow them.
 
-Millimetres and degrees, where metres and radians are expected, are the commonest mistake: the server refuses what such
+Millimetres and degrees, where metres and radians are expected, are a common mistake: the server refuses what such
 motions ask for, or the robots turn the payload over.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.errors import ScenarioError
+from coheft.estimation.smooth_step import cubic_step, least_jerk_step
 from coheft.wire.reach import MAX_POSITION, MAX_ROTATION, Reach
 from coheft.wire.scenario import Scenario
 from coheft.wire.stability import rounded_down
@@ -17,9 +18,8 @@ _IN_METRES = "in metres, not millimetres"
 _IN_RADIANS = "in radians, not degrees"
 _STEPS = np.linspace(0.0, 1.0, 201)
 """Of a smooth step from rest to rest, as shares of its time."""
-_LEAST_JERK = _STEPS**3 * (10.0 - 15.0 * _STEPS + 6.0 * _STEPS**2)
-_LEAST_JERK_RATE = 30.0 * _STEPS**2 * (1.0 - _STEPS) ** 2
-_CUBIC, _CUBIC_RATE = _STEPS**2 * (3.0 - 2.0 * _STEPS), 6.0 * _STEPS * (1.0 - _STEPS)
+_LEAST_JERK, _LEAST_JERK_RATE = least_jerk_step(_STEPS)
+_CUBIC, _CUBIC_RATE = cubic_step(_STEPS)
 
 
 def check_motion(scenario: Scenario, origin: str) -> None:
