@@ -139,7 +139,7 @@ class Robots:
             raise LinkError(f"all robots are gone, and none came back within {self._return_limit:g} s")
 
     def _report_silence(self) -> None:
-        """Once."""
+        """Tell observers, once, of robots that have not answered for long."""
         if time.monotonic() - self._silent_since < ANSWER_LIMIT:
             return
         self._silent_since = math.inf

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.spatial import Array, Pose, rotation_coefficients
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ def carried_motion(displacement: Array, rate: Array, pose_i_in_ref: Pose) -> Car
     turn, shift = displacement[:, :3], displacement[:, 3:]
     turn_rate, shift_rate = rate[:, :3], rate[:, 3:]
     to_home = pose_i_in_ref.rotation
-    once, twice, thrice = _series(turn)
+    once, twice, thrice = rotation_coefficients(turn)
     arm = pose_i_in_ref.translation
     cross = np.cross(turn, arm)
     turned = arm + once * cross + twice * np.cross(turn, cross)
@@ -55,14 +55,3 @@ def carried_motion(displacement: Array, rate: Array, pose_i_in_ref: Pose) -> Car
         velocity=(np.cross(w, turned) + shift_rate) @ to_home,
         w=w @ to_home,
     )
-
-
-def _series(turn: Array) -> tuple[Array, Array, Array]:
-    """``sin x / x``, ``(1 - cos x) / x²`` and ``(x - sin x) / x³`` of the vectors' lengths, each (n, 1)."""
-    angle = np.linalg.norm(turn, axis=1, keepdims=True)
-    once = np.sinc(angle / np.pi)
-    twice = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
-    is_small = angle < 1e-2
-    safe = np.where(is_small, 1.0, angle)
-    thrice = np.where(is_small, 1.0 / 6.0 - angle**2 / 120.0, (1.0 - once) / safe**2)
-    return once, twice, thrice

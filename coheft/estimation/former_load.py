@@ -17,15 +17,15 @@ _CHANCE = 1e-4
 _CHANCE_OFFSET = 1e-6
 """Probability at a single test that an offset is ruled out though there is one."""
 _FEW = 50
-"""Fewer samples do not show whether the load is the same as before,"""
+"""Fewer samples do not show whether the load is the same as before."""
 _SETTLED = 0.5
-"""nor do fewer than so many times those for which a disturbance keeps its direction."""
+"""Nor do fewer samples than so many times those for which a disturbance keeps its direction."""
 _HALF = 0.5
-"""The sensor may have gone off, at the latest, so much of the samples later than the load seems to have changed;"""
+"""A sensor may have gone off later than the load seems to have changed: by this share of the samples since, at most."""
 _LEAST = 0.2
-"""of such samples there have to be so many times those for which a disturbance keeps its direction."""
+"""Of the samples since it went off there have to be so many times those for which a disturbance keeps its direction."""
 _MOST = 12
-"""So many moments are tried at which it may have gone off."""
+"""So many moments are tried at which a sensor may have gone off."""
 
 
 class FormerLoad:

@@ -127,9 +127,9 @@ def estimate_inertia(information: InertiaInformation, centre: Array, length: flo
 
 
 def solve_inertia(information: InertiaInformation, centre: Array, length: float) -> InertiaSolution:
-    """Weighted least squares together with a guess, which alone decides where the data know less than it does.
+    """Weighted least squares with a weak prior, which alone counts in directions that data know less of than it does.
 
-    The guess, of which every part may be 100 % wrong, is a body with the centre of mass in ``centre``.
+    The prior, of which every part may be 100 % wrong, is a body with the centre of mass in ``centre``.
 
     Args:
         information: Of all samples that count.
@@ -155,7 +155,7 @@ def solve_inertia(information: InertiaInformation, centre: Array, length: float)
 
 @dataclass(frozen=True, eq=False)
 class _SeenData:
-    """Information in directions of ever more motion, in units of how wrong a guess of 1 kg may be.
+    """Eigenvectors of the information, ascending, in units of a prior's standard deviations for a body of 1 kg.
 
     Attributes:
         values: Motion in the information, with a margin for its noise, shape (u,), ascending.

@@ -31,12 +31,12 @@ neighbouring borders, have much data in common."""
 _CHANCE = 1e-4
 """Probability at a single test beyond which samples may be of two loads, though nobody is told of a change yet."""
 _UNEVEN = 4.0
-"""Where samples disagree, covariances count with their being divided as unevenly as this, and no more: the smaller a
-part is, the less it says about how far the other is off."""
+"""If two parts of the samples disagree, the covariance grows by the ratio of their sizes, but by at most this factor:
+the smaller a part is, the less it says about how far the other is off."""
 _LENGTHS = (1, 3)
-"""A while is so many stretches long,"""
+"""Whether the load was another one for a while is tested for whiles of so many stretches in a row."""
 _BETWEEN_EVERY = 16
-"""and they are tested with every so many tests of borders, in case the load was another one for a while."""
+"""How many tests of borders come to one test of whiles."""
 _RESOLUTION = 8
 """Borders remain at most about one over this of their age apart."""
 _STRIDE = 3
@@ -44,9 +44,9 @@ _STRIDE = 3
 _YOUNG = 12
 """Up to so many borders, all are tested every time."""
 _DRIFT = 2
-"""So many small changes in a row are a drift,"""
+"""So many small changes in a row are a drift."""
 _SMALL = 4.0
-"""where small means that the statistic was below this many times the threshold."""
+"""A change is small if its statistic was below this many times the threshold."""
 _OVERDUE = 3.0
 """A drift is over when this many times the usual interval went by without a change."""
 _HARDLY = 1e-6
@@ -65,6 +65,9 @@ class LoadWindow:
         coherence: Number of samples for which a disturbance keeps its direction, or 0 if there is none. A disturbance
             spoils the wrenches beside noise, like poses that are off. The model knows that of all samples, and the
             first rider has to be the size of what else disturbs some of them.
+
+    Raises:
+        ValueError: There is a disturbance, and no rider.
     """
 
     def __init__(
@@ -75,6 +78,8 @@ class LoadWindow:
         every: int = 1,
         turn: int = 0,
     ) -> None:
+        if coherence > 0.0 and riders < 1:
+            raise ValueError(f"{riders=} but expected at least 1, the size of the disturbance, because {coherence=}")
         self._false_alarm = false_alarm
         self._coherence = coherence
         self._every = every

@@ -189,7 +189,7 @@ class _Evidence(NamedTuple):
 
     @property
     def by_noise(self) -> Array:
-        """Covariance of how far off that is, shape (..., u, u)."""
+        """Covariance of ``vector - matrix @ unknowns`` at the true unknowns, shape (..., u, u)."""
         # With the regressor's noise as expected on top of what it happened to be: in a few samples that can be nil.
         return self.matrix + (2.0 * self.samples)[..., None, None] * self.noise
 

@@ -42,10 +42,10 @@ class Memory(Protocol):
         """What the load is, or was as long as it is not clear whether it has changed; None if that is not known."""
 
     def expect(self, load: KnownLoad) -> None:
-        """Before there are any samples: it was this load when it was known last."""
+        """Before there are samples: a former team knew the load as this, and samples will say whether it still is."""
 
     def reconsider(self) -> None:
-        """It may not be the load that was expected, though it has seemed to be."""
+        """The load that was expected is to be told from what samples say again, though it has seemed to be the same."""
 
     @property
     def first_block(self) -> int:

@@ -20,7 +20,8 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-_SMALL_ANGLE_SQUARED = 1e-8
+_SMALL_ANGLE = 1e-2
+"""Below it a series is more exact [rad]."""
 _ROTATION_TOLERANCE = 1e-6
 _AXES = np.eye(3)
 _CROSS = np.zeros((3, 9))
@@ -46,19 +47,30 @@ CROSS_OF_AXES: Array = skew(np.eye(3))
 """Cross-product matrices of the axes, shape (3, 3, 3)."""
 
 
-def rotation_exp(rotation_vector: npt.ArrayLike) -> Array:
-    """Rotation matrix (3, 3) of a rotation vector (3,) [rad] (Rodrigues)."""
-    vector = np.asarray(rotation_vector, dtype=np.float64)
-    angle_squared = float(vector @ vector)
-    if angle_squared < _SMALL_ANGLE_SQUARED:
-        sine = 1.0 - angle_squared / 6.0
-        cosine = 0.5 - angle_squared / 24.0
-    else:
-        angle = np.sqrt(angle_squared)
-        sine = np.sin(angle) / angle
-        cosine = (1.0 - np.cos(angle)) / angle_squared
-    cross = skew(vector)
-    result: Array = _AXES + sine * cross + cosine * cross @ cross
+def rotation_coefficients(rotation_vectors: Array) -> tuple[Array, Array, Array]:
+    """``sin x / x``, ``(1 - cos x) / x²`` and ``(x - sin x) / x³`` of the vectors' lengths, without loss at small ones.
+
+    Args:
+        rotation_vectors: Shape (..., 3) [rad].
+
+    Returns:
+        Each of shape (..., 1).
+    """
+    angle = np.linalg.norm(rotation_vectors, axis=-1, keepdims=True)
+    once = np.sinc(angle / np.pi)
+    twice = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
+    is_small = angle < _SMALL_ANGLE
+    safe = np.where(is_small, 1.0, angle)
+    thrice = np.where(is_small, 1.0 / 6.0 - angle**2 / 120.0 + angle**4 / 5040.0, (1.0 - once) / safe**2)
+    return once, twice, thrice
+
+
+def rotation_exp(rotation_vectors: npt.ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad] (Rodrigues)."""
+    vectors = np.asarray(rotation_vectors, dtype=np.float64)
+    once, twice, _ = rotation_coefficients(vectors)
+    cross = skew(vectors)
+    result: Array = _AXES + once[..., None] * cross + twice[..., None] * cross @ cross
     return result
 
 
@@ -198,14 +210,7 @@ class Pose:
 
 def _left_jacobian(rotation_vector: Array) -> Array:
     """``V`` (3, 3) with ``exp(w, v).translation == V(w) v``."""
-    angle_squared = float(rotation_vector @ rotation_vector)
-    if angle_squared < _SMALL_ANGLE_SQUARED:
-        first = 0.5 - angle_squared / 24.0
-        second = 1.0 / 6.0 - angle_squared / 120.0
-    else:
-        angle = np.sqrt(angle_squared)
-        first = (1.0 - np.cos(angle)) / angle_squared
-        second = (angle - np.sin(angle)) / (angle_squared * angle)
+    _, twice, thrice = rotation_coefficients(rotation_vector)
     cross = skew(rotation_vector)
-    result: Array = _AXES + first * cross + second * cross @ cross
+    result: Array = _AXES + twice * cross + thrice * cross @ cross
     return result

@@ -127,7 +127,7 @@ class PosePrior:
         """Whether samples say the same, within what both are uncertain; arguments as of ``register_team``.
 
         The scores at the poses that were known before have the covariance ``I + I P^-1 I``, with the information ``I``
-        of the samples, which is so many times less by ``inflation``, and ``P`` of what was known.
+        of the samples divided by ``inflation``, and ``P`` of what was known.
         """
         deviations = self.information.ravel() ** -0.5
         samples = team_information(moments, poses, noise, slope)[0][6:, 6:] / inflation

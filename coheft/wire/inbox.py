@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, field
 from queue import Empty, SimpleQueue
-from threading import Lock
 from typing import Any, cast
 
 import zenoh
 
 from coheft.errors import MessageError
+from coheft.wire.backlog import Backlog, Lost, Said
 from coheft.wire.codec import decode, encode
 from coheft.wire.messages import Message
 from coheft.wire.requests import Refusal, Request
 from coheft.wire.security import Guard
 from coheft.wire.transport import Role, session_id
-
-ROOM = 8 * 2**20
-"""For what one source has said and nobody has read yet [B]: minutes of a listener's absence, and no more of its memory
-than that, however much is said."""
-_OVERHEAD = 512
-_BUFFER = 2**16
-"""What a query takes at least: one of Zenoh's receive buffers [B]."""
 
 
 @dataclass(frozen=True)
@@ -87,66 +79,6 @@ class Question:
 Event = Received | Refused | LinkChange | Presence | Question
 
 
-@dataclass(frozen=True)
-class _Said:
-    """A message as it came."""
-
-    key: str
-    data: bytes
-
-
-class _Backlog:
-    """What one source has said and nobody has read yet; when there is no room, the oldest goes.
-
-    ``put`` is called by Zenoh's own threads. A backlog that is not empty has one turn in the queue of all of them, so
-    that no source waits for more than one message of each other source.
-    """
-
-    def __init__(self, source: str, turns: SimpleQueue[_Backlog]) -> None:
-        self.source = source
-        self._turns = turns
-        self._items: deque[tuple[object, int]] = deque()
-        self._size = 0
-        self._lock = Lock()
-        self._lost = 0
-
-    def put(self, item: object) -> None:
-        """Add a sample, a query, or an event as it is."""
-        if isinstance(item, zenoh.Sample):
-            # A copy, because the sample would keep a whole receive buffer alive.
-            item = _Said(str(item.key_expr), item.payload.to_bytes())
-            size = _OVERHEAD + len(item.data)
-        else:
-            size = _BUFFER
-        with self._lock:
-            if not self._items:
-                self._turns.put(self)
-            self._items.append((item, size))
-            self._size += size
-            while self._size > ROOM:
-                self._size -= self._items.popleft()[1]
-                self._lost += 1
-
-    @property
-    def size(self) -> int:
-        """What it takes [B]."""
-        return self._size
-
-    def take(self) -> object:
-        """The oldest item; before it, word of those that were lost."""
-        with self._lock:
-            if self._lost:
-                error = MessageError(f"{self._lost} messages are lost: it says more than can be read")
-                self._lost = 0
-                self._turns.put(self)
-                return Refused(self.source, error)
-            item, size = self._items.popleft()
-            self._size -= size
-            if self._items:
-                self._turns.put(self)
-            return item
-
-
 class Inbox:
     """All that a process hears, on all of its sessions: one thread, the caller's, handles it.
 
@@ -155,8 +87,8 @@ class Inbox:
     """
 
     def __init__(self) -> None:
-        self._turns: SimpleQueue[_Backlog] = SimpleQueue()
-        self._backlogs: dict[str, _Backlog] = {}
+        self._turns: SimpleQueue[Backlog] = SimpleQueue()
+        self._backlogs: dict[str, Backlog] = {}
         self._kinds: dict[str, tuple[str, type[Message]]] = {}
         self._roles: dict[str, tuple[Role, Any]] = {}
         self._kept: dict[str, list[Any]] = {}  # by session; a subscriber that nobody holds goes silent
@@ -212,7 +144,7 @@ class Inbox:
         On a session with several links this tells whose link it is; one that is cut takes its token along at once, one
         that is frozen when its lease ends.
         """
-        backlog, own = _Backlog(source, self._turns), session_id(session)
+        backlog, own = Backlog(source, self._turns), session_id(session)
 
         def put(sample: zenoh.Sample) -> None:
             backlog.put(Presence(source, sample.kind == zenoh.SampleKind.PUT, own))
@@ -257,8 +189,8 @@ class Inbox:
     def _handler(self, source: str) -> Any:
         return zenoh.handlers.Callback(self._backlog(source).put, indirect=False)
 
-    def _backlog(self, source: str) -> _Backlog:
-        return self._backlogs.setdefault(source, _Backlog(source, self._turns))
+    def _backlog(self, source: str) -> Backlog:
+        return self._backlogs.setdefault(source, Backlog(source, self._turns))
 
     def backlog(self, source: str) -> int:
         """Memory taken by what a source has said and nobody has read yet [B]."""
@@ -271,13 +203,17 @@ class Inbox:
         except Empty:
             return None
         item = backlog.take()
-        if isinstance(item, _Said):
+        if isinstance(item, Said):
             return self._decode(item)
         if isinstance(item, zenoh.Query):
             return self._decode_query(item, backlog.source)
+        if isinstance(item, Lost):
+            return Refused(
+                backlog.source, MessageError(f"{item.count} messages are lost: it says more than can be read")
+            )
         return cast(LinkChange | Presence | Refused, item)
 
-    def _decode(self, said: _Said) -> Event:
+    def _decode(self, said: Said) -> Event:
         source, kind = self._kinds.get(said.key, (said.key, None))
         if kind is None:
             return Refused(source, MessageError(f"nothing is expected under the key '{said.key}'"))

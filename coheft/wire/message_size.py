@@ -1,8 +1,8 @@
 """How large the messages between neighbours can become: what is larger is no message of the run, and is dropped unread.
 
 Numbers under way in the network's sums make up nearly all of it: as many blocks as the sums have rounds, in large teams
-two. Of what all robots tell each other, a message holds so many lines at most. So there is a largest message, however
-large the team is.
+two. Of what all robots tell each other, a message holds so many lines at most, each with the names of a robot's
+neighbours.
 """
 
 from __future__ import annotations

@@ -59,9 +59,9 @@ class MassProperties(Section, frozen=True):
         axes *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
         return cls(
             mass=inertia.mass,
-            com=_vector(inertia.com),
-            principal=_vector(principal),
-            axes_deg=_vector(np.degrees(rotation_log(axes))),
+            com=vector_of(inertia.com),
+            principal=vector_of(principal),
+            axes_deg=vector_of(np.degrees(rotation_log(axes))),
         )
 
     def inertia(self) -> Inertia:
@@ -104,6 +104,7 @@ class Payload(Section, frozen=True):
         return self.properties.inertia() if self.properties else combined(box.inertia() for box in self.boxes)
 
 
-def _vector(values: Array) -> Vector:
+def vector_of(values: Array) -> Vector:
+    """Three numbers (3,) as a scenario holds them."""
     x, y, z = values.tolist()
     return x, y, z

@@ -1,6 +1,6 @@
 """How large a payload is, and whether hands that are to hold it, and loads on it, can be meant to be where they are.
 
-Lengths in millimetres, where metres are expected, are the commonest mistake in files: a run with them goes on for long
+Lengths in millimetres, where metres are expected, are a common mistake in files: a run with them goes on for long
 before it fails in some other way.
 """
 

@@ -16,7 +16,7 @@ import numpy as np
 from coheft.errors import ScenarioError, one_line
 from coheft.estimation.rigid_body import Inertia, combined
 from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion, rotation_log
-from coheft.wire.payload import MassProperties, Payload
+from coheft.wire.payload import MassProperties, Payload, vector_of
 from coheft.wire.payload_extent import Extent, check_holds, corners
 from coheft.wire.scenario import Grasp, Scenario
 
@@ -207,7 +207,7 @@ def _grasps(model: mujoco.MjModel, root: int, names: Sequence[str], place: str) 
         site = sites[name]
         on_body = _pose(model.site_pos[site], model.site_quat[site])
         pose = frames[root].inverse() @ frames[model.site_bodyid[site]] @ on_body
-        grasps.append(Grasp(_vector(pose.translation), _vector(np.degrees(rotation_log(pose.rotation)))))
+        grasps.append(Grasp(vector_of(pose.translation), vector_of(np.degrees(rotation_log(pose.rotation)))))
     return tuple(grasps)
 
 
@@ -231,11 +231,6 @@ def _frames(model: mujoco.MjModel) -> list[Pose]:
 
 def _pose(position: Array, quaternion: Array) -> Pose:
     return Pose(rotation_from_quaternion(quaternion), np.array(position))
-
-
-def _vector(values: Array) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return x, y, z
 
 
 def _listed(names: Iterable[str]) -> str:

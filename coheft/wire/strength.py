@@ -1,6 +1,6 @@
 """Whether arms can hold up what is put onto them: under a weight their springs give way, the payload sinks and tilts.
 
-Grams, where kilograms are expected, are the commonest mistake: a run with them is lost within a second. What is refused
+Grams, where kilograms are expected, are a common mistake: a run with them is lost within a second. What is refused
 here is lost for sure; what is not may still be lost, by how the robots move.
 """
 
@@ -27,7 +27,8 @@ SETTLING_TIME = 2.0
 GRAVITY = 9.81
 """[m/s²]"""
 _SURE, _SAFE = 1.05, 0.8
-"""Shares of that: beyond the one it is lost however the robots move meanwhile, within the other it is not."""
+"""Shares of ``MAX_DISTANCE`` and ``MAX_ANGLE``: a payload that is foreseen to go beyond the first is refused, and the
+mass that is recommended instead stays within the second."""
 _STEP = 0.01
 """Of a fall that is foreseen [s]."""
 _WATCHED = 10.0
@@ -77,7 +78,7 @@ class Strength:
 
     @classmethod
     def of(cls, grasps: Sequence[Pose], robots: Robots) -> Self | None:
-        """The same; None if nothing that hangs on the arms can be lost: hands that are welded hold like ropes."""
+        """Of a team's arms; None for seven-joint arms: no weight tears a payload from hands that are welded to it."""
         return cls(grasps, robots) if grasps and robots.arms != "seven-joint" else None
 
     def complaint(self, load: Inertia, before: Inertia | None = None) -> str:

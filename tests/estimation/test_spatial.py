@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
@@ -11,6 +12,7 @@ from coheft.estimation.spatial import (
     Array,
     Pose,
     quaternion_from_rotation,
+    rotation_coefficients,
     rotation_exp,
     rotation_from_quaternion,
     rotation_log,
@@ -104,3 +106,13 @@ def test_rotation_survives_its_quaternion(rotation_vector: Array) -> None:
     quaternion = quaternion_from_rotation(rotation)
     np.testing.assert_allclose(np.linalg.norm(quaternion), 1.0, atol=1e-15)
     np.testing.assert_allclose(rotation_from_quaternion(quaternion), rotation, atol=1e-13)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 1.1e-4, 9.99e-3, 1.001e-2, 0.3, 3.0])
+def test_coefficients_lose_nothing_at_small_angles(angle: float) -> None:
+    terms = np.arange(12)
+    powers = np.longdouble(-1.0) ** terms * np.longdouble(angle) ** (2 * terms)
+    factorials = np.cumprod(np.arange(1, 28, dtype=np.longdouble))
+    expected = [float((powers / factorials[2 * terms + first]).sum()) for first in range(3)]
+    found = [float(each[0]) for each in rotation_coefficients(np.array([0.0, angle, 0.0]))]
+    np.testing.assert_allclose(found, expected, rtol=1e-11)
