@@ -28,6 +28,8 @@ _BAR = 20.0
 _SMALL, _LARGE = 6, 24
 _LONGER = (100, 200)
 """A block costs nearly the same however many samples it has; with longer ones changes are noticed later."""
+_OLD = 60.0
+"""The older a team, the more seldom it fits its poses anew: from then on as seldom as ever, nearly [s]."""
 _LARGER = (100, 300)
 _KINDS: tuple[Literal["ring", "star"], ...] = ("ring", "star")
 """A ring's rounds grow with N, a star's do not, but its hub hears everybody."""
@@ -94,6 +96,9 @@ def measure(effort: Effort) -> Section:
             )
     for team in teams.values():
         team.stepped.settle()
+    if effort != "short":
+        teams[f"ring of {_SMALL}, a minute old"] = old = TimedTeam(SteppedTeam(team_scenario(_SMALL)), _SMALL)
+        old.stepped.run_until(_OLD)
     for _ in range(_TURNS[effort]):
         for team in teams.values():
             team.turn()
