@@ -157,7 +157,7 @@ def _recovered_after(run: CartRun, begin: float, end: float) -> float | None:
         times, errors = mass_errors(run, name)
         during = (times >= begin) & (times < end)
         wrong = np.abs(errors[during]) > RECOVERED
-        if wrong[-1]:
+        if not wrong.size or wrong[-1]:
             return None
         since = times[during][np.flatnonzero(wrong)[-1] + 1] if wrong.any() else begin
         longest = max(longest, float(since) - begin)
