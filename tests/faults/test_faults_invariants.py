@@ -149,6 +149,18 @@ def test_a_change_of_the_load_must_be_known_after_the_time_of_grace():
     assert [violation.promise for violation in found(13)] == ["P1"]
 
 
+def test_a_load_that_leaks_is_compared_with_what_is_left_of_it():
+    run = schedule(changes=(LoadChange(at=1.0, mass=2.0, leak=0.5),))
+    team = Team(run)
+    watch = Watch(run, team.scene)
+    for block in range(80):
+        watch.look(team.block(block, team.estimate(block)))
+    assert watch.violations == []
+    full = team.estimate(15).payload
+    watch.look(team.block(80, msgspec.structs.replace(team.estimate(80), payload=full)))
+    assert [violation.promise for violation in watch.violations] == ["P1"]
+
+
 def test_poses_of_those_who_let_go_and_words_of_liars_are_not_judged():
     assert violations(schedule(Release(start=1.0, end=3.0, robot="r2")), pose_off=one(4, 50.0, 6)) == []
     assert violations(schedule(Lie(start=1.0, end=1.5, robot="r1", how="garbage", size=1.0)), off=one(0, 50.0)) == []
