@@ -13,10 +13,10 @@ from rich.console import Console
 
 from coheft.app.cli import EXIT_USAGE, run_command_line
 from coheft.app.inprocess import run_in_process
+from coheft.app.quantities import QUANTITIES, directed_edges
 from coheft.app.study.campaign import Plan, make_plan, run_study
 from coheft.app.study.exact_run import ExactRun
 from coheft.app.study.output import print_study, write_folder
-from coheft.app.study.quantities import QUANTITIES, directed_edges
 from coheft.app.study.report import StudyReport
 from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.app.study.statistics import ratio_of_roots

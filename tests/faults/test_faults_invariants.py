@@ -54,7 +54,7 @@ class Team:
         of = block if valid_block is None else valid_block
         truth, errors = self.judge.payload(robot, of), np.zeros(10) if off is None else off * DEVIATION
         other = next(name for name in self.scene.robots if name != robot)
-        pose = self.judge.pose_payload_in[robot] @ self.judge.pose_payload_in[other].inverse()
+        pose = self.judge.relative_pose(robot, other)
         payload = PayloadEstimate(
             truth.mass + errors[0],
             truth.com + errors[1:4],

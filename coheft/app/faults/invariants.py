@@ -19,7 +19,7 @@ import numpy as np
 from coheft.app.faults.run import FaultyBlock
 from coheft.app.faults.schedule import FaultSchedule, Lie, Release
 from coheft.app.judge import Judge
-from coheft.app.study.quantities import payload_error, payload_exists, pose_error
+from coheft.app.quantities import payload_error, payload_exists, pose_error
 from coheft.estimation.spatial import Array, Pose
 from coheft.wire.messages import Estimate, Scene
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import msgspec
 
 from coheft.app.parallel import side_by_side, workers
-from coheft.app.study.quantities import UNITS
+from coheft.app.quantities import UNITS
 from coheft.app.study.report import NoiseResult, StudyReport, summarise
 from coheft.app.study.trial import Moments, Trial, run_trial
 from coheft.errors import ScenarioError

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
+from coheft.app.quantities import ALL_TEN, QUANTITIES, Quantity
 from coheft.app.study.detection import Detection, judge_detection
-from coheft.app.study.quantities import ALL_TEN, QUANTITIES, Quantity
 from coheft.app.study.statistics import Interval, normalised_square, ratio_of_roots, root_mean
 from coheft.app.study.trial import Moments, Outcome, Trial
 from coheft.estimation.spatial import Array

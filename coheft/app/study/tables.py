@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from coheft.app.quantities import QUANTITIES
 from coheft.app.study.detection import Detection
-from coheft.app.study.quantities import QUANTITIES
 from coheft.app.study.report import Accuracy, Consistency, EstimatorResult, NoiseResult, Number, Recovered, StudyReport
 
 NAMES = {

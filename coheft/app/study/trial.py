@@ -10,8 +10,7 @@ import numpy as np
 
 from coheft.app.inprocess import run_in_process
 from coheft.app.judge import Judge
-from coheft.app.study.exact_run import Bounds, ExactRun
-from coheft.app.study.quantities import (
+from coheft.app.quantities import (
     QUANTITIES,
     Edges,
     Errors,
@@ -20,6 +19,7 @@ from coheft.app.study.quantities import (
     published_errors,
     team_errors,
 )
+from coheft.app.study.exact_run import Bounds, ExactRun
 from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.estimation.centralised import estimate_centralised
 from coheft.estimation.spatial import Array
