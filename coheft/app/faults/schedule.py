@@ -28,8 +28,8 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     """Base of all faults.
 
     Attributes:
-        start: From this time on [s]
-        end: until just before this one.
+        start: Time from which on it holds [s].
+        end: Time from which on it does not hold any more [s].
         seed: Of all that is random in it; its own, so that faults can be taken out without changing the others.
     """
 

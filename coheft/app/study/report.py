@@ -29,8 +29,8 @@ class Accuracy(msgspec.Struct, frozen=True):
         ratio_low: Start of its 95 % sampling interval, over runs.
         ratio_high: End of it.
         nees: Normalised error squared per degree of freedom, of one robot per run: 1 if the stated covariance is right.
-        nees_low: From here
-        nees_high: to here it lies in 95 of 100 studies with a right covariance.
+        nees_low: Start of the interval in which it lies in 95 of 100 studies with a right covariance.
+        nees_high: End of it.
         missing: Estimates that no robot claimed a number for, in all runs; they are left out above.
     """
 
