@@ -71,7 +71,7 @@ def test_report_is_complete(studied: tuple[StudyReport, list[Trial]]) -> None:
     assert {"delay_s", "missed", "false_alarms_per_hour"} <= set(result["detection"])
     assert result["recovery"]["seconds_after"] == 1.0
     assert set(result["recovery"]) == {"seconds_after", "mass", "com", "inertia"}
-    assert result["consistency_violations"] == 0
+    assert result["impossible_payloads"] == 0
     assert all(math.isfinite(value) for value in numbers(result) if not isinstance(value, str))
 
 

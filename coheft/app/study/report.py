@@ -93,7 +93,7 @@ class EstimatorResult(msgspec.Struct, frozen=True):
     decentralised_over_centralised: dict[str, Number]
     detection: Detection
     recovery: Recovery | None
-    consistency_violations: int
+    impossible_payloads: int
 
 
 class NoiseResult(msgspec.Struct, frozen=True):
@@ -148,7 +148,7 @@ def _of_estimator(name: str, trials: Sequence[Trial], moments: Moments) -> Estim
         decentralised_over_centralised={q.name: _over_centralised(q, trials, outcomes) for q in QUANTITIES},
         detection=judge_detection([outcome.notices for outcome in outcomes], moments.change, moments.end),
         recovery=_recovery(name, trials, moments),
-        consistency_violations=sum(outcome.violations for outcome in outcomes),
+        impossible_payloads=sum(outcome.impossible_payloads for outcome in outcomes),
     )
 
 
