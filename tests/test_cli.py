@@ -123,6 +123,7 @@ def test_a_shorter_run_may_end_before_the_load_changes_of_its_scenario_come(ring
         (["run", "ring6", "--record", "run.bag"], ".mcap"),
         (["run", "ring6", "--record", "new.mcap", "--write-configs", "folder"], "--write-configs"),
         (["run", "ring6", "--json", "report.json", "--write-configs", "folder"], "--json"),
+        (["run", "ring6", "--hosts", "hosts.toml"], "--write-configs"),
         (["inject", "--mass", "3"], "--at"),
     ],
 )

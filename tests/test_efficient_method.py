@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.study.quantities import payload_error, payload_exists
+from coheft.app.quantities import payload_error, payload_exists
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import base64
 import csv
+import dataclasses
 import json
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -22,8 +24,9 @@ from coheft.app.run_report import data
 from coheft.app.run_report.convergence import ALL_SHOWN, curves
 from coheft.app.run_report.drawings import draw_overview
 from coheft.app.run_report.folder import prepare_folder, write_folder
+from coheft.app.run_report.former import remove_former
 from coheft.app.run_report.page import SECTIONS
-from coheft.app.run_report.pictures import pictures_of
+from coheft.app.run_report.pictures import PICTURES, pictures_of
 from coheft.app.run_report.series import Series, SeriesFollower
 from coheft.app.run_report.states import Spans
 from coheft.app.run_report.thinned import Thinned
@@ -231,10 +234,37 @@ def test_without_pyarrow_the_data_is_csv(made: Made, tmp_path: Path, monkeypatch
     monkeypatch.setattr(data, "find_spec", lambda name: None)
     files = data.write_data(made.series, tmp_path)
     assert {file.name for file in files} == {f"{name}.csv" for name in TABLES}
-    with (tmp_path / "estimates.csv").open() as file:
+    with (tmp_path / "estimates.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert rows[0]["mass_kg"] == "", "nothing was known yet"
     assert float(rows[-1]["mass_kg"]) == pytest.approx(made.report.robots["r2"].mass.estimate)
+
+
+def test_a_report_takes_the_place_of_a_former_one_and_leaves_alone_what_is_not_of_it(
+    made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert {picture.name for picture in pictures_of(made.series, made.report)} <= set(PICTURES)
+    shutil.copytree(made.folder, tmp_path, dirs_exist_ok=True)
+    former = {path.name for path in tmp_path.iterdir()}
+    (tmp_path / "mine.png").write_text("")
+    is_parquet = (tmp_path / "pace.parquet").exists()
+    own = tmp_path / ("load-changes.csv" if is_parquet else "load-changes.parquet")
+    own.write_text("")
+    monkeypatch.setattr(data, "find_spec", lambda name: None)
+    calm = dataclasses.replace(made.series, close_ups=[])
+    write_folder(tmp_path, made.scenario, "lockstep", calm, msgspec.structs.replace(made.report, load_changes=[]))
+    left = {path.name for path in tmp_path.iterdir()} - {"mine.png", own.name}
+    gone = {path for path in former if path.startswith("load-changes.")}
+    assert left == {path.replace(".parquet", ".csv") for path in former - gone}
+    assert own.exists()
+    assert (tmp_path / "mine.png").exists()
+
+
+def test_a_page_that_is_no_report_has_nothing_beside_it_removed(tmp_path: Path) -> None:
+    (tmp_path / "report.html").write_text("<h1>mine</h1>")
+    (tmp_path / "pace.csv").write_text("")
+    remove_former(tmp_path / "report.html")
+    assert (tmp_path / "pace.csv").exists()
 
 
 def test_a_long_series_is_thinned_evenly_and_keeps_its_end() -> None:

@@ -13,10 +13,10 @@ from rich.console import Console
 
 from coheft.app.cli import EXIT_USAGE, run_command_line
 from coheft.app.inprocess import run_in_process
+from coheft.app.quantities import QUANTITIES, directed_edges
 from coheft.app.study.campaign import Plan, make_plan, run_study
 from coheft.app.study.exact_run import ExactRun
 from coheft.app.study.output import print_study, write_folder
-from coheft.app.study.quantities import QUANTITIES, directed_edges
 from coheft.app.study.report import StudyReport
 from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.app.study.statistics import ratio_of_roots
@@ -71,7 +71,7 @@ def test_report_is_complete(studied: tuple[StudyReport, list[Trial]]) -> None:
     assert {"delay_s", "missed", "false_alarms_per_hour"} <= set(result["detection"])
     assert result["recovery"]["seconds_after"] == 1.0
     assert set(result["recovery"]) == {"seconds_after", "mass", "com", "inertia"}
-    assert result["consistency_violations"] == 0
+    assert result["impossible_payloads"] == 0
     assert all(math.isfinite(value) for value in numbers(result) if not isinstance(value, str))
 
 

@@ -74,7 +74,7 @@ def cart(
     """
     from rich.console import Console
 
-    from coheft.app.cart.campaign import Case, run_cases, usual_jobs
+    from coheft.app.cart.campaign import Case, run_cases
     from coheft.app.cart.figures import draw
     from coheft.app.cart.inprocess import run_in_process
     from coheft.app.cart.launch import run_in_processes
@@ -83,6 +83,7 @@ def cart(
     from coheft.app.cart.terminal import print_study
     from coheft.app.figures import make_folder
     from coheft.app.new_folder import gone_if_broken_off
+    from coheft.app.parallel import usual_jobs
     from coheft.app.progress import show_progress
     from coheft.app.report import write_report
 

@@ -22,7 +22,7 @@ from coheft.app.cli_base import (
     app,
     check_outputs,
 )
-from coheft.errors import CoheftError, ScenarioError, UsageError
+from coheft.errors import CoheftError, UsageError
 
 if TYPE_CHECKING:  # each is loaded by the runs that need it
     from rich.console import Console
@@ -143,9 +143,9 @@ def run(
     of_a_run = {"view": view, "record": record, "json": json, "report": report, "history": history, "logs": logs}
     unusable = [option for option, value in of_a_run.items() if value and write_configs is not None]
     if unusable:
-        raise ScenarioError(f"--{unusable[0]} needs a run, but --write-configs makes none")
+        raise UsageError(f"--{unusable[0]} needs a run, but --write-configs makes none")
     if hosts is not None and write_configs is None:
-        raise ScenarioError("--hosts needs --write-configs: each part is to be started on its own host")
+        raise UsageError("--hosts needs --write-configs: each part is to be started on its own host")
     if history and json is None and report is None:
         raise UsageError("--history adds to the report, but none was asked for: add --json FILE or --report DIR")
     check_outputs(scenario_path(scenario), json=json, report=report, save_data=save_data, record=record)

@@ -129,9 +129,13 @@ class Judge:
         wrench: Array = self.pose_payload_in[robot].adjoint() @ truth.total_wrench
         return wrench
 
+    def relative_pose(self, robot: str, neighbour: str) -> Pose:
+        """The neighbour's true pose in the robot's frame, ``pose_j_in_i``."""
+        return self.pose_payload_in[robot] @ self.pose_payload_in[neighbour].inverse()
+
     def pose_error(self, robot: str, neighbour: str, estimate: PoseEstimate) -> PoseReport:
         """Error of a neighbour's pose ``(R_ij, p_ij)``."""
-        truth = self.pose_payload_in[robot] @ self.pose_payload_in[neighbour].inverse()
+        truth = self.relative_pose(robot, neighbour)
         turn = rotation_log(truth.rotation.T @ estimate.rotation)
         return PoseReport(
             rotation_error_deg=float(np.degrees(np.linalg.norm(turn))),

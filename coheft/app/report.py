@@ -84,8 +84,10 @@ class LoadDropReport(msgspec.Struct, frozen=True):
         at_s: When it happened [s].
         mass: Of the payload since then [kg].
         largest_mm: Largest distance off the path since then [mm].
-        back_after_s: How long after the change the distance was more than a fifth of what it was, root mean square,
-            without feed-forward [s]; None if there is no feed-forward, or it still was at the end.
+        back_after_s: Time from the change to the last moment, before the next change, at which the load was farther off
+            the path than a fifth of its RMS distance in the first phase ``springs`` [s]; 0 if it never was. None
+            without feed-forward, without such a phase, or if no phase went on after that moment: the load still was so
+            far off at the end, or the run ended within 2 s of the change.
     """
 
     at_s: float

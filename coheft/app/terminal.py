@@ -57,7 +57,19 @@ def make_display(console: Console, *, quiet: bool = False) -> Display:
     return LiveDisplay(console) if console.is_terminal and not console.is_dumb_terminal else LineDisplay(console)
 
 
-class QuietDisplay:
+class _NothingToClose:
+    """Base of displays that have nothing to set up, and nothing to put in order afterwards."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+
+class QuietDisplay(_NothingToClose):
     """Shows nothing."""
 
     def note(self, text: str) -> None:
@@ -69,16 +81,8 @@ class QuietDisplay:
     def problem(self, problem: Problem) -> None:
         """A process refused something and went on."""
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        pass
-
-
-class LineDisplay(QuietDisplay):
+class LineDisplay(_NothingToClose):
     """One plain line for every five simulated seconds, and others for what happens in between."""
 
     def __init__(self, console: Console) -> None:

@@ -86,11 +86,26 @@ def parse_scenario(text: str, origin: str, folder: Path = Path()) -> Scenario:
         scenario = msgspec.convert(table, Scenario)
     except msgspec.ValidationError as error:
         raise ScenarioError(f"{origin}: {explain(error, table)}") from error
+    scenario = complete_scenario(scenario, origin, folder)
+    check_changes_come(scenario, origin)
+    return scenario
+
+
+def complete_scenario(scenario: Scenario, origin: str, folder: Path) -> Scenario:
+    """Check a scenario as it was written, and read the files that it names.
+
+    Args:
+        scenario: The types of its keys are right.
+        origin: Names it in errors.
+        folder: What the paths in it are relative to.
+
+    Raises:
+        ScenarioError: It cannot be used, or a file that it names cannot.
+    """
     check_choices(scenario, origin)
     check_places(scenario, origin)
     scenario = read_files(scenario, origin, folder)
     check_scenario(scenario, origin)
-    check_changes_come(scenario, origin)
     return scenario
 
 

@@ -54,7 +54,7 @@ class Team:
         of = block if valid_block is None else valid_block
         truth, errors = self.judge.payload(robot, of), np.zeros(10) if off is None else off * DEVIATION
         other = next(name for name in self.scene.robots if name != robot)
-        pose = self.judge.pose_payload_in[robot] @ self.judge.pose_payload_in[other].inverse()
+        pose = self.judge.relative_pose(robot, other)
         payload = PayloadEstimate(
             truth.mass + errors[0],
             truth.com + errors[1:4],
@@ -147,6 +147,18 @@ def test_a_change_of_the_load_must_be_known_after_the_time_of_grace():
 
     assert found(9) == found(12) == []
     assert [violation.promise for violation in found(13)] == ["P1"]
+
+
+def test_a_load_that_leaks_is_compared_with_what_is_left_of_it():
+    run = schedule(changes=(LoadChange(at=1.0, mass=2.0, leak=0.5),))
+    team = Team(run)
+    watch = Watch(run, team.scene)
+    for block in range(80):
+        watch.look(team.block(block, team.estimate(block)))
+    assert watch.violations == []
+    full = team.estimate(15).payload
+    watch.look(team.block(80, msgspec.structs.replace(team.estimate(80), payload=full)))
+    assert [violation.promise for violation in watch.violations] == ["P1"]
 
 
 def test_poses_of_those_who_let_go_and_words_of_liars_are_not_judged():

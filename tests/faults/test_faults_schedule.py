@@ -9,10 +9,18 @@ import msgspec
 import pytest
 
 from coheft.app.faults.draw import DELAY, LATEST_START, MOST_FAULTS, draw_schedule
-from coheft.app.faults.schedule import Crash, FaultSchedule, Loss, read_schedule, write_schedule
+from coheft.app.faults.schedule import (
+    AnyFault,
+    Crash,
+    FaultSchedule,
+    Loss,
+    Partition,
+    read_schedule,
+    write_schedule,
+)
 from coheft.app.faults.shrink import shrink
 from coheft.errors import ScenarioError
-from coheft.wire.scenario import Graph
+from coheft.wire.scenario import Graph, LoadChange
 from coheft.wire.scenario_checks import check_scenario
 
 DRAWN = [draw_schedule(seed) for seed in range(400)]
@@ -71,6 +79,37 @@ def test_what_is_no_schedule_is_refused_with_its_name(tmp_path: Path):
     (tmp_path / "other.json").write_text('{"seed": 1}')
     with pytest.raises(ScenarioError, match=r"other\.json: not a fault schedule"):
         read_schedule(tmp_path / "other.json")
+
+
+THREE = next(schedule for schedule in DRAWN if schedule.scenario.robot_count == 3)
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (Crash(start=1.0, end=2.0, robot="r4"), r"faults\[1\]\.robot': found 'r4', expected one of: r1, r2, r3$"),
+        (Crash(start=1.0, end=2.0, robot="*"), r"faults\[1\]\.robot': found '\*', expected one of: r1, r2, r3$"),
+        (
+            Crash(start=2.0, end=2.0, robot="r1"),
+            r"faults\[1\]\.end': found 2 s, expected a time after 'start', .* 2 s$",
+        ),
+        (Loss(start=1.0, end=2.0, probability=0.5, sender="r9"), r"sender': found 'r9', .*: r1, r2, r3, \*$"),
+        (Loss(start=1.0, end=2.0, probability=0.5, receiver="r"), r"receiver': found 'r', .*: r1, r2, r3, \*$"),
+        (Partition(start=1.0, end=2.0, group=("r1", "r8")), r"group': found 'r8', expected one of: r1, r2, r3$"),
+    ],
+)
+def test_faults_of_nobody_or_of_no_time_are_refused(fault: AnyFault, words: str, tmp_path: Path):
+    fine = Loss(start=0.0, end=4.0, probability=0.5, receiver="r2")
+    write_schedule(msgspec.structs.replace(THREE, faults=(fine, fault)), tmp_path / "by_hand.json")
+    with pytest.raises(ScenarioError, match=r"by_hand\.json: key .*" + words):
+        read_schedule(tmp_path / "by_hand.json")
+
+
+def test_scenarios_that_contradict_themselves_are_refused(tmp_path: Path):
+    scenario = msgspec.structs.replace(THREE.scenario, load_changes=(LoadChange(at=1.0, remove=1),))
+    write_schedule(msgspec.structs.replace(THREE, scenario=scenario), tmp_path / "by_hand.json")
+    with pytest.raises(ScenarioError, match=r"by_hand\.json: scenario: key 'load_changes\[0\]\.remove': found 1 "):
+        read_schedule(tmp_path / "by_hand.json")
 
 
 def test_shrinking_leaves_only_what_the_failure_needs():

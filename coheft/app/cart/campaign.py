@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 
 import numpy as np
 
 from coheft.app.cart.inprocess import CartRun, run_in_process
 from coheft.app.cart.judge import CartReport, judge, tracking_errors
 from coheft.app.cart.table_one import table_one
-from coheft.errors import MissingPackageError
+from coheft.app.parallel import side_by_side, workers
 from coheft.estimation.spatial import Array
 from coheft.wire.cart import CartScenario
 
@@ -97,21 +95,12 @@ def run_cases(
     return [found[case] for case in cases]
 
 
-def usual_jobs() -> int:
-    """As many as there are cores; one if the package for more is not installed."""
-    return (os.cpu_count() or 1) if find_spec("joblib") else 1
-
-
-def _outcomes(cases: Sequence[Case], jobs: int, run: Run) -> Iterable[Outcome]:
+def _outcomes(cases: Sequence[Case], jobs: int, run: Run) -> Iterator[Outcome]:
     if jobs == 1:
-        return (_outcome(case, run) for case in cases)
-    try:
-        import joblib
-    except ImportError as error:
-        raise MissingPackageError("joblib", "study") from error
-    parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
-    outcomes: Iterable[Outcome] = parallel(joblib.delayed(_outcome)(case, run_in_process) for case in cases)
-    return outcomes
+        yield from (_outcome(case, run) for case in cases)
+    else:
+        with workers(jobs):
+            yield from side_by_side(_outcome, ((case, run_in_process) for case in cases))
 
 
 def _outcome(case: Case, run: Run) -> Outcome:

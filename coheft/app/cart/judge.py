@@ -29,8 +29,8 @@ class LoadRecovery(msgspec.Struct, frozen=True):
     Attributes:
         at_s: When [s].
         mass_kg: How much.
-        recovered_after_s: From when on all pushers' mass was right within 0.5 kg, until the next change [s]; None if
-            never.
+        recovered_after_s: Time from the change until every pusher's mass was right within 0.5 kg, and stayed so until
+            the next change [s]; None if it did not, or if a pusher was not heard meanwhile.
     """
 
     at_s: float
@@ -151,13 +151,13 @@ def _recoveries(run: CartRun) -> list[LoadRecovery]:
 
 
 def _recovered_after(run: CartRun, begin: float, end: float) -> float | None:
-    """From when on all masses were right [s], counted from ``begin``; None if they were not."""
+    """Time from ``begin`` until all masses were right, and stayed so until ``end`` [s]; None if they did not."""
     longest = 0.0
     for name in run.estimates:
         times, errors = mass_errors(run, name)
         during = (times >= begin) & (times < end)
         wrong = np.abs(errors[during]) > RECOVERED
-        if wrong[-1]:
+        if not wrong.size or wrong[-1]:
             return None
         since = times[during][np.flatnonzero(wrong)[-1] + 1] if wrong.any() else begin
         longest = max(longest, float(since) - begin)

@@ -27,6 +27,7 @@ from coheft.wire.transport import Keys, open_session
 _POLL = 0.05
 _SILENCE = 60.0
 _LAST_WORDS = 1.0
+_COLLECT_LIMIT = 0.1  # or nobody would look after the processes while messages come faster than they are read
 
 
 def make_configs(scenario: CartScenario, run: str) -> tuple[CartServerConfig, dict[str, CartAgentProcessConfig]]:
@@ -66,7 +67,7 @@ def run_in_processes(
 
     Raises:
         ProcessError: A process failed; the others have been stopped.
-        LinkError: The processes did not find each other.
+        LinkError: The processes did not find each other, or too little was heard of the run to judge it.
     """
     server, agents = make_configs(scenario, f"cart-{secrets.token_hex(4)}")
     keys, folder = Keys(server.run), make_folder(server.run)
@@ -94,14 +95,38 @@ def run_in_processes(
         deadline = time.monotonic() + _LAST_WORDS
         while len(run.truths) < scenario.blocks and time.monotonic() < deadline:
             _collect(inbox, run, on_problem, _POLL)
-        _collect(inbox, run, on_problem, 0.0)
+        while _collect(inbox, run, on_problem, 0.0):
+            pass  # nobody is left who could say more
+    check_complete(run, folder)
     return run
 
 
+def check_complete(run: CartRun, folder: Path) -> None:
+    """Check that enough was heard of a run to judge it: what observers are told may get lost.
+
+    Args:
+        run: The run, at its end.
+        folder: With its logs.
+
+    Raises:
+        LinkError: Some of the cart's samples were not heard, or no estimate of a pusher.
+    """
+    if len(run.truths) < run.scenario.blocks:
+        raise LinkError(
+            f"the cart was heard of at {len(run.truths)} samples of {run.scenario.blocks}, so the run cannot be "
+            f"judged; run it again, or see the logs in {folder}"
+        )
+    if silent := [name for name, estimates in run.estimates.items() if not estimates]:
+        raise LinkError(
+            f"the run ended before {', '.join(silent)} had said something; run it again, or see the logs in {folder}"
+        )
+
+
 def _collect(inbox: Inbox, run: CartRun, on_problem: Callable[[str], object], seconds: float) -> bool:
-    """Take in what has come; say whether there was anything."""
+    """Wait at most that long for something new, then take in what has come; say whether there was anything."""
     event = inbox.receive(seconds)
     is_news = event is not None
+    deadline = time.monotonic() + _COLLECT_LIMIT
     while event is not None:
         match event:
             case Received(_, CartTruth() as truth):
@@ -114,5 +139,5 @@ def _collect(inbox: Inbox, run: CartRun, on_problem: Callable[[str], object], se
                 on_problem(f"{source}: {error}")
             case _:
                 pass
-        event = inbox.receive(0.0)
+        event = inbox.receive(0.0) if time.monotonic() < deadline else None
     return is_news

@@ -13,7 +13,8 @@ import coheft
 from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.mutants import mutated
 from coheft.app.faults.trial import Outcome, try_schedule
-from coheft.errors import CoheftError, MissingPackageError
+from coheft.app.parallel import side_by_side, workers
+from coheft.errors import CoheftError
 
 _PACKAGES = ("agents", "coheft", "consensus", "physics_server")
 
@@ -119,22 +120,16 @@ def run_campaign(
         MissingPackageError: A package that campaigns need is not installed.
         CoheftError: The file cannot be read or written, or holds something else.
     """
-    try:
-        import joblib
-    except ImportError as error:
-        raise MissingPackageError("joblib", "study") from error
     file = None if kept is None else OutcomeFile(kept, mutant)
     outcomes: dict[int, Outcome] = {}
-    if file is not None:
-        wanted = set(seeds)
-        outcomes = {outcome.seed: outcome for outcome in file.begin() if outcome.seed in wanted}
-    for outcome in outcomes.values():
-        on_outcome(outcome)
-    left = [seed for seed in seeds if seed not in outcomes]
-    # Linear algebra on small matrices only loses by threads of its own.
-    with joblib.parallel_config("loky", n_jobs=jobs or os.cpu_count(), inner_max_num_threads=1):
-        parallel = joblib.Parallel(return_as="generator_unordered")
-        for outcome in parallel(joblib.delayed(try_seed)(seed, mutant) for seed in left):
+    with workers(jobs):
+        if file is not None:
+            wanted = set(seeds)
+            outcomes = {outcome.seed: outcome for outcome in file.begin() if outcome.seed in wanted}
+        for outcome in outcomes.values():
+            on_outcome(outcome)
+        left = [seed for seed in seeds if seed not in outcomes]
+        for outcome in side_by_side(try_seed, ((seed, mutant) for seed in left)):
             outcomes[outcome.seed] = outcome
             if file is not None:
                 file.append(outcome)

@@ -42,9 +42,9 @@ LATEST_START = 5.0
 DELAY = 4.0
 """In every other schedule everything happens so much later: then most teams have long known what they hold [s]."""
 _AFTERWARDS = 5.5
-"""Nothing happens in so much of the end of a run [s],"""
+"""A run goes on for at least so long after everything has happened, but for agents that never come back [s]."""
 _AFTERWARDS_OF_HOLD = 6.5
-"""and in so much if a robot has let go; it goes on until all have to be valid again, if that is later."""
+"""A run in which a robot lets go of the load goes on for at least so long after the last fault [s]."""
 _SHORTEST = 7.0
 """Run [s]."""
 _COUNTS = (0.4, 0.3, 0.2, 0.1)

@@ -19,10 +19,9 @@ import numpy as np
 from coheft.app.faults.run import FaultyBlock
 from coheft.app.faults.schedule import FaultSchedule, Lie, Release
 from coheft.app.judge import Judge
-from coheft.app.study.quantities import payload_error, payload_exists, pose_error
-from coheft.estimation.rigid_body import Inertia
+from coheft.app.quantities import payload_error, payload_exists, pose_error
 from coheft.estimation.spatial import Array, Pose
-from coheft.wire.messages import Estimate, Scene, Truth
+from coheft.wire.messages import Estimate, Scene
 
 DEVIATIONS = 5.0
 """So many of its own standard deviations a valid number may be off."""
@@ -57,8 +56,8 @@ class Watch:
 
     def __init__(self, schedule: FaultSchedule, scene: Scene) -> None:
         scenario = schedule.scenario
-        self._judge = Judge(scene, [])
-        self._truths: list[Truth] = []
+        self._judge = Judge(scene)
+        self._seen = 0
         self._block_duration = scenario.block_duration
         self._grace = math.ceil(GRACE / scenario.block_duration)
         self._changes = [math.ceil(change.at / scenario.block_duration - 1e-9) for change in scenario.load_changes]
@@ -66,7 +65,6 @@ class Watch:
         lies = sorted((fault for fault in schedule.faults if isinstance(fault, Lie)), key=lambda lie: -lie.start)
         self._lies = {lie.robot: lie.start for lie in lies}  # the first one of each
         self._found: dict[tuple[str, str, str], Violation] = {}
-        self._payloads: dict[tuple[str, int], Inertia] = {}
 
     @property
     def violations(self) -> list[Violation]:
@@ -75,7 +73,8 @@ class Watch:
 
     def look(self, block: FaultyBlock) -> None:
         """Check all that was published after a block."""
-        self._truths.append(block.truth)
+        self._seen += 1
+        self._judge.add(block.truth, remember=self._seen)
         for robot, error in block.crashes.items():
             self._report("P2", block.truth.time, robot, f"raised {type(error).__name__}", str(error))
         for robot, outbox in block.outboxes.items():
@@ -86,14 +85,14 @@ class Watch:
 
     def _check_payload(self, estimate: Estimate) -> None:
         robot, payload, block = estimate.robot, estimate.payload, estimate.valid_block
-        if payload is None or not 0 <= block < len(self._truths):
+        if payload is None or not 0 <= block < self._seen:
             self._report("P1", estimate.time, robot, "claims nothing", f"{payload=}, {block=}")
             return
         if not payload_exists(payload):
             self._report("P1", estimate.time, robot, "payload cannot exist", "")
         if any(change <= block < change + self._grace for change in self._changes):
             return
-        error = payload_error(self._true_payload(robot, block), payload)
+        error = payload_error(self._judge.payload(robot, block), payload)
         self._compare(estimate, "payload", _PAYLOAD[: len(error)], error, payload.covariance)
 
     def _check_poses(self, estimate: Estimate) -> None:
@@ -118,15 +117,6 @@ class Watch:
         if off[worst] > DEVIATIONS:
             text = f"{names[worst]} off by {abs(error[worst]):.3g}, {off[worst]:.1f} of its standard deviations"
             self._report("P1", estimate.time, estimate.robot, what, text, float(off[worst]))
-
-    def _true_payload(self, robot: str, block: int) -> Inertia:
-        """As seen by the robot; it is the same from one change to the next."""
-        epoch = sum(change <= block for change in self._changes)
-        if (robot, epoch) not in self._payloads:
-            truth = self._truths[block].payload
-            inertia = Inertia(truth.mass, truth.com, truth.tensor)
-            self._payloads[robot, epoch] = inertia.carried(self._judge.pose_payload_in[robot])
-        return self._payloads[robot, epoch]
 
     def _report(self, promise: str, time: float, robot: str, what: str, details: str, size: float = 0.0) -> None:
         known = self._found.get((promise, robot, what))

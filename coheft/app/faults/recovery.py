@@ -1,4 +1,20 @@
-"""P3: some time after the last fault has ended and the load has changed for the last time, everybody is valid again."""
+"""P3: some time after the last fault has ended and the load has changed for the last time, everybody is valid again.
+
+How long that may take depends on what happened; the first line that is true counts. ``tellings`` is how long what one
+robot tells needs to reach all others, ``_TELLINGS`` times. Faults count that were over less than ``FIND_OUT`` and
+``tellings`` before everything was.
+
+======================================================  =======================  =====================================
+What happened                                           Time allowed             Why
+======================================================  =======================  =====================================
+not all were valid before the first fault began, or     ``START_UP + tellings``  how long a start takes depends on how
+there was no fault                                                               they move
+a robot took hold again, or was dead at the same time   ``FIND_OUT + tellings``  it has to find out where it holds the
+as all its neighbours                                                            load, and nobody can tell it
+faults, all of them crashes and partitions              ``BACK_FROM_SILENCE``    nothing was spoilt
+other faults, or changes of the load alone              ``BACK``                 what was spoilt is forgotten first
+======================================================  =======================  =====================================
+"""
 
 from __future__ import annotations
 
@@ -10,16 +26,15 @@ from coheft.wire.messages import Estimate
 from consensus.graph import build_graph, diameter
 
 BACK_FROM_SILENCE = 3.0
-"""Time until everybody is valid again after restarts and partitions [s],"""
+"""Time until everybody is valid again after crashes and partitions [s]."""
 BACK = 5.0
-"""after other faults and changes of the load: what was spoilt is forgotten first;"""
+"""Time until everybody is valid again after other faults, and after changes of the load [s]."""
 FIND_OUT = 4.0
-"""where a robot has to find out where it holds the load: because it takes hold again, or was dead at the same time as
-all its neighbours, so that nobody can tell it;"""
+"""Time until everybody is valid again if a robot has to find out where it holds the load, without ``tellings`` [s]."""
 START_UP = 6.0
-"""and where they had not all been valid before: how long a start takes depends on how they move."""
+"""Time until everybody is valid again if they had not all been valid before, without ``tellings`` [s]."""
 _TELLINGS = 15
-"""In the last two cases it takes so many times, too, as long as what one robot tells needs to reach all others."""
+"""``tellings`` are so many times as long as what one robot tells needs to reach all others."""
 _LASTING = 1.0
 """Who is valid for a shorter time may not have noticed yet what is wrong [s]."""
 _STEADY = 2.5

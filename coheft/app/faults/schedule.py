@@ -11,6 +11,7 @@ from msgspec import Meta
 from coheft.errors import ScenarioError
 from coheft.estimation.measurement import Positive
 from coheft.wire.scenario import Scenario
+from coheft.wire.scenario_file import complete_scenario
 from coheft.wire.section import NotNegative, Seed
 
 Probability = Annotated[float, Meta(ge=0, le=1)]
@@ -27,8 +28,8 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     """Base of all faults.
 
     Attributes:
-        start: From this time on [s]
-        end: until just before this one.
+        start: Time from which on it holds [s].
+        end: Time from which on it does not hold any more [s].
         seed: Of all that is random in it; its own, so that faults can be taken out without changing the others.
     """
 
@@ -76,7 +77,7 @@ class Duplication(LinkFault, frozen=True, kw_only=True, tag="duplication"):
     """Messages come twice with this probability, the second time up to so many blocks later."""
 
     probability: Probability
-    blocks: int
+    blocks: Annotated[int, Meta(ge=0)]
 
 
 class Reordering(LinkFault, frozen=True, kw_only=True, tag="reordering"):
@@ -260,11 +261,40 @@ def read_schedule(path: Path) -> FaultSchedule:
     """Read a schedule.
 
     Raises:
-        ScenarioError: There is none.
+        ScenarioError: There is none, or it cannot be run.
     """
     try:
-        return msgspec.json.decode(path.read_bytes(), type=FaultSchedule)
+        schedule = msgspec.json.decode(path.read_bytes(), type=FaultSchedule)
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
     except msgspec.DecodeError as error:
         raise ScenarioError(f"{path}: not a fault schedule: {error}") from error
+    scenario = complete_scenario(schedule.scenario, f"{path}: scenario", path.parent)
+    for number, fault in enumerate(schedule.faults):
+        _check_fault(fault, scenario.robot_names, f"{path}: key 'faults[{number}]")
+    return msgspec.structs.replace(schedule, scenario=scenario)
+
+
+def _check_fault(fault: AnyFault, robots: tuple[str, ...], place: str) -> None:
+    """Check what the types cannot say.
+
+    Raises:
+        ScenarioError: It never begins, or is of somebody who is not there.
+    """
+    if fault.start >= fault.end:
+        raise ScenarioError(
+            f"{place}.end': found {fault.end:g} s, expected a time after 'start', which is {fault.start:g} s"
+        )
+    named: dict[str, tuple[str, ...]] = {}
+    match fault:
+        case LinkFault():
+            named = {"sender": (fault.sender,), "receiver": (fault.receiver,)}
+            robots = (*robots, EVERYBODY)
+        case Partition():
+            named = {"group": fault.group}
+        case RobotFault():
+            named = {"robot": (fault.robot,)}
+    for key, names in named.items():
+        for name in names:
+            if name not in robots:
+                raise ScenarioError(f"{place}.{key}': found {name!r}, expected one of: {', '.join(robots)}")

@@ -29,8 +29,8 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
             not.
         stale: Share of published estimates that were stale.
         refused: Number of messages that the codec refused.
-        lied: Number of agents that lied,
-        named: and of those of them whom another one named as a reason or a problem.
+        lied: Number of agents that lied.
+        named: Number of agents that lied and that another one named as a reason or a problem.
         lost: Why the robots lost the payload; then the run ended early, and is judged up to there.
         took: Wall-clock time [s].
     """

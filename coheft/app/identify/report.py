@@ -92,7 +92,18 @@ class LoopReport(msgspec.Struct, frozen=True):
 
 
 class CalibrationReport(msgspec.Struct, frozen=True):
-    """One thing that may be wrong with a robot; ``seen``: the recording says what."""
+    """One thing that may be wrong with a robot.
+
+    Attributes:
+        robot: Whose.
+        what: Which: a zero or scale of a gimbal's angle ``a``, ``b`` or ``c``, the scale of positions or forces, or the
+            offset of forces along an axis of the robot's home frame.
+        unit: Of the numbers: ``deg``, ``%`` or ``N``.
+        value: By how much what the robot measures is too large; for scales as a share of it.
+        std: Standard deviation of the value.
+        std_before: Standard deviation that was known before anything was measured.
+        seen: Whether the recording said anything about it worth mentioning.
+    """
 
     robot: str
     what: str
@@ -107,10 +118,21 @@ class IdentifyReport(msgspec.Struct, frozen=True):
     """The report on a recording.
 
     Attributes:
-        poses: By robot, but for the first; None where the recording does not show all of one.
+        recording: The file or folder that it was read from.
+        method: How it was found, see ``coheft.app.identify.choices``.
+        robots: Their names; all poses and mass properties are given in the grasp frame of the first.
+        from_s: Time of the first sample that was used [s].
+        to_s: Time of the last one [s].
+        poses: Grasp frames by robot, but for the first; None where the recording does not show all of one.
+        payload: Mass properties of what was held.
         not_observable: What the recording does not show, and what would show it.
         doubts: What speaks against all of it: then no number is to be trusted.
         remarks: What else should be known.
+        loops: Loops of three pairs of robots; none where a method finds all poses at once.
+        holds_s: Times from which to which the load was still, ``[from, to]`` each [s]; none where they are not used.
+        hold_orientations: Number of different orientations of the load in these.
+        calibration: What may be wrong with the robots; none unless it was estimated.
+        errors: Differences from the truth; None where the recording does not tell it.
     """
 
     recording: str

@@ -13,7 +13,7 @@ from coheft.app.identify.methods import identify
 from coheft.app.identify.report import load_errors, pose_errors
 from coheft.app.mocobots.paper import PAIRS, PAPER
 from coheft.app.mocobots.record import record, record_sphere
-from coheft.errors import MissingPackageError
+from coheft.app.parallel import side_by_side, workers
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.spatial import Array
@@ -81,21 +81,15 @@ def run_campaign(
     Raises:
         MissingPackageError: joblib is not installed.
     """
-    try:
-        import joblib
-    except ImportError as error:
-        raise MissingPackageError("joblib", "study") from error
     tasks = [
-        joblib.delayed(run_experiment)(configuration, noise, number)
-        for configuration in configurations
-        for noise in _METHODS
-        for number in numbers
+        (configuration, noise, number) for configuration in configurations for noise in _METHODS for number in numbers
     ]
     trials: list[Trial] = []
-    for found in joblib.Parallel(n_jobs=jobs or -1, return_as="generator_unordered")(tasks):
-        trials += found
-        if on_progress is not None:
-            on_progress()
+    with workers(jobs):
+        for found in side_by_side(run_experiment, tasks):
+            trials += found
+            if on_progress is not None:
+                on_progress()
     trials.sort(key=lambda trial: (trial.configuration, trial.noise, trial.method, trial.number))
     return Mocobots(trials, len(numbers))
 

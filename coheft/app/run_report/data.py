@@ -28,6 +28,8 @@ TABLES = {
     "load-changes": "every report of every robot around changes of the load",
     "pace": "simulated time, and the clock on the wall",
 }
+SUFFIXES = (".parquet", ".csv")
+"""Of their files: with pyarrow, and without."""
 
 
 def write_data(series: Series, folder: Path) -> list[Path]:
@@ -107,7 +109,7 @@ def _write_parquet(rows: list[Row], path: Path) -> Path:
 
 def _write_csv(rows: list[Row], path: Path) -> Path:
     path = path.with_suffix(".csv")
-    with path.open("w", newline="") as file:
+    with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)

@@ -10,6 +10,7 @@ from pathlib import Path
 from coheft.app.figures import DARK, LIGHT, Theme, figure_to
 from coheft.app.report import Report, write_report
 from coheft.app.run_report.data import write_data
+from coheft.app.run_report.former import remove_former
 from coheft.app.run_report.page import Drawn, render_page
 from coheft.app.run_report.pictures import Picture, pictures_of
 from coheft.app.run_report.series import Series, SeriesFollower
@@ -61,13 +62,14 @@ def prepare_folder(folder: Path) -> None:
 
 
 def write_folder(folder: Path, scenario: Scenario, clock: str, series: Series, report: Report) -> Path:
-    """Write everything about a run; return the page.
+    """Write everything about a run, in place of a former report in the folder; return the page.
 
     Raises:
         CoheftError: It cannot be written.
     """
     page = folder / PAGE
     try:
+        remove_former(page)
         write_report(report, str(folder / "report.json"))
         data = write_data(series, folder)
         drawn = []

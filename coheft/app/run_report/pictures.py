@@ -22,6 +22,16 @@ from coheft.app.run_report.drawings import (
 from coheft.app.run_report.panels import MOST_ROBOTS
 from coheft.app.run_report.series import Series
 
+PICTURES = (
+    "mass-over-time",
+    *(shown.name for shown in ALL_SHOWN),
+    "load-changes",
+    "consensus",
+    "observability",
+    "pace",
+)
+"""Names of all pictures that there may be."""
+
 Draw = Callable[[Any, Theme, Series, Report], None]
 
 

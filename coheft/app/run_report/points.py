@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.app.judge import Judge
-from coheft.app.study.quantities import PAYLOAD_SIZE, Quantity, payload_error, pose_error
+from coheft.app.quantities import PAYLOAD_SIZE, Quantity, payload_error, pose_error
 from coheft.estimation.rigid_body import pack_symmetric
 from coheft.estimation.spatial import Array, Pose
 from coheft.wire.messages import Estimate

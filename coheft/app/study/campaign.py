@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
 import msgspec
 
-from coheft.app.study.quantities import UNITS
+from coheft.app.parallel import side_by_side, workers
+from coheft.app.quantities import UNITS
 from coheft.app.study.report import NoiseResult, StudyReport, summarise
 from coheft.app.study.trial import Moments, Trial, run_trial
-from coheft.errors import CoheftError, MissingPackageError, ScenarioError
+from coheft.errors import ScenarioError
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_checks import check_noise
 
@@ -117,15 +116,10 @@ def run_study(
     Raises:
         MissingPackageError: A package that studies need is not installed.
     """
-    try:
-        import joblib
-    except ImportError as error:
-        raise MissingPackageError("joblib", "study") from error
     trials: dict[tuple[float, int], Trial] = {}
-    with _workers(jobs, dask):
-        parallel = joblib.Parallel(return_as="generator_unordered")
-        tasks = (joblib.delayed(_keyed_trial)(scenario, plan.estimators, plan.moments) for scenario in plan.scenarios())
-        for done, (key, trial) in enumerate(parallel(tasks), start=1):
+    with workers(jobs, dask):
+        tasks = ((scenario, plan.estimators, plan.moments) for scenario in plan.scenarios())
+        for done, (key, trial) in enumerate(side_by_side(_keyed_trial, tasks), start=1):
             trials[key] = trial
             on_progress(done)
     own = plan.scenario.sensors.noise_scale
@@ -150,29 +144,3 @@ def run_study(
 
 def _keyed_trial(scenario: Scenario, estimators: Sequence[str], moments: Moments) -> tuple[tuple[float, int], Trial]:
     return (scenario.sensors.noise_scale, scenario.seed), run_trial(scenario, estimators, moments)
-
-
-@contextmanager
-def _workers(jobs: int | None, dask: str | None) -> Iterator[None]:
-    """Where joblib runs what it is given."""
-    import joblib
-
-    if dask is None:
-        # Linear algebra on small matrices only loses by threads of its own.
-        with joblib.parallel_config("loky", n_jobs=jobs or os.cpu_count(), inner_max_num_threads=1):
-            yield
-        return
-    with _client(dask), joblib.parallel_config("dask", n_jobs=-1):
-        yield
-
-
-def _client(address: str) -> AbstractContextManager[object]:
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise MissingPackageError("distributed", "dask") from error
-    try:
-        client: AbstractContextManager[object] = Client(address)
-    except (OSError, ValueError) as error:
-        raise CoheftError(f"no Dask scheduler answers at {address}: {error}") from error
-    return client

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.app.judge import Judge
-from coheft.app.study.quantities import Edges, Quantity
+from coheft.app.quantities import Edges, Quantity
 from coheft.app.study.samples import TeamSamples
 from coheft.estimation.bounds import JointBound, joint_bound
 from coheft.estimation.centralised import sum_up

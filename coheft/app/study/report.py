@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
+from coheft.app.quantities import ALL_TEN, QUANTITIES, Quantity
 from coheft.app.study.detection import Detection, judge_detection
-from coheft.app.study.quantities import ALL_TEN, QUANTITIES, Quantity
 from coheft.app.study.statistics import Interval, normalised_square, ratio_of_roots, root_mean
 from coheft.app.study.trial import Moments, Outcome, Trial
 from coheft.estimation.spatial import Array
@@ -29,8 +29,8 @@ class Accuracy(msgspec.Struct, frozen=True):
         ratio_low: Start of its 95 % sampling interval, over runs.
         ratio_high: End of it.
         nees: Normalised error squared per degree of freedom, of one robot per run: 1 if the stated covariance is right.
-        nees_low: From here
-        nees_high: to here it lies in 95 of 100 studies with a right covariance.
+        nees_low: Start of the interval in which it lies in 95 of 100 studies with a right covariance.
+        nees_high: End of it.
         missing: Estimates that no robot claimed a number for, in all runs; they are left out above.
     """
 
@@ -93,7 +93,7 @@ class EstimatorResult(msgspec.Struct, frozen=True):
     decentralised_over_centralised: dict[str, Number]
     detection: Detection
     recovery: Recovery | None
-    consistency_violations: int
+    impossible_payloads: int
 
 
 class NoiseResult(msgspec.Struct, frozen=True):
@@ -148,7 +148,7 @@ def _of_estimator(name: str, trials: Sequence[Trial], moments: Moments) -> Estim
         decentralised_over_centralised={q.name: _over_centralised(q, trials, outcomes) for q in QUANTITIES},
         detection=judge_detection([outcome.notices for outcome in outcomes], moments.change, moments.end),
         recovery=_recovery(name, trials, moments),
-        consistency_violations=sum(outcome.violations for outcome in outcomes),
+        impossible_payloads=sum(outcome.impossible_payloads for outcome in outcomes),
     )
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from coheft.app.quantities import QUANTITIES
 from coheft.app.study.detection import Detection
-from coheft.app.study.quantities import QUANTITIES
 from coheft.app.study.report import Accuracy, Consistency, EstimatorResult, NoiseResult, Number, Recovered, StudyReport
 
 NAMES = {
@@ -85,8 +85,8 @@ def sentences(estimator: str, result: EstimatorResult) -> Iterator[str]:
     missing = sum(getattr(result, quantity.name).missing for quantity in QUANTITIES)
     if missing:
         yield f"{estimator}: no number was claimed for {missing} estimates; they are left out."
-    if result.consistency_violations:
-        yield f"{estimator}: {result.consistency_violations} published payloads that cannot exist."
+    if result.impossible_payloads:
+        yield f"{estimator}: {result.impossible_payloads} published payloads that cannot exist."
     else:
         yield f"{estimator}: every published payload can exist."
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from coheft.app.inprocess import run_in_process
 from coheft.app.judge import Judge
-from coheft.app.study.exact_run import Bounds, ExactRun
-from coheft.app.study.quantities import (
+from coheft.app.quantities import (
     QUANTITIES,
     Edges,
     Errors,
@@ -20,6 +19,7 @@ from coheft.app.study.quantities import (
     published_errors,
     team_errors,
 )
+from coheft.app.study.exact_run import Bounds, ExactRun
 from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.estimation.centralised import estimate_centralised
 from coheft.estimation.spatial import Array
@@ -70,14 +70,14 @@ class Outcome:
         errors: At the moment of accuracy.
         recovered: Some time after the load's change; None if it does not change.
         notices: Of load changes, by robot.
-        violations: Number of published estimates of payloads that cannot exist.
+        impossible_payloads: Number of published estimates of payloads that cannot exist.
         curves: Over time.
     """
 
     errors: Errors
     recovered: Errors | None
     notices: dict[str, list[LoadChangeNotice]]
-    violations: int
+    impossible_payloads: int
     curves: Curves
 
 
@@ -131,7 +131,7 @@ def _outcome(scenario: Scenario, estimator: str, moments: Moments, judge: Judge,
         errors=published_errors(judge, edges, _latest(reports, moments.at)),
         recovered=None if moments.change is None else published_errors(judge, edges, last),
         notices={name: list(estimate.load_changes) for name, estimate in last.items()},
-        violations=sum(not payload_exists(e.payload) for report in reports for e in report.values()),
+        impossible_payloads=sum(not payload_exists(e.payload) for report in reports for e in report.values()),
         curves=_curves(judge, edges, reports),
     )
 

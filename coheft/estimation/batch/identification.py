@@ -25,8 +25,8 @@ class CalibrationFinding:
         what: Which.
         unit: Of the numbers.
         value: What was found.
-        std: How well it is known now,
-        before: and how well it was before anything was measured.
+        std: Standard deviation of the value.
+        before: Standard deviation that was known before anything was measured.
     """
 
     robot: str

@@ -1,4 +1,4 @@
-"""The quantities that a study judges, and how errors of all robots become numbers."""
+"""The quantities that are judged, and how errors of all robots become numbers."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def team_errors(judge: Judge, edges: Edges, block: int, poses: Sequence[Pose], i
 
 def pose_error(judge: Judge, name: str, other: str, estimate: Pose) -> Array:
     """Truth minus estimate of a neighbour's pose in ``F_i``: rotation vector in its axes, translation; shape (6,)."""
-    truth = judge.pose_payload_in[name] @ judge.pose_payload_in[other].inverse()
+    truth = judge.relative_pose(name, other)
     return np.concatenate(
         [rotation_log(truth.rotation @ estimate.rotation.T), truth.translation - estimate.translation]
     )

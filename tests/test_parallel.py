@@ -1,0 +1,39 @@
+"""Calls side by side: as many as there are cores for, each with one thread of mathematics."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip("joblib")
+
+from coheft.app.parallel import side_by_side, workers
+
+
+def threads(number: int) -> tuple[int, str | None, int]:
+    return number, os.environ.get("OPENBLAS_NUM_THREADS"), os.getpid()
+
+
+def test_all_calls_are_made_by_other_processes_with_one_thread_each() -> None:
+    with workers(2):
+        found = list(side_by_side(threads, ((number,) for number in range(8))))
+    assert sorted(number for number, _, _ in found) == list(range(8))
+    assert {each for _, each, _ in found} == {"1"}
+    assert os.getpid() not in {process for _, _, process in found}
+
+
+ONE_CORE = """
+import os
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+from coheft.app.parallel import usual_jobs
+print(usual_jobs())
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system binds no process to cores")
+def test_only_cores_that_may_be_used_count() -> None:
+    done = subprocess.run([sys.executable, "-c", ONE_CORE], capture_output=True, text=True, check=True)
+    assert done.stdout == "1\n"
