@@ -14,6 +14,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from coheft.estimation.measurement import MeasurementBlock
+from coheft.estimation.rigid_body import TIMES_IN_MATRIX
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
@@ -23,8 +24,6 @@ from consensus.gossip import Gossip
 
 Channels = Mapping[str, Array]
 """Arrays by name; what an agent measured is in its own grasp frame, what the team sums in a frame of its choice."""
-_TIMES = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-"""So many times each packed element of a symmetric matrix is in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,4 +99,4 @@ def is_converged(payload: PayloadEstimate, limits: Converged) -> bool:
 
 def inertia_std(covariance: Array) -> float:
     """Root mean square of the inertia's error in the Frobenius norm, of a covariance of ``(m, h, J packed)``."""
-    return math.sqrt(max(0.0, float(_TIMES @ covariance.diagonal()[4:])))
+    return math.sqrt(max(0.0, float(TIMES_IN_MATRIX @ covariance.diagonal()[4:])))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.app.judge import Judge
-from coheft.estimation.rigid_body import Inertia, pack_symmetric
+from coheft.estimation.rigid_body import TIMES_IN_MATRIX, Inertia, pack_symmetric
 from coheft.estimation.spatial import Array, Pose, rotation_log
 from coheft.wire.messages import Estimate, PayloadEstimate
 
@@ -48,13 +48,12 @@ class Quantity:
 
 
 _ONCE = np.ones(3)
-_FROBENIUS = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # off-diagonal elements appear twice in the matrix
 QUANTITIES = (
     Quantity("pose_rotation", "rad", False, slice(0, 3), _ONCE),
     Quantity("pose_translation", "m", False, slice(3, 6), _ONCE),
     Quantity("mass", "kg", True, slice(0, 1), np.ones(1)),
     Quantity("com", "m", True, slice(1, 4), _ONCE),
-    Quantity("inertia", "kg·m²", True, slice(4, 10), _FROBENIUS),
+    Quantity("inertia", "kg·m²", True, slice(4, 10), TIMES_IN_MATRIX),
 )
 UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES}
 ALL_TEN = Quantity("all_ten", "", True, slice(0, PAYLOAD_SIZE), np.ones(PAYLOAD_SIZE))

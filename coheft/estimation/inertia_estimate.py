@@ -11,7 +11,7 @@ import numpy as np
 from coheft.estimation.consistency import is_possible, nearest_possible
 from coheft.estimation.inertia import INERTIA_SIZE, InertiaInformation
 from coheft.estimation.inertia_derivatives import central_derivative
-from coheft.estimation.rigid_body import Inertia, pack_symmetric, unit_point, unpack_symmetric
+from coheft.estimation.rigid_body import TIMES_IN_MATRIX, Inertia, pack_symmetric, unit_point, unpack_symmetric
 from coheft.estimation.spatial import Array, Pose
 
 _GRAVITY = 9.81
@@ -226,7 +226,7 @@ def unseen_quantities(covariance: Array, mass: float, length: float) -> tuple[Un
     matrices = unpack_symmetric(vectors.T[values > limit])
     # A body that only turns about u shows J u: what is hidden is symmetric and has u in its null space.
     _, axes = np.linalg.eigh(np.einsum("kij,kjl->il", matrices, matrices))
-    moments = pack_symmetric(axes.T[:, :, None] * axes.T[:, None, :]) * [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
+    moments = pack_symmetric(axes.T[:, :, None] * axes.T[:, None, :]) * TIMES_IN_MATRIX
     variances = np.einsum("ki,ij,kj->k", moments, covariance[4:, 4:], moments)
     hidden = [axis for variance, axis in zip(variances, axes.T, strict=True) if variance > limit]
     for what in _named("inertia", "about", hidden):

@@ -30,6 +30,8 @@ def unpack_symmetric(packed: Array) -> Array:
     return matrix
 
 
+TIMES_IN_MATRIX: Array = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+"""How often each packed element is in the matrix: ``packed**2 @ TIMES_IN_MATRIX`` is its Frobenius norm, squared."""
 _OF_ELEMENTS = unpack_symmetric(np.eye(6)).reshape(18, 3).T
 
 
