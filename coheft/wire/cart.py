@@ -7,11 +7,15 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
+from coheft.errors import ScenarioError
 from coheft.estimation.cart_control import Tracking
 from coheft.estimation.cart_model import CartBody
 from coheft.estimation.cart_prior import CartPrior
 from coheft.wire.config import Neighbour
 from coheft.wire.messages import LinkState, Message
+
+PHYSICS_RATE = 500
+"""Steps of the physics per second."""
 
 
 class CartGuess(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -67,13 +71,16 @@ class CartScenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         seed: Of all noise.
         pushers: How many.
         duration: [s].
-        rate: Samples, messages and pushes per second.
+        rate: Samples, messages and pushes per second; must divide ``PHYSICS_RATE``.
         lag: Samples from a measurement to the push that answers it.
         arm: What torque costs a hand [m], see ``coheft.estimation.cart_contact``.
         strength: Largest effort of all hands together [N].
         handle: ``x`` of the handle in ``{b}`` and half its length [m].
         prior: How wrong the guess may be.
         tracking: How hard errors are fought.
+
+    Raises:
+        ScenarioError: The physics cannot sample at this rate.
     """
 
     name: str
@@ -96,6 +103,14 @@ class CartScenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     handle: tuple[float, float] = (-0.25, 0.3)
     prior: CartPrior = CartPrior()
     tracking: Tracking = Tracking()
+
+    def __post_init__(self) -> None:
+        allowed = [rate for rate in range(1, PHYSICS_RATE + 1) if PHYSICS_RATE % rate == 0]
+        if self.rate not in allowed:
+            raise ScenarioError(
+                f"cart scenario {self.name!r}: key 'rate': found {self.rate}, expected one of "
+                f"{', '.join(map(str, allowed))}: those that divide the {PHYSICS_RATE} steps of the physics per second"
+            )
 
     @property
     def blocks(self) -> int:
