@@ -217,7 +217,7 @@ class CartLearner:
 
     def _changed_since(self) -> int:
         newest = [_surprise(step) for step in islice(reversed(self._steps), max(WINDOWS))]
-        return changed_since(newest)
+        return changed_since(newest, MOTION_SIZE + len(self._constraints.rows_b))
 
     def _expect_another_cart(self, since: int) -> None:
         """The load has changed so many steps ago: go back, be unsure of parameters and velocity, and come again."""
