@@ -17,15 +17,8 @@ from coheft.errors import SimulationError
 from coheft.estimation.cart_contact import grasp_map
 from coheft.estimation.cart_model import CartBody
 from coheft.estimation.spatial import Array
-from coheft.wire.cart import (
-    PHYSICS_RATE,
-    CartGuess,
-    CartLoad,
-    CartMeasurement,
-    CartPush,
-    CartScenario,
-    CartTruth,
-)
+from coheft.wire.cart.messages import CartMeasurement, CartPush, CartTruth
+from coheft.wire.cart.scenario import PHYSICS_RATE, CartGuess, CartLoad, CartScenario
 
 _STABILISING = 100.0
 """Rate at which slip that there is dies away [1/s]."""

@@ -15,7 +15,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is loaded:
 import zenoh
 
 from coheft.errors import CoheftError, LinkError, MessageError
-from coheft.wire.cart import CartMeasurement, CartPush, CartServerConfig
+from coheft.wire.cart.config import CartServerConfig
+from coheft.wire.cart.messages import CartMeasurement, CartPush
 from coheft.wire.codec import check_array, check_field
 from coheft.wire.inbox import Event, Inbox, LinkChange, Received, Refused
 from coheft.wire.messages import Message, Ready, Stop

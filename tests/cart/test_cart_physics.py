@@ -16,7 +16,9 @@ from coheft.app.cart.table_one import table_one
 from coheft.errors import ScenarioError, SimulationError
 from coheft.estimation.cart_model import forward_dynamics, mass_matrix
 from coheft.estimation.spatial import Array
-from coheft.wire.cart import CartLoad, CartPush, CartScenario, CartServerConfig
+from coheft.wire.cart.config import CartServerConfig
+from coheft.wire.cart.messages import CartPush
+from coheft.wire.cart.scenario import CartLoad, CartScenario
 from physics_server.cart import CartSimulation, Casters, with_load
 
 QUIET = structs.replace(table_one(5), noise=0.0)

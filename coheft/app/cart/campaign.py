@@ -14,7 +14,7 @@ from coheft.app.cart.judge import CartReport, judge, tracking_errors
 from coheft.app.cart.table_one import table_one
 from coheft.errors import MissingPackageError
 from coheft.estimation.spatial import Array
-from coheft.wire.cart import CartScenario
+from coheft.wire.cart.scenario import CartScenario
 
 
 @dataclass(frozen=True)
