@@ -21,7 +21,9 @@ from coheft.estimation.cart_learner import CartLearner
 from coheft.estimation.cart_observability import not_known
 from coheft.estimation.cart_trajectory import TRAJECTORIES
 from coheft.estimation.spatial import Array
-from coheft.wire.cart import CartAgentConfig, CartEstimate, CartGuess, CartMeasurement, CartMessage, CartPush
+from coheft.wire.cart.config import CartAgentConfig
+from coheft.wire.cart.messages import CartEstimate, CartMeasurement, CartMessage, CartPush
+from coheft.wire.cart.scenario import CartGuess
 from consensus.gossip import Gossip
 
 _REPORT_INTERVAL = 0.1

@@ -17,7 +17,8 @@ from agents.cart_sums import CHANNELS
 from agents.inbox import is_possible
 from agents.links import HELLO_PERIOD, AgentLinks, open_links
 from coheft.errors import LinkError, MessageError
-from coheft.wire.cart import CartAgentConfig, CartAgentProcessConfig, CartMeasurement, CartMessage
+from coheft.wire.cart.config import CartAgentConfig, CartAgentProcessConfig
+from coheft.wire.cart.messages import CartMeasurement, CartMessage
 from coheft.wire.codec import check_array, check_field
 from coheft.wire.inbox import Event, LinkChange
 from coheft.wire.messages import Hello, Message, Ready

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.spatial import Array
-from coheft.wire.cart import CartMessage
+from coheft.wire.cart.messages import CartMessage
 from consensus.gossip import Gossip
 from consensus.graph import hearing
 from consensus.pipeline import NeighbourStages, Pipeline

@@ -21,7 +21,7 @@ from coheft.wire.security import Credentials
 from coheft.wire.transport import Keys, Sender, open_session, session_id
 
 if TYPE_CHECKING:  # robots without a cart need not load it
-    from coheft.wire.cart import CartAgentProcessConfig
+    from coheft.wire.cart.config import CartAgentProcessConfig
 
 SERVER = "the server"
 """What the server is called in events."""

@@ -17,10 +17,9 @@ from coheft.errors import SimulationError
 from coheft.estimation.cart_contact import grasp_map
 from coheft.estimation.cart_model import CartBody
 from coheft.estimation.spatial import Array
-from coheft.wire.cart import CartGuess, CartLoad, CartMeasurement, CartPush, CartScenario, CartTruth
+from coheft.wire.cart.messages import CartMeasurement, CartPush, CartTruth
+from coheft.wire.cart.scenario import PHYSICS_RATE, CartGuess, CartLoad, CartScenario
 
-PHYSICS_RATE = 500
-"""Steps of the engine per second."""
 _STABILISING = 100.0
 """Rate at which slip that there is dies away [1/s]."""
 _CASTER_TRAIL = 0.03

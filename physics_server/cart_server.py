@@ -12,7 +12,8 @@ from typing import NoReturn
 import zenoh
 
 from coheft.errors import CoheftError, LinkError, MessageError
-from coheft.wire.cart import CartMeasurement, CartPush, CartServerConfig
+from coheft.wire.cart.config import CartServerConfig
+from coheft.wire.cart.messages import CartMeasurement, CartPush
 from coheft.wire.codec import check_array, check_field
 from coheft.wire.inbox import Event, Inbox, LinkChange, Received, Refused
 from coheft.wire.messages import Message, Ready, Stop

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from coheft.estimation.cart_filter import MOTION_SIZE
 from coheft.estimation.chi_square import chi_square_threshold
 
 WINDOWS = (1, 4, 16)
@@ -12,18 +11,16 @@ WINDOWS = (1, 4, 16)
 FALSE_ALARMS = 1e-9
 """Probability per sample and window that an unchanged cart is taken for another one."""
 
-_FREEDOM = MOTION_SIZE + 1
-"""Of one surprise, for a cart with one axle."""
-_THRESHOLDS = tuple(chi_square_threshold(_FREEDOM * window, FALSE_ALARMS) for window in WINDOWS)
 
-
-def changed_since(surprises: Sequence[float]) -> int:
+def changed_since(surprises: Sequence[float], freedom: int) -> int:
     """Number of newest samples that cannot be of the same cart, 0 if all can.
 
     Args:
         surprises: See ``Update.surprise``, the newest first.
+        freedom: Degrees of freedom of each.
     """
-    for window, threshold in zip(WINDOWS, _THRESHOLDS, strict=True):
+    for window in WINDOWS:
+        threshold = chi_square_threshold(freedom * window, FALSE_ALARMS)
         if len(surprises) >= window and sum(surprises[:window]) > threshold:
             return window
     return 0

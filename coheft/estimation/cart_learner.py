@@ -35,22 +35,23 @@ from coheft.estimation.cart_prior import CartPrior, nearest_possible
 from coheft.estimation.spatial import Array
 
 _MASS = 6
+"""This component of the filter's state is the mass."""
 _KEPT = 600
-"""Steps that can be done again."""
+"""So many of the newest steps are kept, to be done again."""
 _MOVED = 0.01
-"""Parameters have moved when slopes have changed by about this share."""
+"""Parameters have moved when they differ from those of the slopes by more than about this share."""
 _SURELY = 2.0
-"""Standard deviations."""
+"""The cart is surely fast if it would still be so when slower by so many standard deviations."""
 _VAGUE = 1e3
-"""Share of a measurement's covariance with which the filter begins before it takes that measurement in."""
+"""The filter begins with this multiple of the first measurement's covariance of the pose."""
 _NOTHING = 1e6
-"""Variance of a measurement that was none."""
+"""A measurement that was none has this variance, [m², rad²] of poses and [m²/s², rad²/s²] of rates."""
 _LEAST_NEWS = 4
-"""Steps are done again only when at least one in so many is new."""
+"""With a known cart, steps are done again only when at least one in so many is new."""
 _FIRST = 200
-"""So many steps with an unknown cart, all are done again whenever one in ..."""
+"""A cart is unknown until there have been so many steps with something to learn from."""
 _GROWN = 3
-"""... so many is new, for slopes are soon far off then."""
+"""With an unknown cart, whose slopes are soon far off, steps are done again when one in so many is new."""
 
 
 @dataclass(eq=False)
@@ -76,6 +77,10 @@ class _Step:
 
 class CartLearner:
     """What one knows of a cart, from its first measurement on.
+
+    An iterated extended Kalman smoother over the last steps: after the iterated linear filter-smoother of Jazwinski,
+    "Stochastic Processes and Filtering Theory" (1970), over many steps instead of one. So each time that steps are done
+    again is one step of Gauss and Newton (Bell, "The iterated Kalman smoother as a Gauss-Newton method", 1994).
 
     Args:
         guess: The cart, as far as known.
@@ -217,7 +222,7 @@ class CartLearner:
 
     def _changed_since(self) -> int:
         newest = [_surprise(step) for step in islice(reversed(self._steps), max(WINDOWS))]
-        return changed_since(newest)
+        return changed_since(newest, MOTION_SIZE + len(self._constraints.rows_b))
 
     def _expect_another_cart(self, since: int) -> None:
         """The load has changed so many steps ago: go back, be unsure of parameters and velocity, and come again."""

@@ -56,10 +56,10 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def load_covariance(self, body: CartBody) -> Array:
         """Of ``phi`` when something has come or gone: ``dm (1, r_x, r_y, |r|^2)`` of a mass ``dm`` at ``r``, (4, 4)."""
         x, y = body.com
-        at_com = np.array([1.0, x, y, x * x + y * y])
+        mean = np.array([1.0, x, y, x * x + y * y + 2.0 * self.place**2])  # of (1, r_x, r_y, |r|^2)
         by_place = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [2.0 * x, 2.0 * y]])
-        spread = np.outer(at_com, at_com) + self.place**2 * by_place @ by_place.T
-        spread[3, 3] += 2.0 * self.place**4
+        spread = np.outer(mean, mean) + self.place**2 * by_place @ by_place.T
+        spread[3, 3] += 4.0 * self.place**4
         result: Array = self.load**2 * spread
         return result
 

@@ -39,20 +39,20 @@ class Target:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A path with its timing.
+    """A path with its timing. It ends with the last of all knots.
 
     Attributes:
         speeds: Knots ``(time, speed)`` [s, m/s].
         turn_rates: Knots ``(time, turn rate)`` [s, rad/s].
-        duration: [s].
     """
 
     speeds: tuple[tuple[float, float], ...]
     turn_rates: tuple[tuple[float, float], ...] = ((0.0, 0.0),)
-    duration: float = 30.0
 
     def at(self, time: float) -> Target:
-        """Where to be at a time [s]; after the end, as at the end."""
+        """Where to be at a time [s]; from the end on, at rest where it ends."""
+        if time >= self._end:
+            return Target(self._poses[-1], 0.0, 0.0, 0.0, 0.0)
         speed, acceleration = _interpolate(self.speeds, time)
         turn_rate, turn_acceleration = _interpolate(self.turn_rates, time)
         index = min(max(time, 0.0) / _STEP, len(self._poses) - 1.0)
@@ -60,10 +60,15 @@ class Trajectory:
         pose = self._poses[low] + (index - low) * (self._poses[low + 1] - self._poses[low])
         return Target(pose, speed, turn_rate, acceleration, turn_acceleration)
 
+    @property
+    def _end(self) -> float:
+        """When it ends [s]."""
+        return max(self.speeds[-1][0], self.turn_rates[-1][0])
+
     @cached_property
     def _poses(self) -> Array:
         """At every step, by the midpoint rule, shape (steps + 1, 3)."""
-        middles = (np.arange(round(self.duration / _STEP)) + 0.5) * _STEP
+        middles = (np.arange(round(self._end / _STEP)) + 0.5) * _STEP
         speeds = np.interp(middles, *np.transpose(self.speeds))
         turn_rates = np.interp(middles, *np.transpose(self.turn_rates))
         headings = np.concatenate([[0.0], np.cumsum(turn_rates) * _STEP])

@@ -12,7 +12,7 @@ from typing import NoReturn, TypeVar
 
 import msgspec
 
-from coheft.errors import CoheftError
+from coheft.errors import CoheftError, ScenarioError
 from coheft.wire.data_replace import remove_parts
 from coheft.wire.memory import give_back_memory
 
@@ -39,7 +39,7 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
     try:
         config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, ScenarioError) as error:
         print(f"expected {kind.__name__} as one line of JSON on stdin: {error}", file=sys.stderr)
         sys.exit(UNUSABLE_CONFIG)
     _run_in_batches()

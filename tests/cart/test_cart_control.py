@@ -33,6 +33,17 @@ def test_curves_begin_when_the_paper_says() -> None:
     assert STRAIGHT.at(29.0).pose[1] == 0.0
 
 
+def test_from_its_last_knot_on_a_trajectory_rests() -> None:
+    """Where the last knots have speed, too: a target that stood still with a speed would be followed nowhere."""
+    trajectory = Trajectory(((0.0, 2.0), (10.0, 2.0)), ((0.0, 0.0), (12.0, 0.0)))
+    assert trajectory.at(11.0).pose[0] == pytest.approx(22.0)
+    assert trajectory.at(11.0).speed == 2.0
+    for time in (12.0, 15.0, 40.0):
+        target = trajectory.at(time)
+        np.testing.assert_allclose(target.pose, [24.0, 0.0, 0.0], atol=1e-9)
+        assert (target.speed, target.turn_rate, target.acceleration, target.turn_acceleration) == (0.0,) * 4
+
+
 def test_the_regulator_minimises_its_cost() -> None:
     alpha, weights = 0.7, (2.0, 0.5)
 

@@ -7,16 +7,19 @@ from functools import cache
 import numpy as np
 import pytest
 from msgspec import structs
+from scipy.optimize import brentq
 from scipy.stats import chi2
 
 from coheft.app.cart.inprocess import CartRun, run_in_process
 from coheft.app.cart.table_one import table_one
-from coheft.estimation.cart_filter import Belief, Prediction, Push, Sighting, Update, predict, smooth, update
+from coheft.estimation.cart_filter import Belief, Prediction, Push, Sighting, Update, move, predict, smooth, update
+from coheft.estimation.cart_jump import FALSE_ALARMS
 from coheft.estimation.cart_learner import CartLearner
 from coheft.estimation.cart_model import UNICYCLE, CartBody
 from coheft.estimation.cart_observability import not_known
 from coheft.estimation.cart_prior import CartPrior, nearest_possible
 from coheft.estimation.spatial import Array
+from tests.cart.carts import CONSTRAINTS
 
 PERIOD = 0.01
 
@@ -100,6 +103,30 @@ def test_load_changes_are_noticed_and_got_over_within_a_second() -> None:
 
 def test_an_unchanged_cart_is_not_taken_for_another() -> None:
     assert all(run(5, seed, 13.0).estimates["p1"][-1].jumps == 0 for seed in range(1, 6))
+
+
+@pytest.mark.parametrize("wheels", ["free", "one axle", "two axles"])
+@pytest.mark.parametrize(("probability", "jumps"), [(1.5, 0), (0.7, 1)])
+def test_false_alarms_are_as_rare_with_any_number_of_axles(wheels: str, probability: float, jumps: int) -> None:
+    """All goes as expected, but for one sample that is about as improbable as a false alarm may be."""
+    constraints, prior = CONSTRAINTS[wheels], CartPrior()
+    body, noise = CartBody(16.0, (0.3, 0.0), 1.8, 5.0), 2.5e-5 * np.eye(6)
+    state = np.concatenate([np.zeros(6), body.phi, [body.friction]])
+    wrench = np.array([40.0, 0.0, 0.0])
+    push = Push(wrench, np.zeros((3, 3)), PERIOD, wrench)
+    learner = CartLearner(body, Sighting(state[:6], noise), prior, constraints)
+    for _ in range(100):
+        learner.step(Sighting(state[:6], noise), push)
+        state = move(state, wrench, PERIOD, constraints)
+    threshold = chi2.isf(probability * FALSE_ALARMS, 6 + len(constraints.rows_b))
+
+    def surprise(away: float) -> float:
+        seen, point = Sighting(state[:6] + away * np.eye(6)[0], noise), learner.belief.mean
+        return update(learner.belief, seen, prior.slip, point, constraints, corrects_cart=True).surprise
+
+    away = brentq(lambda away: surprise(away) - threshold, 0.0, 1.0)
+    learner.step(Sighting(state[:6] + away * np.eye(6)[0], noise), push)
+    assert learner.jumps == jumps
 
 
 def test_casters_that_turn_round_are_no_change_of_the_cart() -> None:

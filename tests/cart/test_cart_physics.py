@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
+import msgspec
 import mujoco
 import numpy as np
 import pytest
@@ -9,10 +13,12 @@ from msgspec import structs
 from scipy.integrate import solve_ivp
 
 from coheft.app.cart.table_one import table_one
-from coheft.errors import SimulationError
+from coheft.errors import ScenarioError, SimulationError
 from coheft.estimation.cart_model import forward_dynamics, mass_matrix
 from coheft.estimation.spatial import Array
-from coheft.wire.cart import CartLoad, CartPush, CartScenario
+from coheft.wire.cart.config import CartServerConfig
+from coheft.wire.cart.messages import CartPush
+from coheft.wire.cart.scenario import CartLoad, CartScenario
 from physics_server.cart import CartSimulation, Casters, with_load
 
 QUIET = structs.replace(table_one(5), noise=0.0)
@@ -130,3 +136,27 @@ def test_a_cart_that_is_gone_is_told() -> None:
     simulation.data.qvel[0] = 1e5
     with pytest.raises(SimulationError, match="out of sight"):
         simulation.advance({})
+
+
+@pytest.mark.parametrize("rate", [50, 100, 500])
+def test_as_much_time_passes_as_it_tells(rate: int) -> None:
+    simulation = CartSimulation(structs.replace(QUIET, rate=rate))
+    for _ in range(5):
+        passed = simulation.data.time
+        assert passed == pytest.approx(simulation.advance({}).truth.time)
+
+
+@pytest.mark.parametrize("rate", [300, 1000, 0, -100])
+def test_a_rate_at_which_the_physics_cannot_sample_is_refused(rate: int) -> None:
+    with pytest.raises(ScenarioError, match=f"'test 5': key 'rate': found {rate}, expected one of 1, 2, .* 250, 500:"):
+        structs.replace(QUIET, rate=rate)
+
+
+def test_a_server_that_is_told_such_a_rate_says_so() -> None:
+    config = msgspec.to_builtins(CartServerConfig(scenario=QUIET, run="run", robots={}, observe="tcp/127.0.0.1:0"))
+    config["scenario"]["rate"] = 300
+    told = msgspec.json.encode(config) + b"\n"
+    done = subprocess.run([sys.executable, "-m", "physics_server.cart_server"], input=told, capture_output=True)
+    assert done.returncode == 2
+    assert b"key 'rate': found 300" in done.stderr
+    assert b"Traceback" not in done.stderr

@@ -16,7 +16,8 @@ from agents.cart_process import check_content
 from coheft.app.cart.inprocess import neighbours_of
 from coheft.app.cart.table_one import table_one
 from coheft.errors import MessageError
-from coheft.wire.cart import CartMeasurement, CartMessage, agent_config
+from coheft.wire.cart.config import agent_config
+from coheft.wire.cart.messages import CartMeasurement, CartMessage
 from coheft.wire.codec import decode, encode
 from tests.fuzz.any_message import KEY, altered, values
 

@@ -12,7 +12,7 @@ from coheft.app.cart.judge import CartReport, judge, tracking_errors
 from coheft.app.cart.table_one import table_one
 from coheft.app.parallel import side_by_side, workers
 from coheft.estimation.spatial import Array
-from coheft.wire.cart import CartScenario
+from coheft.wire.cart.scenario import CartScenario
 
 
 @dataclass(frozen=True)

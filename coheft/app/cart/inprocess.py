@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from agents.cart import CartAgent
-from coheft.wire.cart import CartEstimate, CartMessage, CartPush, CartScenario, CartTruth, agent_config
+from coheft.wire.cart.config import agent_config
+from coheft.wire.cart.messages import CartEstimate, CartMessage, CartPush, CartTruth
+from coheft.wire.cart.scenario import CartScenario
 from coheft.wire.scenario import Graph
 from consensus.graph import build_graph
 from physics_server.cart import CartSimulation

@@ -11,7 +11,8 @@ from coheft.app.cart.inprocess import CartRun
 from coheft.estimation.cart_observability import QUANTITIES
 from coheft.estimation.cart_trajectory import TRAJECTORIES
 from coheft.estimation.spatial import Array
-from coheft.wire.cart import CartEstimate, CartLoad
+from coheft.wire.cart.messages import CartEstimate
+from coheft.wire.cart.scenario import CartLoad
 
 MASS_AT = 10.0
 """When the mass is judged [s]: the paper says that it has converged by then."""

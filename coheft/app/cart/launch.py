@@ -12,14 +12,9 @@ from coheft.app.hosts import free_ports
 from coheft.app.plan import link_neighbours
 from coheft.app.processes import Processes
 from coheft.errors import LinkError
-from coheft.wire.cart import (
-    CartAgentProcessConfig,
-    CartEstimate,
-    CartScenario,
-    CartServerConfig,
-    CartTruth,
-    agent_config,
-)
+from coheft.wire.cart.config import CartAgentProcessConfig, CartServerConfig, agent_config
+from coheft.wire.cart.messages import CartEstimate, CartTruth
+from coheft.wire.cart.scenario import CartScenario
 from coheft.wire.inbox import Inbox, Received, Refused
 from coheft.wire.messages import Problem
 from coheft.wire.transport import Keys, open_session

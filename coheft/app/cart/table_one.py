@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from coheft.estimation.cart_prior import CartPrior
-from coheft.wire.cart import CartGuess, CartLoad, CartScenario, TrajectoryName
+from coheft.wire.cart.scenario import CartGuess, CartLoad, CartScenario, TrajectoryName
 
 MASS, INERTIA, FRICTION = 20.0, 2.0, 5.0
 """Of the cart in every test; the paper gives the mass only [kg, kg·m², N·s/m]."""

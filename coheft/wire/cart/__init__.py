@@ -1,0 +1,1 @@
+"""What crosses process boundaries when agents push a cart: scenarios, configurations and messages."""

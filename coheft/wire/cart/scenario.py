@@ -1,0 +1,139 @@
+"""Scenarios of a cart: what is pushed, by whom, where to, and what happens to it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+from coheft.errors import ScenarioError
+from coheft.estimation.cart_control import Tracking
+from coheft.estimation.cart_model import CartBody
+from coheft.estimation.cart_prior import CartPrior
+
+PHYSICS_RATE = 500
+"""Steps of the physics per second."""
+
+
+class CartGuess(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A cart, as it is or as somebody takes it to be; see ``CartBody``.
+
+    Attributes:
+        mass: [kg].
+        com: Centre of mass in ``{b}`` [m].
+        inertia: About the centre of mass [kg·m²].
+        friction: Viscous, of moving [N·s/m] and of turning [N·m·s].
+    """
+
+    mass: float
+    com: tuple[float, float]
+    inertia: float
+    friction: float
+
+    @property
+    def body(self) -> CartBody:
+        """The same to compute with."""
+        return CartBody(self.mass, self.com, self.inertia, self.friction)
+
+    @staticmethod
+    def of(body: CartBody) -> CartGuess:
+        """The same to send."""
+        return CartGuess(mass=body.mass, com=body.com, inertia=body.inertia, friction=body.friction)
+
+
+class CartLoad(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A load that is dropped onto the cart, standing still over the floor before, or that is taken off as it rolls.
+
+    Attributes:
+        at: When [s].
+        mass: What comes, or goes where negative [kg].
+        place: Where it lies in ``{b}`` [m].
+    """
+
+    at: float
+    mass: float
+    place: tuple[float, float]
+
+
+TrajectoryName = Literal["straight", "curves", "there and back"]
+
+
+class CartScenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One run with a cart.
+
+    Attributes:
+        name: For people.
+        cart: As it is.
+        guess: As the pushers take it to be at first.
+        trajectory: Where it shall go.
+        noise: Standard deviation of measured positions and velocities, each component [m, rad, m/s, rad/s].
+        force_noise: Standard deviation of measured forces [N]; that of torques is ``arm`` times as much.
+        slides: Whether hands slide along the handle to where they push best.
+        learns: Whether the pushers correct their guess.
+        loads: What is put on and taken off.
+        casters: Whether casters turn round, and drag meanwhile, when the cart goes the other way.
+        seed: Of all noise.
+        pushers: How many.
+        duration: [s].
+        rate: Samples, messages and pushes per second; must divide ``PHYSICS_RATE``.
+        lag: Samples from a measurement to the push that answers it.
+        arm: What torque costs a hand [m], see ``coheft.estimation.cart_contact``.
+        strength: Largest effort of all hands together [N].
+        handle: ``x`` of the handle in ``{b}`` and half its length [m].
+        prior: How wrong the guess may be.
+        tracking: How hard errors are fought.
+
+    Raises:
+        ScenarioError: The physics cannot sample at this rate.
+    """
+
+    name: str
+    cart: CartGuess
+    guess: CartGuess
+    trajectory: TrajectoryName
+    noise: float = 0.005
+    force_noise: float = 0.0
+    slides: bool = False
+    learns: bool = True
+    loads: tuple[CartLoad, ...] = ()
+    casters: bool = False
+    seed: int = 1
+    pushers: int = 1
+    duration: float = 30.0
+    rate: int = 100
+    lag: int = 2
+    arm: float = 0.1
+    strength: float = 150.0
+    handle: tuple[float, float] = (-0.25, 0.3)
+    prior: CartPrior = CartPrior()
+    tracking: Tracking = Tracking()
+
+    def __post_init__(self) -> None:
+        allowed = [rate for rate in range(1, PHYSICS_RATE + 1) if PHYSICS_RATE % rate == 0]
+        if self.rate not in allowed:
+            raise ScenarioError(
+                f"cart scenario {self.name!r}: key 'rate': found {self.rate}, expected one of "
+                f"{', '.join(map(str, allowed))}: those that divide the {PHYSICS_RATE} steps of the physics per second"
+            )
+
+    @property
+    def blocks(self) -> int:
+        """Number of samples."""
+        return round(self.duration * self.rate)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the pushers."""
+        return tuple(f"p{i + 1}" for i in range(self.pushers))
+
+    def reach(self, name: str) -> tuple[float, float]:
+        """Between which ``y`` on the handle a pusher's hand may be [m]: they divide it among them."""
+        _, half = self.handle
+        width = 2.0 * half / self.pushers
+        low = -half + self.names.index(name) * width
+        return low, low + width
+
+    def hand(self, name: str) -> tuple[float, float]:
+        """Where a pusher takes hold in ``{b}`` [m]: in the middle of its reach."""
+        low, high = self.reach(name)
+        return self.handle[0], 0.5 * (low + high)
