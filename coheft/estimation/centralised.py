@@ -8,7 +8,7 @@ the same noise models as on the robots, so the ratio of errors says what being d
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,8 +20,7 @@ from coheft.estimation.acceleration import (
 )
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.inertia import INERTIA_SIZE, InertiaModel, features, packed_gram, unpacked_gram
-from coheft.estimation.inertia_derivatives import central_derivative
-from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, middle_and_size
+from coheft.estimation.inertia_estimate import InertiaEstimate, middle_and_size, solve_inertia, unseen_quantities
 from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, TWIST, WRENCH, SensorNoise
 from coheft.estimation.pose_sensitivity import MOTION_FEATURES, PoseSensitivity, inertia_by_poses
 from coheft.estimation.registration import RegistrationMoments, score_and_information
@@ -42,7 +41,7 @@ class CentralisedEstimate:
 
     Attributes:
         team: Poses of all robots in the body frame, which is the first robot's.
-        payload: Its mass properties in the body frame, given the poses.
+        payload: Its mass properties in the body frame, given the poses; only ``unseen`` counts in what the poses add.
         covariance: Of ``(m, h, J)``, ``J`` packed, with what the poses add, shape (10, 10).
         residual: Of the total wrench, shape (n, 6).
         expected: Covariance of the residual that the sensors' noise explains, shape (6, 6).
@@ -121,29 +120,32 @@ def estimate_centralised(
     sums = sum_up(samples, poses, noise, rate)
     sample_features = features(sums.motion, sums.wrench)
     gram = packed_gram(sample_features)
+    middle, size = middle_and_size(poses)
     parameters = None
     for _ in range(_REWEIGHTINGS):
         model = InertiaModel(
             sums.fusion.wrench_covariance, sums.fusion.acceleration_covariance, parameters, with_offset
         )
-        estimate = estimate_inertia(model.information(gram), *middle_and_size(poses))
-        parameters = estimate.inertia.barycentric()
+        information = model.information(gram)
+        solution = solve_inertia(information, middle, size)
+        parameters = solution.parameters
     needed = np.tensordot(sample_features, model.regressor_coefficients, axes=1)[..., :INERTIA_SIZE]
     moving = sample_features[:, MOTION_FEATURES]
     by_poses = inertia_by_poses(
         model,
-        model.information(gram),
-        estimate.inertia.barycentric(),
+        information,
+        solution.parameters,
         unpacked_gram(gram),
         np.einsum("kf,kiw->ifw", moving, samples[..., WRENCH]),
         PoseSensitivity.of(poses, noise, sums.fusion.slope_information),
     )
-    to_central = central_derivative(estimate.inertia)
-    covariance = estimate.parameters_covariance + by_poses @ team.covariance @ by_poses.T
+    doubt = by_poses @ team.covariance @ by_poses.T
+    estimate = solution.made_possible(doubt)
+    covariance = estimate.to_central @ (solution.covariance + doubt) @ estimate.to_central.T
     return CentralisedEstimate(
         team=team,
-        payload=estimate,
-        covariance=to_central @ covariance @ to_central.T,
+        payload=replace(estimate, unseen=unseen_quantities(covariance, estimate.inertia.mass, size)),
+        covariance=covariance,
         residual=sums.wrench - needed @ estimate.parameters,
         expected=model.residual_covariance,
     )

@@ -1,0 +1,47 @@
+"""Maximum likelihood from recordings of sensors: what it claims, and what not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coheft.estimation.batch.body import total_wrench
+from coheft.estimation.batch.identify_sensors import identify_sensors
+from coheft.estimation.consistency import nearest_possible
+from coheft.estimation.inertia_derivatives import central_derivative
+from coheft.estimation.inertia_estimate import middle_and_size
+from coheft.estimation.measurement import SensorNoise
+from tests.estimation.batch_team import LOAD, exact_signals, grasps, sensors_recording, sliding
+
+NOISE = SensorNoise()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_is_claimed_that_hangs_on_unseen_poses(seed: int) -> None:
+    """A load that does not turn does not show where others hold it, and so not which way they lift."""
+    rng = np.random.default_rng(seed)
+    team = grasps(rng)
+    signals = exact_signals(rng, team, motion=sliding())
+    third = total_wrench(signals.wrench, team) / 3.0
+    signals = replace(signals, wrench=np.array([third @ np.linalg.inv(pose.adjoint()).T for pose in team]))
+    found = identify_sensors(sensors_recording(rng, signals, NOISE))
+    payload = found.payload
+    assert payload.is_seen("mass") == (payload.std[0] <= 0.3 * payload.inertia.mass)
+    assert not payload.is_seen("centre of mass")
+    assert not payload.is_seen("inertia")
+
+
+def test_impossible_bodies_are_made_possible_in_the_metric_of_all_errors() -> None:
+    """Poses that are a little off do more than the noise of seconds of samples."""
+    impossible = replace(LOAD, tensor=np.diag([1.0, 1.0, 2.5]))
+    rng = np.random.default_rng(0)
+    signals = exact_signals(rng, grasps(rng), load=impossible)
+    found = identify_sensors(sensors_recording(rng, signals, NOISE))
+    payload = found.payload
+    assert not payload.was_possible
+    to_central = central_derivative(payload.inertia)
+    information = to_central.T @ np.linalg.inv(payload.covariance) @ to_central
+    expected = nearest_possible(payload.measured.barycentric(), information, middle_and_size(found.team.poses)[1])
+    np.testing.assert_allclose(payload.inertia.barycentric(), expected, atol=1e-6)
