@@ -29,7 +29,7 @@ def test_nothing_is_claimed_that_hangs_on_unseen_poses(seed: int) -> None:
     found = identify_sensors(sensors_recording(rng, signals, NOISE))
     payload = found.payload
     assert payload.is_seen("mass") == (payload.std[0] <= 0.3 * payload.inertia.mass)
-    assert not payload.is_seen("centre of mass")
+    assert not payload.is_seen("com")
     assert not payload.is_seen("inertia")
 
 

@@ -37,7 +37,7 @@ def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tup
         doubts.append(f"One load would be held by robots too far from {names[0]}: {told}. {_METRES}")
     middle, _ = middle_and_size(team.poses)
     away = float(np.linalg.norm(payload.inertia.com - middle))
-    if away > _FARTHEST and payload.is_seen("centre of mass") and not far:
+    if away > _FARTHEST and payload.is_seen("com") and not far:
         doubts.append(f"The centre of mass would be {away:.0f} m from where robots hold the load. {_METRES}")
     if payload.deviations_off > _FAR:
         doubts.append(

@@ -50,7 +50,7 @@ def identify_sensors(recording: Recording) -> Identification:
             inertia=estimate.inertia,
             measured=Inertia.from_barycentric(estimate.parameters),
             covariance=found.covariance,
-            unseen=tuple(f"{unseen.what}: {unseen.remedy}" for unseen in estimate.unseen),
+            unseen=estimate.unseen,
         ),
         remarks=(remark,),
         time=recording.time,
