@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from coheft.app.identify.methods import identify
+from coheft.errors import RecordingError
 from coheft.estimation.batch.body import total_wrench
 from coheft.estimation.batch.identify_sensors import identify_sensors
 from coheft.estimation.consistency import nearest_possible
@@ -31,6 +33,24 @@ def test_nothing_is_claimed_that_hangs_on_unseen_poses(seed: int) -> None:
     assert payload.is_seen("mass") == (payload.std[0] <= 0.3 * payload.inertia.mass)
     assert not payload.is_seen("com")
     assert not payload.is_seen("inertia")
+
+
+def test_of_a_load_at_rest_without_noise_only_the_mass_may_be_seen() -> None:
+    rng = np.random.default_rng(0)
+    rest = np.tile(np.repeat([0.0, 9.81, 0.0], [8, 1, 3]), (1000, 1))
+    still = sensors_recording(rng, exact_signals(rng, grasps(rng), motion=rest), NOISE.scaled(1e-300))
+    found = identify_sensors(replace(still, noise=NOISE))
+    assert all(len(found.team.relative(0, k).unseen) > 3 for k in (1, 2))
+    assert not found.payload.is_seen("com")
+    assert not found.payload.is_seen("inertia")
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_what_cannot_be_computed_with_is_told() -> None:
+    rng = np.random.default_rng(0)
+    recording = sensors_recording(rng, exact_signals(rng, grasps(rng)), NOISE)
+    with pytest.raises(RecordingError, match=r"--method likelihood cannot compute with these numbers \("):
+        identify(replace(recording, noise=NOISE.scaled(1e-170)), "likelihood")
 
 
 def test_impossible_bodies_are_made_possible_in_the_metric_of_all_errors() -> None:
