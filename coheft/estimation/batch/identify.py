@@ -42,7 +42,7 @@ def identify_batch(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Identi
     """
     signals = plausible_signals(recording, cutoff)
     team, loops = grasps_from_twists(signals, with_instruments=False)
-    holds = holds_of(recording)
+    holds = holds_of(recording, cutoff)
     wrench = _wrench(signals)
 
     def solve(poses: Sequence[Pose], com: Array | None = None) -> tuple[Array, StaticEstimate, LinearFit]:
