@@ -45,6 +45,7 @@ class CentralisedEstimate:
         covariance: Of ``(m, h, J)``, ``J`` packed, with what the poses add, shape (10, 10).
         residual: Of the total wrench, shape (n, 6).
         expected: Covariance of the residual that the sensors' noise explains, shape (6, 6).
+        is_settled: Whether steps of poses had become small when no more were taken.
     """
 
     team: TeamPoses
@@ -52,6 +53,7 @@ class CentralisedEstimate:
     covariance: Array
     residual: Array
     expected: Array
+    is_settled: bool
 
     @property
     def poses(self) -> tuple[Pose, ...]:
@@ -115,7 +117,7 @@ def estimate_centralised(
         rate: Samples per second.
         with_offset: Whether force and torque sensors may have constant offsets.
     """
-    team = _estimate_poses(samples, noise, rate)
+    team, is_settled = _estimate_poses(samples, noise, rate)
     poses = team.poses
     sums = sum_up(samples, poses, noise, rate)
     sample_features = features(sums.motion, sums.wrench)
@@ -148,11 +150,16 @@ def estimate_centralised(
         covariance=covariance,
         residual=sums.wrench - needed @ estimate.parameters,
         expected=model.residual_covariance,
+        is_settled=is_settled,
     )
 
 
-def _estimate_poses(samples: Array, noise: SensorNoise, rate: float) -> TeamPoses:
-    """Poses of all robots in the first one's frame, from their twists at first, then from all kinematics jointly."""
+def _estimate_poses(samples: Array, noise: SensorNoise, rate: float) -> tuple[TeamPoses, bool]:
+    """Poses of all robots in the first one's frame, from their twists at first, then from all kinematics jointly.
+
+    Returns:
+        They, and whether the last step was small.
+    """
     first = samples[:, 0, TWIST]
     count = samples.shape[1]
     pairs = (TwistMoments.of(first, samples[:, i, TWIST]) for i in range(1, count))
@@ -166,5 +173,5 @@ def _estimate_poses(samples: Array, noise: SensorNoise, rate: float) -> TeamPose
         poses = team.poses
         deviations = np.sqrt(np.diag(team.covariance))[6:]
         if np.all(np.abs(np.concatenate(steps)[6:]) < _CLOSE * deviations):
-            break
-    return team
+            return team, True
+    return team, False

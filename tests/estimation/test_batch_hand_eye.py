@@ -118,6 +118,7 @@ def test_fit_is_exact_without_noise_from_a_rough_start(count: int) -> None:
     measured = wrists(rng, team, 10.0, 1e-9, 1e-9)
     start = [perturbed(pose, 0.02 * rng.normal(size=6)) if k else pose for k, pose in enumerate(team)]
     found = fit_hand_eye(measured, start)
+    assert found.is_settled
     for pose, true in zip(found.team.poses, team, strict=True):
         np.testing.assert_allclose(perturbation_between(pose, true), 0.0, atol=1e-7)
 
@@ -135,6 +136,16 @@ def test_noise_is_found_and_covariance_honest() -> None:
             squares.append(float(error @ np.linalg.solve(found.team.covariance[own, own], error)) / 6.0)
     # 180 squares, covariances from 20 stretches each: mean 1 up to 0.11, and a little more.
     assert 0.65 < np.mean(squares) < 1.7
+
+
+def test_poses_of_different_loads_do_not_settle() -> None:
+    rng = np.random.default_rng(8)
+    team = grasps(rng)
+    several = [wrists(rng, team, 10.0) for _ in team]
+    angles, positions = (
+        np.array([getattr(own, x)[k] for k, own in enumerate(several)]) for x in ("angles", "positions")
+    )
+    assert not fit_hand_eye(replace(several[0], angles=angles, positions=positions), team).is_settled
 
 
 def test_every_sample_says_as_much_about_the_noise() -> None:

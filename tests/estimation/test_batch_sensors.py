@@ -45,6 +45,25 @@ def test_of_a_load_at_rest_without_noise_only_the_mass_may_be_seen() -> None:
     assert not found.payload.is_seen("inertia")
 
 
+def test_robots_that_hold_different_loads_are_suspected() -> None:
+    rng = np.random.default_rng(1)
+    team = grasps(rng)
+    several = [sensors_recording(rng, exact_signals(rng, team), NOISE) for _ in team]
+    robots = {name: own.robots[name] for name, own in zip(several[0].names, several, strict=True)}
+    broken_off = "Poses were still changing when their fit was broken off"
+    assert not any(broken_off in doubt for doubt in identify_sensors(several[0]).doubts)
+    assert any(broken_off in doubt for doubt in identify_sensors(replace(several[0], robots=robots)).doubts)
+
+
+def test_what_is_not_seen_need_not_settle() -> None:
+    rng = np.random.default_rng(2)
+    spinning = np.tile([0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 9.81, 0.0, 0.0, 0.0], (2000, 1))
+    recording = sensors_recording(rng, exact_signals(rng, grasps(rng), motion=spinning), NOISE)
+    found = identify(recording, "instruments")
+    assert found.team.relative(0, 1).unseen
+    assert not any("still changing" in doubt for doubt in found.doubts)
+
+
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_what_cannot_be_computed_with_is_told() -> None:
     rng = np.random.default_rng(0)

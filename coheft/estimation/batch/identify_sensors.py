@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.errors import RecordingError
+from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.plausibility import check_units, check_weight
@@ -53,6 +54,7 @@ def identify_sensors(recording: Recording) -> Identification:
             unseen=estimate.unseen,
         ),
         remarks=(remark,),
+        suspicions=unsettled(found.team, found.is_settled),
         time=recording.time,
         residual=found.residual,
     )
