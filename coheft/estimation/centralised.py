@@ -74,11 +74,13 @@ class BodySums:
         motion: ``(w, v, a, alpha)``, shape (n, 12).
         wrench: Total, shape (n, 6).
         fusion: Says how certain both are.
+        rows: Samples whose motion is right: where gyros' slopes are needed, not the first and last 20 ms.
     """
 
     motion: Array
     wrench: Array
     fusion: MotionFusion
+    rows: slice
 
 
 def sum_up(samples: Array, poses: Sequence[Pose], noise: SensorNoise, rate: float) -> BodySums:
@@ -99,11 +101,14 @@ def sum_up(samples: Array, poses: Sequence[Pose], noise: SensorNoise, rate: floa
     kernel = slope_kernel(rate, len(samples))
     half_span = len(kernel) // 2
     fusion = MotionFusion.of_robots(noise, poses, kernel)
-    slope = None
+    slope, rows = None, slice(len(samples))
     if fusion.derivative_gain is not None:
+        # There is no slope where nobody measured what was before or after; of less than 80 ms all are better than none.
         w = np.pad(fusion.angular_velocity(sums), ((half_span, half_span), (0, 0)), mode="edge")
         slope = derivative(w, kernel)
-    return BodySums(fusion.motion(sums, slope), sums[:, 0], fusion)
+        lost = min(half_span, len(samples) // 4)
+        rows = slice(lost, len(samples) - lost)
+    return BodySums(fusion.motion(sums, slope), sums[:, 0], fusion, rows)
 
 
 def estimate_centralised(
@@ -121,7 +126,7 @@ def estimate_centralised(
     poses = team.poses
     sums = sum_up(samples, poses, noise, rate)
     sample_features = features(sums.motion, sums.wrench)
-    gram = packed_gram(sample_features)
+    gram = packed_gram(sample_features[sums.rows])
     middle, size = middle_and_size(poses)
     parameters = None
     for _ in range(_REWEIGHTINGS):
@@ -132,13 +137,13 @@ def estimate_centralised(
         solution = solve_inertia(information, middle, size)
         parameters = solution.parameters
     needed = np.tensordot(sample_features, model.regressor_coefficients, axes=1)[..., :INERTIA_SIZE]
-    moving = sample_features[:, MOTION_FEATURES]
+    moving = sample_features[sums.rows, MOTION_FEATURES]
     by_poses = inertia_by_poses(
         model,
         information,
         solution.parameters,
         unpacked_gram(gram),
-        np.einsum("kf,kiw->ifw", moving, samples[..., WRENCH]),
+        np.einsum("kf,kiw->ifw", moving, samples[sums.rows, :, WRENCH]),
         PoseSensitivity.of(poses, noise, sums.fusion.slope_information),
     )
     doubt = by_poses @ team.covariance @ by_poses.T
@@ -166,7 +171,8 @@ def _estimate_poses(samples: Array, noise: SensorNoise, rate: float) -> tuple[Te
     poses = (Pose.identity(), *(register_twists(pair, noise, noise).pose for pair in pairs))
     for _ in range(_POSE_STEPS):
         sums = sum_up(samples, poses, noise, rate)
-        moments = [RegistrationMoments.of(samples[:, i, KINEMATICS], sums.motion) for i in range(count)]
+        right = samples[sums.rows]
+        moments = [RegistrationMoments.of(right[:, i, KINEMATICS], sums.motion[sums.rows]) for i in range(count)]
         scores = [score_and_information(own, pose, noise)[0] for own, pose in zip(moments, poses, strict=True)]
         team = register_team(poses, np.array(scores), moments[0], noise, slope=sums.fusion.slope_information)
         steps = [perturbation_between(old, new) for old, new in zip(poses, team.poses, strict=True)]
