@@ -121,6 +121,10 @@ def estimate_centralised(
         noise: Of every robot's sensors.
         rate: Samples per second.
         with_offset: Whether force and torque sensors may have constant offsets.
+
+    Raises:
+        ValueError: Shapes do not fit.
+        numpy.linalg.LinAlgError: Numbers are too large or too small to be computed with.
     """
     team, is_settled = _estimate_poses(samples, noise, rate)
     poses = team.poses

@@ -59,6 +59,14 @@ def test_both_fits_are_exact_without_noise(count: int) -> None:
     np.testing.assert_allclose(parameters_fit(signals, team).numbers, LOAD.central(), atol=1e-8)
 
 
+def test_one_robot_has_no_instruments() -> None:
+    rng = np.random.default_rng(1)
+    team = grasps(rng, 1)
+    signals = exact_signals(rng, team)
+    with pytest.raises(ValueError, match="found 1 view, expected at least 2"):
+        fit_parameters(body_motions(signals, team), total_wrench(signals.wrench, team), RATE)
+
+
 def test_instruments_remove_the_bias_of_inertia() -> None:
     """Least squares loses the share of noise in the acceleration's square; with instruments nothing is lost."""
     rng = np.random.default_rng(2)

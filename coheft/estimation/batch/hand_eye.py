@@ -4,10 +4,11 @@ Robot i knows the pose ``T_i`` of its grasp frame in its home frame. With the lo
 
     T_i = H_i^-1 B X_i,
 
-``H_i`` the home frame in the world and ``X_i`` the grasp frame in the load (robot-world and hand-eye calibration,
-``A X = X B`` between two samples). World and load are the home and the grasp frame of the first robot. All samples of
-all robots are fitted at once by maximum likelihood, the load's pose of every sample eliminated: that closes all loops.
-What may be wrong with the robots' calibration is fitted along, held by how wrong it may be.
+``H_i`` the home frame in the world and ``X_i`` the grasp frame in the load (hand-eye calibration, ``A X = X B`` between
+two samples: Shiu and Ahmad 1989; with the robots' places in the world: Zhuang, Roth and Sudhakar 1994). World and load
+are the home and the grasp frame of the first robot. All samples of all robots are fitted at once by maximum likelihood,
+the load's pose of every sample eliminated: that closes all loops. What may be wrong with the robots' calibration is
+fitted along, held by how wrong it may be.
 """
 
 from __future__ import annotations

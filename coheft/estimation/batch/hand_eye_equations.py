@@ -1,4 +1,8 @@
-"""The normal equations of hand-eye calibration (``hand_eye``), the load's pose of every sample eliminated."""
+"""The normal equations of hand-eye calibration (``hand_eye``), the load's pose of every sample eliminated.
+
+That leaves the Schur complement of the loads' block, sample by sample, as in bundle adjustment (Brown 1958; Triggs,
+McLauchlan, Hartley and Fitzgibbon 2000).
+"""
 
 from __future__ import annotations
 

@@ -32,7 +32,8 @@ class Holds:
         spans: From when to when [s].
         down: Gravity, shape (H, N, 3) [m/s²].
         wrench: ``(f, t)``, shape (H, N, 6).
-        scatter: Covariance of the mean forces' and torques' axes, as far as it shows in the samples, shape (H, N, 6).
+        scatter: Variances of these means, each component on its own, as samples of white noise have them, shape
+            (H, N, 6).
     """
 
     spans: tuple[tuple[float, float], ...]

@@ -23,8 +23,8 @@ class CalibrationFinding:
         what: Which.
         unit: Of the numbers.
         value: What was found.
-        std: How well it is known now,
-        before: and how well it was before anything was measured.
+        std: Its standard deviation.
+        before: Its standard deviation before anything was measured.
     """
 
     robot: str

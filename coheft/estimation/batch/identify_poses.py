@@ -149,7 +149,11 @@ def _with_doubts(recording: Recording, grasps: HandEye, tolerances: Tolerances, 
 
 
 def corrected(recording: Recording, errors: Array) -> Recording:
-    """What robots would have recorded without these errors of their poses, shape (N, 7); forces turn along."""
+    """What robots would have recorded without these errors of their poses, shape (N, 7); forces turn along.
+
+    Raises:
+        ValueError: A robot did not record poses and wrenches.
+    """
     robots = {}
     for (name, robot), own in zip(recording.robots.items(), errors, strict=True):
         if robot.pose is None or robot.wrench is None:
