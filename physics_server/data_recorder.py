@@ -14,7 +14,11 @@ from physics_server.simulation import BlockResult
 
 
 class DataRecorder:
-    """Collects blocks. Robots with encoders record poses and forces; others gyro, velocity, acceleration and wrench."""
+    """Collects blocks. Robots with encoders record poses and forces; others gyro, velocity, acceleration and wrench.
+
+    The torque of robots with encoders is zero, as their gimbals transmit none, and gravity is (0, 0, -9.81) in their
+    home frames, which are level: ``check_encoders`` refuses other scenarios.
+    """
 
     def __init__(self, scenario: Scenario, scene: Scene) -> None:
         self._scenario = scenario

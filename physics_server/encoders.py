@@ -32,7 +32,10 @@ class WristSamples:
     forces: Array
 
     def numbers(self) -> Array:
-        """``x y z qx qy qz qw`` of the grasp frame, then force and torque in its own axes, shape (B, N, 13)."""
+        """``x y z qx qy qz qw`` of the grasp frame, then force and torque in its own axes, shape (B, N, 13).
+
+        The torque is zero: a gimbal transmits none.
+        """
         samples, count = self.positions.shape[:2]
         quaternions = Rotation.from_matrix(self.rotations.reshape(-1, 3, 3)).as_quat(canonical=True)
         result = np.zeros((samples, count, 13))

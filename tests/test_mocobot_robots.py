@@ -87,6 +87,32 @@ def test_perfect_encoders_tell_the_pose_in_the_home_frame() -> None:
     assert simulation.block == 200
 
 
+GIMBALS = "stiffness = [800.0, 0.0]\ndamping = [70.0, 0.0]"
+LEVEL = "grasps = [{ position = [-0.2, 0, 0] }, { position = [0.2, 0, 0], rotation_deg = [0, 0, 120] }]"
+
+
+@pytest.mark.parametrize(
+    ("robots", "more", "message"),
+    [
+        (LEVEL, "", r"with 'robots.stiffness' = \[\d+.0, 30.0\], expected no stiffness in rotation"),
+        (f"arms = 'seven-joint'\n{LEVEL}", "", r"with 'robots.stiffness' = .* expected no stiffness in rotation"),
+        (LEVEL, "[carry]", r"with 'robots.stiffness' = .* expected no stiffness in rotation"),
+        (
+            f"{GIMBALS}\n{LEVEL.replace('[0, 0, 120]', '[0, 5, 0]')}",
+            "",
+            r"with a grasp of r2 that is tilted by 5°, expected 'robots.grasps' turned about the vertical only",
+        ),
+        (f"{GIMBALS}\nperimeter = {{ count = 3, extent = [0.4, 0.3] }}", "", "with a grasp of r1 that is tilted by"),
+    ],
+)
+def test_encoders_are_refused_where_recordings_would_be_wrong(robots: str, more: str, message: str) -> None:
+    payload = "[payload]\nboxes = [{ mass = 2.0, size = [0.4, 0.3, 0.1] }]"
+    text = f'name = "x"\n{payload}\n[sensors.encoders]\n[robots]\n'
+    with pytest.raises(ScenarioError, match=f"x.toml: key 'sensors.encoders': found {message}"):
+        parse_scenario(f"{text}{robots}\n{more}", "x.toml")
+    assert parse_scenario(f"{text}{GIMBALS}\n{LEVEL}", "x.toml").sensors.encoders == EncoderErrors()
+
+
 def still(count: int, robots: int = 3) -> tuple[Array, Array, Array]:
     """Positions, rotations and forces."""
     return (

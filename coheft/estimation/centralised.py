@@ -8,7 +8,7 @@ the same noise models as on the robots, so the ratio of errors says what being d
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,8 +20,7 @@ from coheft.estimation.acceleration import (
 )
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.inertia import INERTIA_SIZE, InertiaModel, features, packed_gram, unpacked_gram
-from coheft.estimation.inertia_derivatives import central_derivative
-from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, middle_and_size
+from coheft.estimation.inertia_estimate import InertiaEstimate, middle_and_size, solve_inertia, unseen_quantities
 from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, TWIST, WRENCH, SensorNoise
 from coheft.estimation.pose_sensitivity import MOTION_FEATURES, PoseSensitivity, inertia_by_poses
 from coheft.estimation.registration import RegistrationMoments, score_and_information
@@ -42,10 +41,11 @@ class CentralisedEstimate:
 
     Attributes:
         team: Poses of all robots in the body frame, which is the first robot's.
-        payload: Its mass properties in the body frame, given the poses.
+        payload: Its mass properties in the body frame, given the poses; only ``unseen`` counts in what the poses add.
         covariance: Of ``(m, h, J)``, ``J`` packed, with what the poses add, shape (10, 10).
         residual: Of the total wrench, shape (n, 6).
         expected: Covariance of the residual that the sensors' noise explains, shape (6, 6).
+        is_settled: Whether steps of poses had become small when no more were taken.
     """
 
     team: TeamPoses
@@ -53,6 +53,7 @@ class CentralisedEstimate:
     covariance: Array
     residual: Array
     expected: Array
+    is_settled: bool
 
     @property
     def poses(self) -> tuple[Pose, ...]:
@@ -73,11 +74,13 @@ class BodySums:
         motion: ``(w, v, a, alpha)``, shape (n, 12).
         wrench: Total, shape (n, 6).
         fusion: Says how certain both are.
+        rows: Samples whose motion is right: where gyros' slopes are needed, not the first and last 20 ms.
     """
 
     motion: Array
     wrench: Array
     fusion: MotionFusion
+    rows: slice
 
 
 def sum_up(samples: Array, poses: Sequence[Pose], noise: SensorNoise, rate: float) -> BodySums:
@@ -98,11 +101,14 @@ def sum_up(samples: Array, poses: Sequence[Pose], noise: SensorNoise, rate: floa
     kernel = slope_kernel(rate, len(samples))
     half_span = len(kernel) // 2
     fusion = MotionFusion.of_robots(noise, poses, kernel)
-    slope = None
+    slope, rows = None, slice(len(samples))
     if fusion.derivative_gain is not None:
+        # There is no slope where nobody measured what was before or after; of less than 80 ms all are better than none.
         w = np.pad(fusion.angular_velocity(sums), ((half_span, half_span), (0, 0)), mode="edge")
         slope = derivative(w, kernel)
-    return BodySums(fusion.motion(sums, slope), sums[:, 0], fusion)
+        lost = min(half_span, len(samples) // 4)
+        rows = slice(lost, len(samples) - lost)
+    return BodySums(fusion.motion(sums, slope), sums[:, 0], fusion, rows)
 
 
 def estimate_centralised(
@@ -115,54 +121,67 @@ def estimate_centralised(
         noise: Of every robot's sensors.
         rate: Samples per second.
         with_offset: Whether force and torque sensors may have constant offsets.
+
+    Raises:
+        ValueError: Shapes do not fit.
+        numpy.linalg.LinAlgError: Numbers are too large or too small to be computed with.
     """
-    team = _estimate_poses(samples, noise, rate)
+    team, is_settled = _estimate_poses(samples, noise, rate)
     poses = team.poses
     sums = sum_up(samples, poses, noise, rate)
     sample_features = features(sums.motion, sums.wrench)
-    gram = packed_gram(sample_features)
+    gram = packed_gram(sample_features[sums.rows])
+    middle, size = middle_and_size(poses)
     parameters = None
     for _ in range(_REWEIGHTINGS):
         model = InertiaModel(
             sums.fusion.wrench_covariance, sums.fusion.acceleration_covariance, parameters, with_offset
         )
-        estimate = estimate_inertia(model.information(gram), *middle_and_size(poses))
-        parameters = estimate.inertia.barycentric()
+        information = model.information(gram)
+        solution = solve_inertia(information, middle, size)
+        parameters = solution.parameters
     needed = np.tensordot(sample_features, model.regressor_coefficients, axes=1)[..., :INERTIA_SIZE]
-    moving = sample_features[:, MOTION_FEATURES]
+    moving = sample_features[sums.rows, MOTION_FEATURES]
     by_poses = inertia_by_poses(
         model,
-        model.information(gram),
-        estimate.inertia.barycentric(),
+        information,
+        solution.parameters,
         unpacked_gram(gram),
-        np.einsum("kf,kiw->ifw", moving, samples[..., WRENCH]),
+        np.einsum("kf,kiw->ifw", moving, samples[sums.rows, :, WRENCH]),
         PoseSensitivity.of(poses, noise, sums.fusion.slope_information),
     )
-    to_central = central_derivative(estimate.inertia)
-    covariance = estimate.parameters_covariance + by_poses @ team.covariance @ by_poses.T
+    doubt = by_poses @ team.covariance @ by_poses.T
+    estimate = solution.made_possible(doubt)
+    covariance = estimate.to_central @ (solution.covariance + doubt) @ estimate.to_central.T
     return CentralisedEstimate(
         team=team,
-        payload=estimate,
-        covariance=to_central @ covariance @ to_central.T,
+        payload=replace(estimate, unseen=unseen_quantities(covariance, estimate.inertia.mass, size)),
+        covariance=covariance,
         residual=sums.wrench - needed @ estimate.parameters,
         expected=model.residual_covariance,
+        is_settled=is_settled,
     )
 
 
-def _estimate_poses(samples: Array, noise: SensorNoise, rate: float) -> TeamPoses:
-    """Poses of all robots in the first one's frame, from their twists at first, then from all kinematics jointly."""
+def _estimate_poses(samples: Array, noise: SensorNoise, rate: float) -> tuple[TeamPoses, bool]:
+    """Poses of all robots in the first one's frame, from their twists at first, then from all kinematics jointly.
+
+    Returns:
+        They, and whether the last step was small.
+    """
     first = samples[:, 0, TWIST]
     count = samples.shape[1]
     pairs = (TwistMoments.of(first, samples[:, i, TWIST]) for i in range(1, count))
     poses = (Pose.identity(), *(register_twists(pair, noise, noise).pose for pair in pairs))
     for _ in range(_POSE_STEPS):
         sums = sum_up(samples, poses, noise, rate)
-        moments = [RegistrationMoments.of(samples[:, i, KINEMATICS], sums.motion) for i in range(count)]
+        right = samples[sums.rows]
+        moments = [RegistrationMoments.of(right[:, i, KINEMATICS], sums.motion[sums.rows]) for i in range(count)]
         scores = [score_and_information(own, pose, noise)[0] for own, pose in zip(moments, poses, strict=True)]
         team = register_team(poses, np.array(scores), moments[0], noise, slope=sums.fusion.slope_information)
         steps = [perturbation_between(old, new) for old, new in zip(poses, team.poses, strict=True)]
         poses = team.poses
         deviations = np.sqrt(np.diag(team.covariance))[6:]
         if np.all(np.abs(np.concatenate(steps)[6:]) < _CLOSE * deviations):
-            break
-    return team
+            return team, True
+    return team, False

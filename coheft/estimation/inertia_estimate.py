@@ -29,6 +29,9 @@ _LIGHTEST = 1e-3
 """Least mass that is guessed [kg]."""
 
 
+Quantity = Literal["mass", "com", "inertia"]
+
+
 @dataclass(frozen=True, eq=False)
 class Unseen:
     """Something that the motion so far does not show.
@@ -39,7 +42,7 @@ class Unseen:
         remedy: A motion that would show it.
     """
 
-    quantity: Literal["mass", "com", "inertia"]
+    quantity: Quantity
     what: str
     remedy: str
 

@@ -89,7 +89,7 @@ def rotation_log(rotation: Array) -> Array:
 def quaternion_from_rotation(rotation: Array) -> Array:
     """Unit quaternion (4,), scalar first and not negative, of a rotation matrix (3, 3).
 
-    The largest of the four components is found first, so the result is accurate for every rotation.
+    The largest of the four components is found first, so the result is accurate for every rotation (Shepperd 1978).
     """
     r = rotation
     trace = r[0, 0] + r[1, 1] + r[2, 2]

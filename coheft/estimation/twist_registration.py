@@ -21,6 +21,8 @@ _POSES = 64
 """What follows from so many poses is kept."""
 
 _STEPS = 12
+_FAINT = 1e-12
+"""Share of one sample's noise, and of all motion, that is rounding: where there is no more, frames are parallel."""
 _CLOSE = 1e-6
 """Steps below this share of the standard deviation's limit end the iteration."""
 _DOUBT = 5.0
@@ -71,8 +73,8 @@ class TwistMoments:
         """
         if not centred:
             return self.gram[1:, 1:], self.count
-        total = self.gram[0, 1:]
-        return self.gram[1:, 1:] - np.outer(total, total) / self.count, self.count - 1.0
+        total, count = self.gram[0, 1:], max(self.count, 1.0)
+        return self.gram[1:, 1:] - np.outer(total, total) / count, count - 1.0
 
 
 def register_twists(
@@ -131,20 +133,21 @@ def closed_form_pose(second: Array, sigma_i: Array, sigma_j: Array) -> Pose:
     Besides angular velocities it turns the velocities' parts that are linearly independent of ``w_i``: these obey
     ``v_i = R v_j`` whatever the translation, so the rotation is found also if all rotation is about one axis.
     Minimising ``|L(a) q - R(b) q|^2`` over unit quaternions is an eigenvalue problem (Davenport; Horn 1987); given
-    ``q_r``, the dual part's equation ``v_i - R v_j = p x w_i`` is linear in ``p``.
+    ``q_r``, the dual part's equation ``v_i - R v_j = p x w_i`` is linear in ``p``. Without any motion the pose is the
+    identity.
 
     Args:
         second: Sum of ``x x^T`` with ``x = (xi_i, xi_j)``, shape (12, 12).
         sigma_i: Variances of the noise of ``xi_i``, shape (6,).
         sigma_j: Likewise of ``xi_j``.
     """
-    ridge = 1e-12 * (np.trace(second) + 1e-300) * np.eye(3)
-    explained = second[_V_I, _W_I] @ np.linalg.solve(second[_W_I, _W_I] + ridge, second[_W_I, _V_J])
     variance = sigma_i + sigma_j
+    ridge = _FAINT * (np.trace(second) + variance[0]) * np.eye(3)
+    explained = second[_V_I, _W_I] @ np.linalg.solve(second[_W_I, _W_I] + ridge, second[_W_I, _V_J])
     cross = second[_W_I, _W_J] / variance[0] + (second[_V_I, _V_J] - explained) / variance[3]
     trace, asymmetry = np.trace(cross), _vee(cross - cross.T)
     davenport = np.empty((4, 4))
-    davenport[0, 0] = trace
+    davenport[0, 0] = trace + _FAINT
     davenport[0, 1:] = davenport[1:, 0] = asymmetry
     davenport[1:, 1:] = cross + cross.T - trace * np.eye(3)
     rotation = rotation_from_quaternion(np.linalg.eigh(davenport)[1][:, -1])

@@ -13,7 +13,9 @@ class EncoderErrors(Section, frozen=True):
     """A force-controlled three-axis arm with a passive three-axis gimbal as wrist, as recordings see it.
 
     The wrist's position and force are measured in the axes of the robot's home frame, the gimbal's angles tell the
-    grasp frame's orientation there: ``R = R_x(a) R_y(b) R_z(c)``.
+    grasp frame's orientation there: ``R = R_x(a) R_y(b) R_z(c)``. Recordings have a torque of zero, as a gimbal
+    transmits none, and gravity along the home frames' z axes. So arms must have no stiffness in rotation, and grasps be
+    turned about the vertical only: all else is refused.
 
     The first four are drawn anew for every sample. The others are fixed: each robot has its own (each axis too, but
     for the scales of position and force), uniform in plus or minus the given bound.

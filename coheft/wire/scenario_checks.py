@@ -11,6 +11,7 @@ import numpy as np
 from coheft.errors import ScenarioError, one_line
 from coheft.estimation.measurement import SensorNoise
 from coheft.wire.arm_checks import check_arms
+from coheft.wire.grasps import place_grasps
 from coheft.wire.message_size import LARGEST, largest_message
 from coheft.wire.motion_checks import check_motion
 from coheft.wire.payload_extent import check_load_places
@@ -19,6 +20,8 @@ from coheft.wire.scenario import Scenario
 
 _LEAST_NOISE = 1e-3
 """In units of the nominal noise."""
+_LEVEL = 1e-9
+"""A frame counts as level if its vertical is off by less than this."""
 
 
 def check_scenario(scenario: Scenario, origin: str) -> None:
@@ -70,6 +73,7 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
             )
     check_noise(scenario, origin)
     check_carry(scenario, origin)
+    check_encoders(scenario, origin)
     check_motion(scenario, origin)
     check_loads(scenario, origin)
     check_load_places(scenario, origin)
@@ -112,6 +116,32 @@ def check_carry(scenario: Scenario, origin: str) -> None:
             f"{origin}: key 'carry': found with 'robots.stiffness' = {list(scenario.robots.stiffness)}, expected "
             f"stiffness in rotation: gimbals cannot exert their share of a torque"
         )
+
+
+def check_encoders(scenario: Scenario, origin: str) -> None:
+    """Check that wrists with encoders record all that matters: gimbals transmit no torque, and home frames are level.
+
+    What pushes with a torque needs stiffness in rotation (``check_carry``), so do damping and arms of seven joints.
+
+    Raises:
+        ScenarioError: A recording would leave torques out, or have gravity point elsewhere.
+    """
+    if scenario.sensors.encoders is None:
+        return
+    if scenario.robots.stiffness[1] > 0.0:
+        raise ScenarioError(
+            f"{origin}: key 'sensors.encoders': found with 'robots.stiffness' = {list(scenario.robots.stiffness)}, "
+            f"expected no stiffness in rotation: such wrists are gimbals, and record no torque"
+        )
+    for name, grasp in zip(scenario.robot_names, place_grasps(scenario), strict=True):
+        off = float(np.linalg.norm(grasp.rotation[2] - [0.0, 0.0, 1.0]))
+        if off >= _LEVEL:
+            tilt = math.degrees(2.0 * math.asin(min(1.0, 0.5 * off)))
+            raise ScenarioError(
+                f"{origin}: key 'sensors.encoders': found with a grasp of {name} that is tilted by {tilt:.3g}°, "
+                f"expected 'robots.grasps' turned about the vertical only: home frames must be level, as recordings "
+                f"have gravity along their z axes"
+            )
 
 
 def check_choices(scenario: Scenario, origin: str) -> None:

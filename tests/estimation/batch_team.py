@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from coheft.estimation.batch.recording import Recording, RobotRecord, Truth
 from coheft.estimation.batch.signals import Signals
 from coheft.estimation.body_motion import grasp_measurements
+from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH, SensorNoise
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose, rotation_exp
 from tests.estimation.team import body_motion, random_pose
@@ -23,12 +24,22 @@ def grasps(rng: np.random.Generator, count: int = 3) -> tuple[Pose, ...]:
     return (Pose.identity(), *(random_pose(rng) for _ in range(count - 1)))
 
 
-def exact_signals(rng: np.random.Generator, poses: tuple[Pose, ...], seconds: float = 20.0) -> Signals:
-    """What robots feel without noise while the load swings; each pushes with a random share of what is needed."""
-    time = np.arange(int(seconds * RATE)) / RATE
-    motion = body_motion(rng, time)
+def exact_signals(
+    rng: np.random.Generator,
+    poses: tuple[Pose, ...],
+    seconds: float = 20.0,
+    motion: Array | None = None,
+    load: Inertia = LOAD,
+) -> Signals:
+    """What robots feel without noise while the load swings; each pushes with a random share of what is needed.
+
+    Instead of swinging it may have another ``motion`` (n, 12), of the first grasp frame.
+    """
+    if motion is None:
+        motion = body_motion(rng, np.arange(int(seconds * RATE)) / RATE)
+    time = np.arange(len(motion)) / RATE
     own = np.array([grasp_measurements(pose, motion) for pose in poses])
-    total = LOAD.wrench(motion[:, :3], motion[:, 6:9], motion[:, 9:])
+    total = load.wrench(motion[:, :3], motion[:, 6:9], motion[:, 9:])
     pushes = rng.normal(size=(len(poses) - 1, len(time), 6))
     shares = [total - pushes.sum(axis=0), *pushes]
     wrench = np.array([share @ np.linalg.inv(pose.adjoint()).T for share, pose in zip(shares, poses, strict=True)])
@@ -50,6 +61,29 @@ def with_noise(rng: np.random.Generator, signals: Signals, w: float, v: float, a
         alpha=noisy(signals.alpha, alpha),
         a=noisy(signals.a, a),
     )
+
+
+def sliding(seconds: float = 20.0) -> Array:
+    """Motion (n, 12) of a load that never turns and slides to and fro along x, gravity along -z."""
+    time = np.arange(int(seconds * RATE)) / RATE
+    rate = 2.0 * np.pi * 0.7
+    motion = np.zeros((len(time), 12))
+    motion[:, 3], motion[:, 6] = 0.1 * rate * np.cos(rate * time), -0.1 * rate**2 * np.sin(rate * time)
+    motion[:, 8] = 9.81
+    return motion
+
+
+def sensors_recording(rng: np.random.Generator, signals: Signals, noise: SensorNoise) -> Recording:
+    """What sensors with white noise record of exact signals."""
+    assert signals.wrench is not None
+    robots = {}
+    for k, wrench in enumerate(signals.wrench):
+        own = np.hstack([signals.w[k], signals.v[k], signals.a[k], wrench])
+        own += noise.per_column() * rng.normal(size=own.shape)
+        robots[f"r{k + 1}"] = RobotRecord(
+            signals.time, twist=own[:, TWIST], acceleration=own[:, ACCELERATION], wrench=own[:, WRENCH]
+        )
+    return Recording(robots, noise=noise)
 
 
 def moving_recording(rng: np.random.Generator, poses: tuple[Pose, ...], seconds: float = 20.0) -> Recording:

@@ -20,7 +20,7 @@ from coheft.estimation.batch.calibration import (
     gimbal_rotations,
 )
 from coheft.estimation.batch.hand_eye import fit_hand_eye
-from coheft.estimation.batch.hand_eye_equations import UNKNOWNS, residuals_and_derivatives
+from coheft.estimation.batch.hand_eye_equations import UNKNOWNS, Guess, normal_equations, residuals_and_derivatives
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.body_motion import perturbation_between, perturbed
 from coheft.estimation.spatial import Array, Pose, rotation_exp
@@ -118,6 +118,7 @@ def test_fit_is_exact_without_noise_from_a_rough_start(count: int) -> None:
     measured = wrists(rng, team, 10.0, 1e-9, 1e-9)
     start = [perturbed(pose, 0.02 * rng.normal(size=6)) if k else pose for k, pose in enumerate(team)]
     found = fit_hand_eye(measured, start)
+    assert found.is_settled
     for pose, true in zip(found.team.poses, team, strict=True):
         np.testing.assert_allclose(perturbation_between(pose, true), 0.0, atol=1e-7)
 
@@ -135,6 +136,42 @@ def test_noise_is_found_and_covariance_honest() -> None:
             squares.append(float(error @ np.linalg.solve(found.team.covariance[own, own], error)) / 6.0)
     # 180 squares, covariances from 20 stretches each: mean 1 up to 0.11, and a little more.
     assert 0.65 < np.mean(squares) < 1.7
+
+
+def test_poses_of_different_loads_do_not_settle() -> None:
+    rng = np.random.default_rng(8)
+    team = grasps(rng)
+    several = [wrists(rng, team, 10.0) for _ in team]
+    angles, positions = (
+        np.array([getattr(own, x)[k] for k, own in enumerate(several)]) for x in ("angles", "positions")
+    )
+    assert not fit_hand_eye(replace(several[0], angles=angles, positions=positions), team).is_settled
+
+
+def test_every_sample_says_as_much_about_the_noise() -> None:
+    """However many samples are worked on at a time: 4000, and one that is left over."""
+    rng = np.random.default_rng(7)
+    measured = wrists(rng, grasps(rng), 40.01)
+    guess = Guess(
+        tuple(random_pose(rng, 0.01, 0.01) for _ in range(3)),
+        grasps(rng),
+        np.zeros((3, POSE_ERRORS)),
+        measured.rotations(0),
+        measured.positions[0],
+    )
+    whole = normal_equations(measured, guess, (1e-3, 1e-3))
+    first, last = (
+        normal_equations(
+            measured.some(rows),
+            replace(guess, rotations=guess.rotations[rows], positions=guess.positions[rows]),
+            (1e-3, 1e-3),
+        )
+        for rows in (slice(0, 4000), slice(4000, None))
+    )
+    shares = np.array([4000.0, 1.0]) / 4001.0
+    expected = np.sqrt(shares @ np.square([first.noise, last.noise]))
+    np.testing.assert_allclose(whole.noise, expected, rtol=1e-6)
+    assert abs(last.noise[1] / first.noise[1] - 1.0) > 0.01
 
 
 def test_calibration_errors_are_found_where_they_can_be() -> None:

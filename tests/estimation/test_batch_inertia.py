@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import body_motions, regressor, total_wrench
 from coheft.estimation.batch.holds import Holds, find_holds, orientations, static_estimate
-from coheft.estimation.batch.identify import parameters_fit
+from coheft.estimation.batch.identify import identify_batch, parameters_fit
 from coheft.estimation.batch.inertia_fit import fit_parameters, fit_tensor
 from coheft.estimation.batch.payload import (
     PrincipalInertia,
@@ -20,9 +22,10 @@ from coheft.estimation.batch.payload import (
     make_payload,
     of_central_numbers,
 )
+from coheft.estimation.batch.recording import RobotRecord
 from coheft.estimation.rigid_body import Inertia, pack_symmetric
 from coheft.estimation.spatial import Array, Pose, rotation_exp
-from tests.estimation.batch_team import LOAD, RATE, exact_signals, grasps, with_noise
+from tests.estimation.batch_team import LOAD, RATE, exact_signals, grasps, moving_recording, with_noise
 from tests.rigid_motions import rotations
 
 seeds = st.integers(0, 2**32 - 1)
@@ -54,6 +57,14 @@ def test_both_fits_are_exact_without_noise(count: int) -> None:
         fit_tensor(motions[0], wrench, LOAD.com, RATE).solution, pack_symmetric(LOAD.tensor), atol=1e-8
     )
     np.testing.assert_allclose(parameters_fit(signals, team).numbers, LOAD.central(), atol=1e-8)
+
+
+def test_one_robot_has_no_instruments() -> None:
+    rng = np.random.default_rng(1)
+    team = grasps(rng, 1)
+    signals = exact_signals(rng, team)
+    with pytest.raises(ValueError, match="found 1 view, expected at least 2"):
+        fit_parameters(body_motions(signals, team), total_wrench(signals.wrench, team), RATE)
 
 
 def test_instruments_remove_the_bias_of_inertia() -> None:
@@ -129,6 +140,16 @@ def test_impossible_bodies_are_made_possible_and_said_so() -> None:
     assert make_payload(LOAD, covariance, places).was_possible
 
 
+def test_inertia_is_unseen_if_only_a_product_of_it_is() -> None:
+    places = grasps(np.random.default_rng(6))
+    assert make_payload(LOAD, np.diag([1e-4] * 10), places).is_seen("inertia")
+    found = make_payload(LOAD, np.diag([1e-4] * 7 + [1e4] + [1e-4] * 2), places)
+    assert [part.what for part in found.unseen] == ["products of inertia"]
+    assert found.is_seen("mass")
+    assert found.is_seen("com")
+    assert not found.is_seen("inertia")
+
+
 def resting(team: tuple[Pose, ...], directions: Array, rng: np.random.Generator) -> Holds:
     """Exact holds with gravity along these directions (H, 3) of the first grasp frame."""
     down = 9.81 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
@@ -179,3 +200,39 @@ def test_holds_are_found_where_no_force_changes() -> None:
     assert abs(found[0] - 500) < 100
     assert abs(found[1] - 1300) < 100
     assert find_holds(forces[:, :550], time[:550]) == []
+
+
+@pytest.mark.parametrize("count", [600, 601, 2500])
+@pytest.mark.parametrize("rate", [100.0, 87.5])
+def test_holds_are_stretches_of_windows_in_which_forces_vary_by_less_than_a_newton(count: int, rate: float) -> None:
+    rng = np.random.default_rng(count)
+    time = np.arange(count) / rate
+    # Small steps at random times, so that about every second window is steady.
+    forces = np.cumsum(0.9 * rng.normal(size=(2, count, 3)) * (rng.uniform(size=(2, count, 3)) < 0.0007), axis=1)
+    length, smoothing = round(6.0 * rate), round(rate)
+    smooth = uniform_filter1d(forces, smoothing, axis=1)
+    covered = np.zeros(count, dtype=np.bool_)
+    for start in range(count - length + 1):
+        if (np.ptp(smooth[:, start : start + length], axis=1) < 1.0).all():
+            covered[start : start + length] = True
+    found = np.zeros(count, dtype=np.bool_)
+    for start, end in find_holds(forces, time):
+        found[start:end] = True
+    np.testing.assert_array_equal(found, covered)
+
+
+def test_slow_recordings_have_holds_with_a_lower_cutoff() -> None:
+    """Eight samples a second cannot be filtered at the 5 Hz that are the default."""
+    recording = moving_recording(np.random.default_rng(9), grasps(np.random.default_rng(10)), seconds=120.0)
+    robots = {}
+    for name, robot in recording.robots.items():
+        assert robot.pose is not None
+        pose = robot.pose[::12]
+        lift = Rotation.from_quat(pose[:, 3:]).inv().apply([0.0, 0.0, 30.0])
+        robots[name] = RobotRecord(robot.time[::12], pose=pose, wrench=np.hstack([lift, np.zeros_like(lift)]))
+    slow = replace(recording, robots=robots, holds=((10.0, 10.5), (40.0, 40.5)))
+    with pytest.raises(RecordingError, match="cannot be filtered at 5 Hz: choose less than half"):
+        identify_batch(slow)
+    holds = identify_batch(slow, cutoff=3.0).holds
+    assert holds is not None
+    assert len(holds.spans) == 2

@@ -138,6 +138,13 @@ def test_unusable_recordings_are_refused_with_the_reason(spoil, message: str) ->
         check_recording(replace(recording, robots=robots))
 
 
+@pytest.mark.parametrize(("end", "found"), [(1.004, 1), (0.999, 0)])
+def test_parts_hold_two_samples_at_least(end: float, found: int) -> None:
+    recording, _, _ = swinging()
+    with pytest.raises(RecordingError, match=f"found {found} samples from 0.995 s to .* expected at least 2: they are"):
+        recording.between(0.995, end)
+
+
 def test_one_robot_is_no_team() -> None:
     recording, _, _ = swinging()
     with pytest.raises(RecordingError, match="found 1 robot, expected at least 2"):

@@ -12,6 +12,7 @@ from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body import pack_symmetric
 from coheft.wire.grasps import place_grasps
 from coheft.wire.scenario import Grasp
+from tests.estimation.team import make_team
 from tests.physics_run import scenario
 
 PERFECT = SensorNoise().scaled(1e-6)
@@ -28,6 +29,16 @@ def test_without_noise_the_batch_solution_is_exact(name: str) -> None:
     assert found.inertia.mass == pytest.approx(truth.mass, rel=1e-6)
     np.testing.assert_allclose(found.inertia.com, truth.com, atol=1e-6)
     np.testing.assert_allclose(pack_symmetric(found.inertia.tensor - truth.tensor), np.zeros(6), atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_slopes_of_gyros_are_not_guessed_where_the_run_begins_and_ends(seed: int) -> None:
+    """Accelerometers of two robots do not show how fast a turn about the line between them gets faster."""
+    team = make_team(seed, count=2, duration=2.0)
+    found = estimate_centralised(team.exact, PERFECT, rate=100)
+    np.testing.assert_allclose(found.inertia.tensor, team.inertia.tensor, atol=2e-5)
+    np.testing.assert_allclose(found.inertia.com, team.inertia.com, atol=1e-7)
+    assert found.residual.shape == (200, 6)
 
 
 def test_offsets_of_force_and_torque_are_estimated_along() -> None:

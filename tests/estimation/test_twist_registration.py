@@ -157,6 +157,19 @@ def test_at_rest_nothing_is_seen() -> None:
     ]
 
 
+@pytest.mark.parametrize("count", [0, 1, 100])
+def test_without_any_motion_nothing_is_seen_and_frames_count_as_parallel(count: int) -> None:
+    constant = np.broadcast_to([0.5, -0.25, 0.125, 1.0, 0.0, -2.0], (count, 6))  # exact in binary, so are their sums
+    for twists in (constant, np.zeros((count, 6))):
+        moments = TwistMoments.of(twists, twists[:, ::-1])
+        found = register_twists(moments, NOISE, NOISE)
+        assert len(found.unseen) == 6
+        np.testing.assert_array_equal(found.pose.rotation, np.eye(3))
+        np.testing.assert_array_equal(found.pose.translation, np.zeros(3))
+        assert np.isfinite(found.covariance).all()
+        assert mean_square(moments, found.pose, NOISE, NOISE) == 0.0
+
+
 def test_shapes_are_checked() -> None:
     with pytest.raises(ValueError, match=r"expected \(n, 6\) twice"):
         TwistMoments.of(np.zeros((5, 6)), np.zeros((4, 6)))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from coheft.app.identify.choices import Bounds, Method
-from coheft.errors import UsageError
+from coheft.errors import RecordingError, UsageError
 from coheft.estimation.batch.calibration import Tolerances
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import identify_batch, identify_with_instruments
@@ -51,10 +53,22 @@ def identify(
         cutoff: Of the low-pass filter [Hz]; None: the method's own.
 
     Raises:
-        RecordingError: The recording does not hold what the method needs.
+        RecordingError: The recording does not hold what the method needs, or numbers that cannot be computed with.
         UsageError: The method cannot do it.
     """
     method = method or suitable(recording)
+    try:
+        return _identify(recording, method, bounds, cutoff)
+    except (np.linalg.LinAlgError, OverflowError) as error:
+        raise RecordingError(
+            f"--method {method} cannot compute with these numbers ({error}): are some of them huge, or constant "
+            f"all the time, or is 'noise' far from what the sensors have? Choose a part in which the load moves with "
+            f"--from and --to, or another method"
+        ) from error
+
+
+def _identify(recording: Recording, method: Method, bounds: Bounds | None, cutoff: float | None) -> Identification:
+    """Identify the load, arguments as of ``identify``."""
     if bounds is not None and method != "pose":
         raise UsageError(f"calibration errors are estimated by --method pose only, not by {method}")
     if method == "batch":

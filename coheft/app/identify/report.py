@@ -15,6 +15,7 @@ from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import rotation_log
 
+_ALL_DIRECTIONS = 6
 _LOOSE = 2.0
 """Standard deviations by which loops of pairs may fail to close; noise makes one, or less where pairs share it."""
 
@@ -163,7 +164,7 @@ def make_report(source: str, recording: Recording, found: Identification) -> Ide
         to_s=float(recording.time[-1]),
         poses={name: _pose(found, k) for k, name in enumerate(found.names) if k > 0},
         payload=_payload(found.payload),
-        not_observable=list(found.unseen),
+        not_observable=_not_observable(found),
         doubts=list(found.doubts),
         remarks=[*_loose_loops(recording, found), *found.remarks],
         loops=[
@@ -186,7 +187,7 @@ def make_report(source: str, recording: Recording, found: Identification) -> Ide
 
 def _payload(payload: Payload) -> PayloadReport:
     principal = PrincipalInertia.of(payload.inertia.tensor, payload.covariance[4:, 4:])
-    mass, com, inertia = (payload.is_seen(quantity) for quantity in ("mass", "centre of mass", "inertia"))
+    mass, com, inertia = payload.is_seen("mass"), payload.is_seen("com"), payload.is_seen("inertia")
     return PayloadReport(
         mass_kg=payload.inertia.mass if mass else None,
         mass_std_kg=float(payload.std[0]) if mass else None,
@@ -200,6 +201,25 @@ def _payload(payload: Payload) -> PayloadReport:
         was_possible=payload.was_possible,
         deviations_off=payload.deviations_off,
     )
+
+
+def _not_observable(found: Identification) -> list[str]:
+    """What the motion does not show, in words."""
+    sentences = []
+    for k, name in enumerate(found.names[1:], 1):
+        directions = found.team.relative(0, k).unseen
+        if len(directions) == _ALL_DIRECTIONS:
+            sentences.append(f"pose of {name}: the load has to move and turn")
+        elif directions:
+            parts = ", ".join(str(direction) for direction in directions)
+            sentences.append(f"pose of {name}, {parts}: turn the load about other axes as well")
+    are_poses_seen = not sentences
+    for part in found.payload.unseen:
+        # Gravity shows the mass to whoever can add up the forces.
+        is_mass = part.quantity == "mass"
+        remedy = part.remedy if are_poses_seen or not is_mass else "first, all poses have to be seen"
+        sentences.append(f"{part.what}: {remedy}")
+    return sentences
 
 
 def _loose_loops(recording: Recording, found: Identification) -> tuple[str, ...]:
@@ -244,7 +264,7 @@ def errors_of(recording: Recording, truth: Truth, found: Identification) -> Erro
         rotation_deg=rotation,
         position_mm=position,
         mass_kg=mass if is_seen("mass") else None,
-        com_mm=com if is_seen("centre of mass") else None,
+        com_mm=com if is_seen("com") else None,
         principal_pct=principal if is_seen("inertia") else None,
     )
 

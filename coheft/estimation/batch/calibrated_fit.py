@@ -80,6 +80,9 @@ def fit_calibrated(
         tolerances: How well the robots are calibrated.
         gravity: In the home frames, shape (3,) [m/s²].
         start: A fit with nearly the same poses: only one step is taken from there, with its weights.
+
+    Raises:
+        ValueError: Signals lack wrenches or rotations, there is one robot only, or all wrenches are zero.
     """
     if signals.wrench is None or signals.rotation is None:
         raise ValueError("expected signals with wrenches and rotations")

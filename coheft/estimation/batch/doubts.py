@@ -17,6 +17,21 @@ _FARTHEST = 20.0
 _METRES = "Are all lengths in metres, moments in N·m, and angular velocities in rad/s?"
 
 
+def unsettled(team: TeamPoses, is_settled: bool) -> tuple[str, ...]:
+    """That a fit of poses was broken off, in words; nothing if it was not, or if it had no poses to settle at.
+
+    Args:
+        team: What was fitted; what is not seen of it need not settle.
+        is_settled: Whether steps had become small.
+    """
+    if is_settled or any(team.relative(0, k).unseen for k in range(1, len(team.poses))):
+        return ()
+    return (
+        "Poses were still changing when their fit was broken off. Are poses and twists those of grasp frames, and all "
+        "clocks alike? Did nobody let go (--from and --to choose a part)?",
+    )
+
+
 def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tuple[str, ...]:
     """What cannot be, in words, of what was seen.
 
@@ -37,7 +52,7 @@ def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tup
         doubts.append(f"One load would be held by robots too far from {names[0]}: {told}. {_METRES}")
     middle, _ = middle_and_size(team.poses)
     away = float(np.linalg.norm(payload.inertia.com - middle))
-    if away > _FARTHEST and payload.is_seen("centre of mass") and not far:
+    if away > _FARTHEST and payload.is_seen("com") and not far:
         doubts.append(f"The centre of mass would be {away:.0f} m from where robots hold the load. {_METRES}")
     if payload.deviations_off > _FAR:
         doubts.append(

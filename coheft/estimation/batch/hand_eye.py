@@ -4,10 +4,11 @@ Robot i knows the pose ``T_i`` of its grasp frame in its home frame. With the lo
 
     T_i = H_i^-1 B X_i,
 
-``H_i`` the home frame in the world and ``X_i`` the grasp frame in the load (robot-world and hand-eye calibration,
-``A X = X B`` between two samples). World and load are the home and the grasp frame of the first robot. All samples of
-all robots are fitted at once by maximum likelihood, the load's pose of every sample eliminated: that closes all loops.
-What may be wrong with the robots' calibration is fitted along, held by how wrong it may be.
+``H_i`` the home frame in the world and ``X_i`` the grasp frame in the load (hand-eye calibration, ``A X = X B`` between
+two samples: Shiu and Ahmad 1989; with the robots' places in the world: Zhuang, Roth and Sudhakar 1994). World and load
+are the home and the grasp frame of the first robot. All samples of all robots are fitted at once by maximum likelihood,
+the load's pose of every sample eliminated: that closes all loops. What may be wrong with the robots' calibration is
+fitted along, held by how wrong it may be.
 """
 
 from __future__ import annotations
@@ -60,6 +61,7 @@ class HandEye:
         errors_std: Their standard deviations, shape (N, 7); where they are those of before, nothing was learned.
         noise: Standard deviation of a sample's angles [rad] and positions [m], 1e-5 at least.
         covariance: Of all unknowns of all robots, shape (19 N, 19 N).
+        is_settled: Whether steps had become small when no more were taken.
     """
 
     team: TeamPoses
@@ -67,6 +69,7 @@ class HandEye:
     errors_std: Array
     noise: tuple[float, float]
     covariance: Array
+    is_settled: bool
 
 
 def fit_hand_eye(wrists: WristPoses, start: Sequence[Pose], tolerances: Tolerances | None = None) -> HandEye:
@@ -88,9 +91,10 @@ def fit_hand_eye(wrists: WristPoses, start: Sequence[Pose], tolerances: Toleranc
         step[free] = shown.step(equations.scores.sum(axis=0)[free], _flat(guess)[free])
         guess = _moved(guess, step, equations.load_score - equations.load_gain @ step)
         found = np.maximum(equations.noise, _FINEST)
-        settled = np.abs(np.log(found / noise)).max() < _SETTLED
+        is_noise_known = np.abs(np.log(found / noise)).max() < _SETTLED
         noise = (float(found[0]), float(found[1]))
-        if settled and np.abs(step).max() < _CLOSE:
+        is_settled = bool(is_noise_known and np.abs(step).max() < _CLOSE)
+        if is_settled:
             break
     covariance = np.zeros((count * UNKNOWNS, count * UNKNOWNS))
     covariance[np.ix_(free, free)] = shown.covariance(batch_scatter(equations.scores[:, free], wrists.rate))
@@ -104,6 +108,7 @@ def fit_hand_eye(wrists: WristPoses, start: Sequence[Pose], tolerances: Toleranc
         errors_std=spread[:, ERRORS],
         noise=noise,
         covariance=covariance,
+        is_settled=is_settled,
     )
 
 

@@ -1,4 +1,8 @@
-"""The normal equations of hand-eye calibration (``hand_eye``), the load's pose of every sample eliminated."""
+"""The normal equations of hand-eye calibration (``hand_eye``), the load's pose of every sample eliminated.
+
+That leaves the Schur complement of the loads' block, sample by sample, as in bundle adjustment (Brown 1958; Triggs,
+McLauchlan, Hartley and Fitzgibbon 2000).
+"""
 
 from __future__ import annotations
 
@@ -114,16 +118,24 @@ class NormalEquations:
     Attributes:
         matrix: Shape (19 N, 19 N).
         scores: Of each sample, shape (n, 19 N).
-        noise: Of angles [rad] and positions [m], as the residuals show it.
+        squares: Sums of squared residuals of angles [rad²] and positions [m²], shape (2,).
+        freedom: How many of these residuals are free, as the load's poses take up some, shape (2,).
         load_score: The load's own step if no unknown moved, shape (n, 6).
         load_gain: Minus what the unknowns' steps add to it, shape (n, 6, 19 N).
     """
 
     matrix: Array
     scores: Array
-    noise: tuple[float, float]
+    squares: Array
+    freedom: Array
     load_score: Array
     load_gain: Array
+
+    @property
+    def noise(self) -> tuple[float, float]:
+        """Standard deviations of angles [rad] and positions [m], as the residuals show them."""
+        angle, position = np.sqrt(self.squares / self.freedom)
+        return float(angle), float(position)
 
 
 def normal_equations(wrists: WristPoses, guess: Guess, noise: tuple[float, float]) -> NormalEquations:
@@ -131,18 +143,18 @@ def normal_equations(wrists: WristPoses, guess: Guess, noise: tuple[float, float
     parts = []
     for first in range(0, len(guess.rotations), _CHUNK):
         parts.append(_chunk(wrists, guess, noise, slice(first, first + _CHUNK)))
-    seen: Array = np.array([part.noise for part in parts]).mean(axis=0)
     return NormalEquations(
         matrix=np.sum([part.matrix for part in parts], axis=0),
         scores=np.concatenate([part.scores for part in parts]),
-        noise=(float(np.sqrt(seen[0])), float(np.sqrt(seen[1]))),
+        squares=np.sum([part.squares for part in parts], axis=0),
+        freedom=np.sum([part.freedom for part in parts], axis=0),
         load_score=np.concatenate([part.load_score for part in parts]),
         load_gain=np.concatenate([part.load_gain for part in parts]),
     )
 
 
 def _chunk(wrists: WristPoses, guess: Guess, noise: tuple[float, float], rows: slice) -> NormalEquations:
-    """Of some samples; ``noise`` of the result are variances."""
+    """Of some samples."""
     count = len(guess.grasps)
     some = wrists.some(rows)
     samples = some.angles.shape[1]
@@ -176,5 +188,4 @@ def _chunk(wrists: WristPoses, guess: Guess, noise: tuple[float, float], rows: s
         taken = np.einsum("nra,nab,nrb->r", by_load, covariance, by_load, optimize=True) * weight
         squares += [np.sum(left[:, :3] ** 2), np.sum(left[:, 3:] ** 2)]
         freedom += [3 * samples - taken[:3].sum(), 3 * samples - taken[3:].sum()]
-    variances = squares / freedom
-    return NormalEquations(matrix, scores, (float(variances[0]), float(variances[1])), load_step, gain)
+    return NormalEquations(matrix, scores, squares, freedom, load_step, gain)

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import total_wrench
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.batch.signals import smooth_poses
+from coheft.estimation.batch.signals import PAPER_CUTOFF, smooth_poses
 from coheft.estimation.spatial import Array, Pose, skew
 
 _TOLERANCE = 0.5
@@ -33,7 +32,8 @@ class Holds:
         spans: From when to when [s].
         down: Gravity, shape (H, N, 3) [m/s²].
         wrench: ``(f, t)``, shape (H, N, 6).
-        scatter: Covariance of the mean forces' and torques' axes, as far as it shows in the samples, shape (H, N, 6).
+        scatter: Variances of these means, each component on its own, as samples of white noise have them, shape
+            (H, N, 6).
     """
 
     spans: tuple[tuple[float, float], ...]
@@ -66,12 +66,10 @@ def find_holds(forces: Array, time: Array) -> list[tuple[int, int]]:
     if len(time) < length:
         return []
     smooth = uniform_filter1d(forces, smoothing, axis=1)
-    windows = sliding_window_view(smooth, length, axis=1)
-    # Maxima of long windows: much memory at once, so one axis after the other.
-    steady = np.ones(windows.shape[1], dtype=np.bool_)
-    for robot in windows:
-        for axis in range(3):
-            steady &= robot[:, axis].max(axis=-1) - robot[:, axis].min(axis=-1) < 2.0 * _TOLERANCE
+    ranges = maximum_filter1d(smooth, length, axis=1) - minimum_filter1d(smooth, length, axis=1)
+    # These are of windows about each sample; those that begin where there are enough samples lie within.
+    begun = ranges[:, length // 2 : length // 2 + len(time) - length + 1]
+    steady = (begun < 2.0 * _TOLERANCE).all(axis=(0, 2))
     found: list[tuple[int, int]] = []
     for start in np.flatnonzero(steady):
         if found and start < found[-1][1]:
@@ -81,11 +79,15 @@ def find_holds(forces: Array, time: Array) -> list[tuple[int, int]]:
     return found
 
 
-def holds_of(recording: Recording) -> Holds:
+def holds_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Holds:
     """The recording's holds, found where it does not name them.
 
+    Args:
+        recording: Checked.
+        cutoff: Of the filter for orientations [Hz].
+
     Raises:
-        RecordingError: Wrenches are missing, or both poses and accelerations.
+        RecordingError: Wrenches are missing, or both poses and accelerations, or samples are too few or too slow.
     """
     wrench, time = recording.stacked("wrench"), recording.time
     if recording.holds is None:
@@ -94,7 +96,7 @@ def holds_of(recording: Recording) -> Holds:
         borders = np.searchsorted(time, np.array(recording.holds).reshape(-1, 2))
         spans = [(int(start), int(end)) for start, end in borders if end > start]
     if recording.has("pose"):
-        rotations, _ = smooth_poses(recording.stacked("pose"), recording.rate)
+        rotations, _ = smooth_poses(recording.stacked("pose"), recording.rate, cutoff)
         down = recording.gravity @ rotations
     else:  # at rest an accelerometer reads gravity alone, upwards
         down = -recording.stacked("acceleration")

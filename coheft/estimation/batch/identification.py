@@ -13,8 +13,6 @@ from coheft.estimation.batch.payload import Payload
 from coheft.estimation.spatial import Array
 from coheft.estimation.team_registration import TeamPoses
 
-_ALL_DIRECTIONS = 6
-
 
 @dataclass(frozen=True, eq=False)
 class CalibrationFinding:
@@ -25,8 +23,8 @@ class CalibrationFinding:
         what: Which.
         unit: Of the numbers.
         value: What was found.
-        std: Standard deviation of the value.
-        before: Standard deviation that was known before anything was measured.
+        std: Its standard deviation.
+        before: Its standard deviation before anything was measured.
     """
 
     robot: str
@@ -76,19 +74,3 @@ class Identification:
     def doubts(self) -> tuple[str, ...]:
         """What speaks against all of it, in words: then none of the numbers is to be trusted."""
         return (*self.suspicions, *doubts_about(self.names, self.team, self.payload))
-
-    @property
-    def unseen(self) -> tuple[str, ...]:
-        """What the motion does not show, in words."""
-        sentences = []
-        for k, name in enumerate(self.names[1:], 1):
-            directions = self.team.relative(0, k).unseen
-            if len(directions) == _ALL_DIRECTIONS:
-                sentences.append(f"pose of {name}: the load has to move and turn")
-            elif directions:
-                parts = ", ".join(str(direction) for direction in directions)
-                sentences.append(f"pose of {name}, {parts}: turn the load about other axes as well")
-        load = self.payload.unseen
-        if sentences:  # gravity shows it to whoever can add up the forces
-            load = tuple("mass: first, all poses have to be seen" if x.startswith("mass") else x for x in load)
-        return (*sentences, *load)

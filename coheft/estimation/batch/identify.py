@@ -9,10 +9,11 @@ import numpy as np
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import body_motions, own_motions, total_wrench
+from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.holds import StaticEstimate, holds_of, static_estimate
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.inertia_fit import LinearFit, fit_parameters, fit_tensor
-from coheft.estimation.batch.loop_closure import LoopError, close_loops, loop_errors
+from coheft.estimation.batch.loop_closure import ClosedLoops, LoopError, close_loops, loop_errors
 from coheft.estimation.batch.pairs import kabsch, pair_pose
 from coheft.estimation.batch.payload import (
     derivative_by_poses,
@@ -41,8 +42,9 @@ def identify_batch(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Identi
         RecordingError: Something is missing; no two orientations were held still.
     """
     signals = plausible_signals(recording, cutoff)
-    team, loops = grasps_from_twists(signals, with_instruments=False)
-    holds = holds_of(recording)
+    grasps, loops = grasps_from_twists(signals, with_instruments=False)
+    team = grasps.team
+    holds = holds_of(recording, cutoff)
     wrench = _wrench(signals)
 
     def solve(poses: Sequence[Pose], com: Array | None = None) -> tuple[Array, StaticEstimate, LinearFit]:
@@ -72,6 +74,7 @@ def identify_batch(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Identi
             "Least squares takes noise of accelerations for motion: inertias come out too small, and nothing here "
             "says by how much. Compare with --method instruments.",
         ),
+        suspicions=unsettled(team, grasps.is_settled),
         time=signals.time,
         residual=tensor.residual,
     )
@@ -84,7 +87,8 @@ def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> I
         RecordingError: Something is missing.
     """
     signals = plausible_signals(recording, cutoff)
-    team, loops = grasps_from_twists(signals, with_instruments=True)
+    grasps, loops = grasps_from_twists(signals, with_instruments=True)
+    team = grasps.team
     fit = parameters_fit(signals, team.poses)
     covariance = fit.covariance + covariance_by_poses(signals, team)
     return Identification(
@@ -93,6 +97,7 @@ def identify_with_instruments(recording: Recording, cutoff: float = CUTOFF) -> I
         team=team,
         payload=make_payload(of_central_numbers(fit.numbers), covariance, team.poses),
         loops=tuple(loops),
+        suspicions=unsettled(team, grasps.is_settled),
         time=signals.time,
         residual=fit.residual,
     )
@@ -139,7 +144,7 @@ def at_first_grasp(about_centre: Inertia, centre: Pose) -> tuple[Array, Array]:
     return about_centre.carried(centre).central(), derivative
 
 
-def grasps_from_twists(signals: Signals, with_instruments: bool) -> tuple[TeamPoses, list[LoopError]]:
+def grasps_from_twists(signals: Signals, with_instruments: bool) -> tuple[ClosedLoops, list[LoopError]]:
     """Poses of all pairs from their twists, then of the team, and by how much loops of seen pairs failed to close."""
     twists = np.concatenate([signals.w, signals.v], axis=-1)
     count = len(twists)

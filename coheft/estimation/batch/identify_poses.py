@@ -19,6 +19,7 @@ from coheft.estimation.batch.calibration import (
 )
 from coheft.estimation.batch.calibration_bounds import cut_to_bounds
 from coheft.estimation.batch.calibration_findings import calibration_findings
+from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.hand_eye import HandEye, fit_hand_eye
 from coheft.estimation.batch.hand_eye_equations import ERRORS, GRASP, position_scale_rows, unknowns_of
 from coheft.estimation.batch.identification import Identification
@@ -74,12 +75,13 @@ def identify_poses(
     recording.stacked("wrench")  # better refused before the long fit than after it
     wrists = WristPoses.of(recording.stacked("pose"), recording.rate, at_home=tolerances is not None)
     start, loops = grasps_from_twists(signals, with_instruments=True)
-    grasps = fit_hand_eye(wrists.averaged(_POSES_PER_SECOND), start.poses, tolerances)
+    grasps = fit_hand_eye(wrists.averaged(_POSES_PER_SECOND), start.team.poses, tolerances)
     if tolerances is None:
         found = _without_doubts(recording, signals, grasps)
     else:
         found = _with_doubts(recording, grasps, tolerances, cutoff)
-    return replace(found, loops=tuple(loops), suspicions=_suspicions(grasps))
+    suspicions = (*_suspicions(grasps), *unsettled(grasps.team, grasps.is_settled))
+    return replace(found, loops=tuple(loops), suspicions=suspicions)
 
 
 def _suspicions(grasps: HandEye) -> tuple[str, ...]:
@@ -147,7 +149,11 @@ def _with_doubts(recording: Recording, grasps: HandEye, tolerances: Tolerances, 
 
 
 def corrected(recording: Recording, errors: Array) -> Recording:
-    """What robots would have recorded without these errors of their poses, shape (N, 7); forces turn along."""
+    """What robots would have recorded without these errors of their poses, shape (N, 7); forces turn along.
+
+    Raises:
+        ValueError: A robot did not record poses and wrenches.
+    """
     robots = {}
     for (name, robot), own in zip(recording.robots.items(), errors, strict=True):
         if robot.pose is None or robot.wrench is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.errors import RecordingError
+from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.plausibility import check_units, check_weight
@@ -50,9 +51,10 @@ def identify_sensors(recording: Recording) -> Identification:
             inertia=estimate.inertia,
             measured=Inertia.from_barycentric(estimate.parameters),
             covariance=found.covariance,
-            unseen=tuple(f"{unseen.what}: {unseen.remedy}" for unseen in estimate.unseen),
+            unseen=estimate.unseen,
         ),
         remarks=(remark,),
+        suspicions=unsettled(found.team, found.is_settled),
         time=recording.time,
         residual=found.residual,
     )

@@ -3,7 +3,7 @@
 What differentiated encoders say of accelerations is noisy, and least squares takes noise in the regressor for motion
 that needed no torque: all moments of inertia come out too small by the share of noise in the acceleration's square.
 The other robots feel the same motion with noise of their own. Products of **different** robots' signals hold no noise
-squared, and nothing has to be known about it.
+squared, and nothing has to be known about it (instrumental variables: Durbin 1954; Söderström and Stoica 1983).
 """
 
 from __future__ import annotations
@@ -72,6 +72,9 @@ def fit_parameters(motions: Array, wrench: Array, rate: float) -> LinearFit:
 
     Returns:
         u = 10.
+
+    Raises:
+        ValueError: There is one robot only, or the wrench is zero all the time.
     """
     regressors = np.array([regressor(motion) for motion in motions])
     instruments = others(regressors)
@@ -151,6 +154,12 @@ def _inverse_and_hidden(matrix: Array, is_held: npt.NDArray[np.bool_], least: fl
 
 
 def others(views: Array) -> Array:
-    """For each of N views (N, ...) of the same thing, the mean of all the others."""
+    """For each of N views (N, ...) of the same thing, the mean of all the others.
+
+    Raises:
+        ValueError: There are no others.
+    """
+    if len(views) < 2:
+        raise ValueError(f"found {len(views)} view, expected at least 2: there are no others")
     result: Array = (views.sum(axis=0) - views) / (len(views) - 1)
     return result

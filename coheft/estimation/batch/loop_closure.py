@@ -22,7 +22,20 @@ _STEPS = 20
 _CLOSE = 1e-9
 
 
-def close_loops(count: int, pairs: Mapping[tuple[int, int], UncertainPose]) -> TeamPoses:
+@dataclass(frozen=True, eq=False)
+class ClosedLoops:
+    """One pose per robot.
+
+    Attributes:
+        team: All poses.
+        is_settled: Whether steps had become small when no more were taken.
+    """
+
+    team: TeamPoses
+    is_settled: bool
+
+
+def close_loops(count: int, pairs: Mapping[tuple[int, int], UncertainPose]) -> ClosedLoops:
     """Poses of all robots in the first one's frame.
 
     Args:
@@ -42,10 +55,12 @@ def close_loops(count: int, pairs: Mapping[tuple[int, int], UncertainPose]) -> T
         covariance[6:, 6:] = np.linalg.inv(information[6:, 6:])
         step = (covariance @ score).reshape(count, 6)
         poses = [perturbed(pose, move) for pose, move in zip(poses, step, strict=True)]
-        if np.abs(step).max() < _CLOSE:
+        is_settled = bool(np.abs(step).max() < _CLOSE)
+        if is_settled:
             break
     # The pairs share their robots' noise: N (N - 1) / 2 of them know no more than N - 1 independent ones.
-    return TeamPoses(tuple(poses), covariance * (len(pairs) / (count - 1)), Visibility())
+    team = TeamPoses(tuple(poses), covariance * (len(pairs) / (count - 1)), Visibility())
+    return ClosedLoops(team, is_settled)
 
 
 def _rows(poses: list[Pose], i: int, j: int) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from coheft.estimation.body_motion import perturbed
 from coheft.estimation.consistency import is_possible, nearest_possible
 from coheft.estimation.inertia_derivatives import barycentric_derivative
-from coheft.estimation.inertia_estimate import middle_and_size, unseen_quantities
+from coheft.estimation.inertia_estimate import Quantity, Unseen, middle_and_size, unseen_quantities
 from coheft.estimation.rigid_body import Inertia, pack_symmetric, unpack_symmetric
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
@@ -42,7 +42,7 @@ class Payload:
     inertia: Inertia
     measured: Inertia
     covariance: Array
-    unseen: tuple[str, ...]
+    unseen: tuple[Unseen, ...]
 
     @property
     def was_possible(self) -> bool:
@@ -57,9 +57,9 @@ class Payload:
         information = _inverse(barycentric_derivative(self.inertia), self.covariance, units)
         return float(np.sqrt(max(float(change @ information @ change), 0.0)))
 
-    def is_seen(self, quantity: str) -> bool:
-        """Whether all of it was seen: ``mass``, ``centre of mass``, or ``inertia``."""
-        return not any(what.startswith(quantity) for what in self.unseen)
+    def is_seen(self, quantity: Quantity) -> bool:
+        """Whether all of it was seen."""
+        return all(part.quantity != quantity for part in self.unseen)
 
     @property
     def std(self) -> Array:
@@ -114,7 +114,7 @@ def make_payload(measured: Inertia, covariance: Array, poses: Sequence[Pose]) ->
     covariance = covariance + np.diag((_FINEST * units) ** 2)
     information = _inverse(barycentric_derivative(measured), covariance, units)
     possible = nearest_possible(measured.barycentric(), information, length)
-    unseen = tuple(f"{u.what}: {u.remedy}" for u in unseen_quantities(covariance, abs(measured.mass), length))
+    unseen = unseen_quantities(covariance, abs(measured.mass), length)
     return Payload(Inertia.from_barycentric(possible), measured, covariance, unseen)
 
 

@@ -106,14 +106,16 @@ class Recording:
         return np.array([getattr(robot, channel) for robot in self.robots.values()])
 
     def between(self, start: float, end: float) -> Recording:
-        """Only the samples of some time.
+        """Only the samples of some time [s].
 
         Raises:
-            RecordingError: There are none.
+            RecordingError: There are fewer than two.
         """
         kept = (self.time >= start) & (self.time <= end)
-        if np.count_nonzero(kept) < 2:
-            raise RecordingError(f"no samples from {start:g} s to {end:g} s: they are from {self.span}")
+        if (found := np.count_nonzero(kept)) < 2:
+            raise RecordingError(
+                f"found {found} samples from {start:g} s to {end:g} s, expected at least 2: they are from {self.span}"
+            )
         robots = {
             name: RobotRecord(
                 robot.time[kept], **{c: None if (x := getattr(robot, c)) is None else x[kept] for c in _WIDTHS}

@@ -1,0 +1,86 @@
+"""Maximum likelihood from recordings of sensors: what it claims, and what not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coheft.app.identify.methods import identify
+from coheft.errors import RecordingError
+from coheft.estimation.batch.body import total_wrench
+from coheft.estimation.batch.identify_sensors import identify_sensors
+from coheft.estimation.consistency import nearest_possible
+from coheft.estimation.inertia_derivatives import central_derivative
+from coheft.estimation.inertia_estimate import middle_and_size
+from coheft.estimation.measurement import SensorNoise
+from tests.estimation.batch_team import LOAD, exact_signals, grasps, sensors_recording, sliding
+
+NOISE = SensorNoise()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_is_claimed_that_hangs_on_unseen_poses(seed: int) -> None:
+    """A load that does not turn does not show where others hold it, and so not which way they lift."""
+    rng = np.random.default_rng(seed)
+    team = grasps(rng)
+    signals = exact_signals(rng, team, motion=sliding())
+    third = total_wrench(signals.wrench, team) / 3.0
+    signals = replace(signals, wrench=np.array([third @ np.linalg.inv(pose.adjoint()).T for pose in team]))
+    found = identify_sensors(sensors_recording(rng, signals, NOISE))
+    payload = found.payload
+    assert payload.is_seen("mass") == (payload.std[0] <= 0.3 * payload.inertia.mass)
+    assert not payload.is_seen("com")
+    assert not payload.is_seen("inertia")
+
+
+def test_of_a_load_at_rest_without_noise_only_the_mass_may_be_seen() -> None:
+    rng = np.random.default_rng(0)
+    rest = np.tile(np.repeat([0.0, 9.81, 0.0], [8, 1, 3]), (1000, 1))
+    still = sensors_recording(rng, exact_signals(rng, grasps(rng), motion=rest), NOISE.scaled(1e-300))
+    found = identify_sensors(replace(still, noise=NOISE))
+    assert all(len(found.team.relative(0, k).unseen) > 3 for k in (1, 2))
+    assert not found.payload.is_seen("com")
+    assert not found.payload.is_seen("inertia")
+
+
+def test_robots_that_hold_different_loads_are_suspected() -> None:
+    rng = np.random.default_rng(1)
+    team = grasps(rng)
+    several = [sensors_recording(rng, exact_signals(rng, team), NOISE) for _ in team]
+    robots = {name: own.robots[name] for name, own in zip(several[0].names, several, strict=True)}
+    broken_off = "Poses were still changing when their fit was broken off"
+    assert not any(broken_off in doubt for doubt in identify_sensors(several[0]).doubts)
+    assert any(broken_off in doubt for doubt in identify_sensors(replace(several[0], robots=robots)).doubts)
+
+
+def test_what_is_not_seen_need_not_settle() -> None:
+    rng = np.random.default_rng(2)
+    spinning = np.tile([0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 9.81, 0.0, 0.0, 0.0], (2000, 1))
+    recording = sensors_recording(rng, exact_signals(rng, grasps(rng), motion=spinning), NOISE)
+    found = identify(recording, "instruments")
+    assert found.team.relative(0, 1).unseen
+    assert not any("still changing" in doubt for doubt in found.doubts)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_what_cannot_be_computed_with_is_told() -> None:
+    rng = np.random.default_rng(0)
+    recording = sensors_recording(rng, exact_signals(rng, grasps(rng)), NOISE)
+    with pytest.raises(RecordingError, match=r"--method likelihood cannot compute with these numbers \("):
+        identify(replace(recording, noise=NOISE.scaled(1e-170)), "likelihood")
+
+
+def test_impossible_bodies_are_made_possible_in_the_metric_of_all_errors() -> None:
+    """Poses that are a little off do more than the noise of seconds of samples."""
+    impossible = replace(LOAD, tensor=np.diag([1.0, 1.0, 2.5]))
+    rng = np.random.default_rng(0)
+    signals = exact_signals(rng, grasps(rng), load=impossible)
+    found = identify_sensors(sensors_recording(rng, signals, NOISE))
+    payload = found.payload
+    assert not payload.was_possible
+    to_central = central_derivative(payload.inertia)
+    information = to_central.T @ np.linalg.inv(payload.covariance) @ to_central
+    expected = nearest_possible(payload.measured.barycentric(), information, middle_and_size(found.team.poses)[1])
+    np.testing.assert_allclose(payload.inertia.barycentric(), expected, atol=1e-6)
