@@ -165,7 +165,8 @@ def test_an_agent_that_is_told_to_end_has_failed_and_is_started_again(start: Cal
     os.kill(run.pids["r2"], signal.SIGTERM)
     assert run.wait() == 1
     assert run.left() == []
-    assert run.text.endswith("The run is over, because r2 was told to end by SIGTERM.\n")
+    again = "after it had been started again 1 time (--restarts)"
+    assert run.text.endswith(f"The run is over, because r2 was told to end by SIGTERM {again}.\n")
     assert "Traceback" not in run.text
 
 
