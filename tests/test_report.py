@@ -95,6 +95,27 @@ def test_recovery_counts_from_when_it_lasts() -> None:
     assert change.recovered_at_s == pytest.approx(152 * BLOCK)
 
 
+def test_a_recovery_that_has_lasted_stays_whatever_happens_then() -> None:
+    truths, estimates = changing_run(dict.fromkeys(ROBOTS, 110), {})
+    estimates["r3"][170:180] = [estimate("r3", block, LIGHT) for block in range(170, 180)]
+    (change,) = build_report(INFO, recorded(truths, estimates)).load_changes
+    assert change.recovered_at_s == pytest.approx(111 * BLOCK)
+
+
+def test_who_begins_anew_does_not_relapse() -> None:
+    """An agent is started again; and all change their estimator, one before it has recovered."""
+    truths, estimates = changing_run({"r1": 110, "r2": 130, "r3": 110}, {})
+    estimates["r3"][115:125] = [estimate("r3", block, None if block < 120 else LIGHT) for block in range(115, 125)]
+    (change,) = build_report(INFO, recorded(truths, estimates)).load_changes
+    assert change.recovered_at_s == pytest.approx(131 * BLOCK)
+    for name, series in estimates.items():
+        series[120:140] = [
+            msgspec.structs.replace(estimate(name, block, LIGHT), estimator="seed") for block in range(120, 140)
+        ]
+    (change,) = build_report(INFO, recorded(truths, estimates)).load_changes
+    assert change.recovered_at_s == pytest.approx(141 * BLOCK), "r2 had not recovered before"
+
+
 def test_a_leak_is_one_change_and_each_estimate_is_compared_with_the_payload_of_its_block() -> None:
     def payload(block: int) -> Inertia:
         return LIGHT if block < 100 else Inertia(13.0 - 0.02 * (block - 100), HEAVY.com, HEAVY.tensor)

@@ -94,6 +94,21 @@ def test_whoever_names_no_run_hears_that_there_are_others(endpoint: str, capsys:
         assert capsys.readouterr().err == ""
         with announced(old, RunFile(run="coheft-0", server=endpoint, agents={})):
             assert find_run().run == "coheft-1"
-            assert capsys.readouterr().err == f"2 runs go on: this is the newest; others, for --run DIR: {old}\n"
+            expected = f"2 runs go on: the newest is {new.name}; others, for --run DIR: {old.name}\n"
+            assert capsys.readouterr().err == expected
             assert find_run(old).run == "coheft-0"
+            assert find_run(Path(old.name)).run == "coheft-0"
             assert capsys.readouterr().err == ""
+
+
+def test_a_folder_here_comes_before_one_of_the_same_name_among_the_runs(
+    endpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in (tmp_path / "mine", runs_folder() / "mine"):
+        folder.mkdir(parents=True)
+    with announced(runs_folder() / "mine", RunFile(run="coheft-0", server=endpoint, agents={})):
+        with pytest.raises(CoheftError, match=r"no run goes on in mine$"):
+            find_run(Path("mine"))
+        with announced(tmp_path / "mine", RunFile(run="coheft-1", server=endpoint, agents={})):
+            assert find_run(Path("mine")).run == "coheft-1"

@@ -172,6 +172,23 @@ def test_the_final_table_tells_of_load_changes() -> None:
     assert "All recovered 0.4 s after." in text
 
 
+def test_what_could_not_be_noticed_or_recovered_is_not_held_against_the_robots() -> None:
+    truths, estimates = changing_run(dict.fromkeys(("r1", "r2", "r3"), 10**6), {"r1": 2.06})
+    unknowing = {name: [estimate(name, each.block, None) for each in series] for name, series in estimates.items()}
+    again = [truth(each.block, LIGHT) if each.block >= 150 else each for each in truths]
+    missed, unknown, twice = (
+        [text for text in sentences(build_report(INFO, recorded(*run))) if "the payload changed" in text]
+        for run in ((truths, estimates), (truths, unknowing), (again, estimates))
+    )
+    assert [text.partition("kg. ")[2] for text in missed] == ["Not all noticed. Not all recovered."]
+    nothing = "Nobody knew the load yet: nothing to notice."
+    assert [text.partition("kg. ")[2] for text in unknown] == [f"{nothing} Not all recovered."]
+    assert [text.partition("kg. ")[2] for text in twice] == [
+        "Not all noticed. The load changed again before all had recovered.",
+        "Not all noticed. All recovered 0.0 s after.",
+    ]
+
+
 def test_error_and_own_std_are_in_one_unit_and_have_the_same_decimals() -> None:
     believed = {"r1": Inertia(13.004, HEAVY.com, 1.001 * HEAVY.tensor), "r2": HEAVY, "r3": HEAVY}
     last = {name: [estimate(name, 9, payload)] for name, payload in believed.items()}

@@ -1,8 +1,9 @@
-"""What somebody who breaks a run off with Ctrl-C has to know: when that was, and what is not there now."""
+"""What somebody whose run breaks off, by Ctrl-C or an error, has to know: when that was, and what is not there now."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 from coheft.app.heard import News
 from coheft.wire.messages import Truth
@@ -17,14 +18,17 @@ class BrokenOff:
 
     Args:
         asked: Where things were to be written, by the names in ``WRITTEN_AT_THE_END`` and ``record``; None: not asked.
+        logs: Folder with the processes' logs.
 
     Attributes:
         unsaved: Why the data file is not there though the run has ended; empty if it is, or was not asked for.
     """
 
-    def __init__(self, asked: Mapping[str, object | None]) -> None:
+    def __init__(self, asked: Mapping[str, str | Path | None], logs: Path) -> None:
         self.unsaved = ""
         self._asked = asked
+        self._logs = logs
+        self._old_data = self._data_written_at()
         self._time: float | None = None
 
     def begin(self, status: Status) -> None:
@@ -40,14 +44,43 @@ class BrokenOff:
         self.unsaved = status.unsaved
 
     def sentence(self) -> str:
-        """What is to be said if it is broken off now."""
-        when = "before it began" if self._time is None else f"at {self._time:.1f} s"
-        missing = [f"no {what}" for key, what in WRITTEN_AT_THE_END.items() if self._asked.get(key) is not None]
-        recording = self._asked.get("record")
-        clauses = []
-        if recording is not None and self._time is not None:
-            clauses.append(f"{recording} holds what came until then")
-        if missing:
-            was, it = ("was", "it") if len(missing) == 1 else ("were", "them")
-            clauses.append(f"{' and '.join(missing)} {was} written; 'coheft stop' ends a run with {it}")
-        return f"stopped {when}{': ' * bool(clauses)}{'; '.join(clauses)}"
+        """What is to be said if Ctrl-C breaks it off now."""
+        with_it = {0: "its report", 1: "it"}.get(len(self._missing()), "them")
+        clauses = [*self._clauses(), f"'coheft stop' ends a run with {with_it}", f"the logs are in {self._logs}"]
+        return f"stopped {self._when}: {'; '.join(clauses)}"
+
+    def after_error(self) -> str:
+        """What is to be said after an error that breaks it off now, on a line of its own; empty if nothing."""
+        clauses = self._clauses()
+        return f"\nThat was {self._when}: {'; '.join(clauses)}." if clauses else ""
+
+    @property
+    def _when(self) -> str:
+        return "before it began" if self._time is None else f"at {self._time:.1f} s"
+
+    def _clauses(self) -> list[str]:
+        """What is there of the files that were asked for, and what not."""
+        kept = [self._asked.get("record")] if self._time is not None else []
+        if self._has_data:
+            kept.append(self._asked.get("save_data"))
+        clauses = [f"{path} holds what came until then" for path in kept if path is not None]
+        if missing := self._missing():
+            clauses.append(f"{' and '.join(missing)} {'was' if len(missing) == 1 else 'were'} written")
+        return clauses
+
+    def _missing(self) -> list[str]:
+        names = [key for key in WRITTEN_AT_THE_END if self._asked.get(key) is not None]
+        return [f"no {WRITTEN_AT_THE_END[key]}" for key in names if key != "save_data" or not self._has_data]
+
+    @property
+    def _has_data(self) -> bool:
+        """Whether the server, though it failed, has written the data file."""
+        return self._data_written_at() != self._old_data
+
+    def _data_written_at(self) -> int | None:
+        """When what there is was written [ns]; None if there is nothing."""
+        path = self._asked.get("save_data")
+        try:
+            return None if path is None else Path(path).stat().st_mtime_ns
+        except OSError:
+            return None

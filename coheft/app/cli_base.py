@@ -175,7 +175,7 @@ Port = Annotated[int | None, Parameter(converter=_whole, validator=Number(gte=1,
 GivenPath = Annotated[Path, Parameter(converter=_path)]
 RunFolder = Annotated[
     Path | None,
-    Parameter(name="--run", converter=_path, help="Folder of the run, if it is not the newest of yours."),
+    Parameter(name="--run", converter=_path, help="Folder of the run, or its bare name, if it is not your newest."),
 ]
 ReportTarget = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_is_target)]
 FileTarget = Annotated[Path | None, Parameter(converter=_path, validator=_is_file)]

@@ -120,11 +120,13 @@ def resume(*, run: RunFolder = None) -> None:
 @app.command(group=CONTROL)
 def stop(*, run: RunFolder = None) -> None:
     """End a run now; whoever started it gets its report."""
-    from coheft.app.observer import ask_run
+    from coheft.app.observer import ask_server
+    from coheft.app.run_folder import locate_run
     from coheft.wire.requests import StopRequest
 
-    status = ask_run(StopRequest(), run)
-    print(f"stopped at {status.time:.2f} s")
+    folder, run_file = locate_run(run)
+    status = ask_server(run_file, StopRequest())
+    print(f"stopped {status.scenario} ({folder}) at {status.time:.2f} s")
 
 
 @app.command(group=CONTROL)

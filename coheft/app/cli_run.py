@@ -174,13 +174,15 @@ def run(
         carried = _carry_record(chosen)
         viewer = stack.enter_context(_view_beside(folder, console)) if view else None
         recorder = stack.enter_context(_recorder(record, chosen)) if record is not None else None
-        broken_off = BrokenOff({"json": json, "report": report, "save_data": save_data, "record": record})
+        broken_off = BrokenOff({"json": json, "report": report, "save_data": save_data, "record": record}, folder)
         beside: list[Follower | None] = [page, viewer, recorder, carried, broken_off]
         followers = [follower for follower in beside if follower is not None]
         try:
             found = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(broken_off.sentence()) from None
+        except CoheftError as error:
+            raise CoheftError(f"{error}{broken_off.after_error()}") from error
         if carried is not None:
             found = structs.replace(found, carry=carried.report())
         if not quiet:

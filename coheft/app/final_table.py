@@ -106,8 +106,9 @@ def _numbers(values: Array, decimals: int = 0) -> str:
 
 def sentences(report: Report) -> list[str]:
     """What else is worth knowing."""
+    changes = report.load_changes
     return [
-        *_most([_load_change_sentence(change) for change in report.load_changes]),
+        *_most([_load_change_sentence(change, is_last=change is changes[-1]) for change in changes]),
         *_most([_estimator_sentence(change) for change in report.estimator_changes]),
         *_pose_sentence(report),
         *_not_observable_sentences(report),
@@ -129,12 +130,16 @@ def _late_sentence(late_blocks: int) -> list[str]:
     ]
 
 
-def _load_change_sentence(change: LoadChangeReport) -> str:
+def _load_change_sentence(change: LoadChangeReport, *, is_last: bool) -> str:
     def told(first: str, verb: str, moment: float | None) -> str:
         return f"{first} {verb} {moment - change.at_s:.1f} s after" if moment is not None else f"Not all {verb}"
 
     noticed = told("The last robot", "noticed", change.detected_at_s)
+    if change.detected_at_s is None and all(robot.mass.estimate is None for robot in change.before_change.values()):
+        noticed = "Nobody knew the load yet: nothing to notice"
     recovered = told("All", "recovered", change.recovered_at_s)
+    if change.recovered_at_s is None and not is_last:
+        recovered = "The load changed again before all had recovered"
     before = next((robot.mass.truth for robot in change.before_change.values()), None)
     start = f"from {before:.2f} kg " if before is not None else ""
     leak = f", leaking {change.leak_kg_s:g} kg/s" if change.leak_kg_s > 0.0 else ""

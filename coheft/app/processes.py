@@ -203,11 +203,13 @@ def _error(failed: Sequence[Child]) -> ProcessError:
     ended with a traceback.
     """
     first = min(failed, key=lambda child: (child.process.returncode >= 0, "Traceback" not in "".join(child.lines)))
+    times = f"{first.restarts} time{'s' * (first.restarts > 1)}"
+    again = f" after it had been started again {times} (--restarts)" if first.restarts else ""
     tail = "\n".join(f"  {line}" for line in first.lines[-_LOG_LINES:] or ["(it is empty)"])
     others = "".join(f"\nAfter it, {child.name} {child.how}." for child in failed if child is not first)
     return ProcessError(
         f"{first.name} {first.how}; the end of its log, {first.log}:\n{tail}{others}\n"
-        f"The run is over, because {first.name} {first.how}."
+        f"The run is over, because {first.name} {first.how}{again}."
     )
 
 

@@ -34,8 +34,8 @@ class LoadChangeReport(msgspec.Struct, frozen=True):
         leak_kg_s: What the loads on it lose from then on [kg/s]; it is this payload, as it becomes, that robots have to
             recover.
         detected_at_s: When the last robot had noticed [s]; None if some never did.
-        recovered_at_s: From when on every robot's mass was within 3 % and centre of mass within 20 mm, until the next
-            change or the end [s]; None if not.
+        recovered_at_s: From when on every robot's mass was within 3 % and centre of mass within 20 mm, for 1 s or until
+            it began anew, or the next change or the end came [s]; None if not.
         before_change: What each robot believed just before.
     """
 

@@ -13,7 +13,10 @@ from coheft.app.judge import Judge, RobotReport
 from coheft.estimation.spatial import Array
 from coheft.wire.messages import Estimate, Truth
 
+LASTING = 1.0
+"""Who has been near the truth for so long did not only pass it: it has recovered, whatever happens then [s]."""
 _FORCE_TORQUE = (slice(0, 3), slice(3, 6))
+_ROUNDING = 1e-9
 
 
 class HistoryPoint(msgspec.Struct, frozen=True):
@@ -35,7 +38,8 @@ class LoadPeriod:
         before: What each robot believed just before, a ``RobotReport`` as MessagePack: an hour may have hundreds of
             changes, and as objects each would take four times as much memory.
         noticed: When each robot first noticed a change in this period [s].
-        recovered: Since when all of a robot's estimates have been near the truth [s]; None while they are not.
+        recovered: Since when all of a robot's estimates have been near the truth [s]; None while they are not. It stays
+            once it has lasted, or the robot has begun anew.
     """
 
     start: float
@@ -76,6 +80,7 @@ class RobotRecord:
         self._last: Estimate | None = None
         self._converged_at: float | None = None
         self._period = 0
+        self._has_recovered = False
 
     @property
     def report(self) -> RobotReport | None:
@@ -100,17 +105,37 @@ class RobotRecord:
         name, periods = estimate.robot, self._periods
         while self._period + 1 < len(periods) and periods[self._period + 1].truth.block <= estimate.block:
             self._period += 1
+            self._has_recovered = False
             if (before := self.report) is not None:
                 periods[self._period].before[name] = msgspec.msgpack.encode(before)
-        recovered = periods[self._period].recovered
-        if not self._judge.recovered(estimate):
-            recovered[name] = None
-        elif recovered.get(name) is None:
-            recovered[name] = estimate.time
+        self._follow_recovery(estimate, periods[self._period].recovered)
         for notice in estimate.load_changes:
             begun = bisect_left(periods, notice.noticed_at, key=lambda period: period.start)
             noticed = periods[max(0, begun - 1)].noticed
             noticed[name] = min(notice.noticed_at, noticed.get(name, notice.noticed_at))
+
+    def _follow_recovery(self, estimate: Estimate, recovered: dict[str, float | None]) -> None:
+        """Note since when a robot has been near the truth, until that has lasted."""
+        name = estimate.robot
+        since = recovered.get(name)
+        if since is not None and self._begins_anew(estimate):
+            self._has_recovered = True
+        if self._has_recovered:
+            return
+        if not self._judge.recovered(estimate):
+            recovered[name] = None
+        elif since is None:
+            recovered[name] = estimate.time
+        else:
+            self._has_recovered = estimate.time - since >= LASTING - _ROUNDING
+
+    def _begins_anew(self, estimate: Estimate) -> bool:
+        """Whether the agent was started again, or its estimator exchanged: what it knew is forgotten, not wrong."""
+        last = self._last
+        if last is None:
+            return False
+        has_forgotten = last.payload is not None and estimate.payload is None
+        return has_forgotten or estimate.estimator != last.estimator
 
     def _compare_wrench(self, estimate: Estimate) -> None:
         truth = self._judge.total_wrench(estimate.robot, estimate.total_block)

@@ -113,10 +113,14 @@ def find_run(folder: Path | None = None) -> RunFile:
 def locate_run(folder: Path | None = None) -> tuple[Path, RunFile]:
     """Like ``find_run``, and the folder in which it is; where it is the newest of several, that is said.
 
+    Of a folder among this user's runs the bare name is enough, if nothing here is called so.
+
     Raises:
         CoheftError: There is none.
     """
     if folder is not None:
+        if len(folder.parts) == 1 and not folder.exists() and (among_runs := runs_folder() / folder).is_dir():
+            folder = among_runs
         run_file = _read(folder)
         if run_file is None or not _answers(run_file.server):
             expected = ": expected the folder of a run, or, for 'coheft view', a recording that ends with .mcap"
@@ -130,8 +134,10 @@ def locate_run(folder: Path | None = None) -> tuple[Path, RunFile]:
         )
     newest, *others = sorted(found, key=lambda each: each[1].began, reverse=True)
     if others:
-        folders = ", ".join(str(place) for place, _ in others)
-        print(f"{len(found)} runs go on: this is the newest; others, for --run DIR: {folders}", file=sys.stderr)
+        names = ", ".join(place.name for place, _ in others)
+        print(
+            f"{len(found)} runs go on: the newest is {newest[0].name}; others, for --run DIR: {names}", file=sys.stderr
+        )
     return newest
 
 

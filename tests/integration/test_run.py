@@ -119,7 +119,7 @@ def test_ctrl_c_stops_everything_at_once(sign: signal.Signals, start: Callable[.
     assert run.left() == []
     said = run.text.splitlines()[-1]
     assert said.startswith("stopped at ")
-    assert said.endswith(" s: no data file (--save-data) was written; 'coheft stop' ends a run with it")
+    assert " s: no data file (--save-data) was written; 'coheft stop' ends a run with it; the logs are in " in said
     assert not data.exists()
     assert "Traceback" not in run.text
     assert not (run.folder / RUN_FILE).exists()
@@ -143,14 +143,22 @@ def test_an_agent_that_is_killed_is_started_again_and_the_run_goes_on(
     assert "Traceback" not in run.text
 
 
-def test_an_agent_that_is_killed_once_too_often_ends_the_run_and_is_named(start: Callable[..., Run]) -> None:
-    run = start("--duration", "10000", "--restarts", "0")
+def test_an_agent_that_is_killed_once_too_often_ends_the_run_and_is_named(
+    start: Callable[..., Run], tmp_path: Path
+) -> None:
+    files = ("--json", str(tmp_path / "report.json"), "--save-data", str(tmp_path / "data.npz"))
+    run = start("--duration", "10000", "--restarts", "0", *files)
     run.wait_until_under_way()
     os.kill(run.pids["r2"], signal.SIGKILL)
     assert run.wait() == 1
     assert run.left() == []
     assert "r2 was killed by signal 9" in run.words
     assert "r2.log" in run.text
+    last, missing = run.text.splitlines()[-2:]
+    assert last == "The run is over, because r2 was killed by signal 9."
+    assert missing.startswith("That was at ")
+    assert missing.endswith(" s: no report (--json) and no data file (--save-data) were written.")
+    assert not list(tmp_path.glob("report.json")) + list(tmp_path.glob("data.npz"))
     assert "Traceback" not in run.text
 
 
@@ -165,7 +173,8 @@ def test_an_agent_that_is_told_to_end_has_failed_and_is_started_again(start: Cal
     os.kill(run.pids["r2"], signal.SIGTERM)
     assert run.wait() == 1
     assert run.left() == []
-    assert run.text.endswith("The run is over, because r2 was told to end by SIGTERM.\n")
+    again = "after it had been started again 1 time (--restarts)"
+    assert run.text.endswith(f"The run is over, because r2 was told to end by SIGTERM {again}.\n")
     assert "Traceback" not in run.text
 
 
