@@ -13,7 +13,7 @@ from coheft.app.cart.judge import judge
 from coheft.app.cart.launch import check_complete
 from coheft.app.cart.table_one import table_one
 from coheft.errors import LinkError
-from coheft.wire.cart import CartLoad
+from coheft.wire.cart.scenario import CartLoad
 
 LOGS = Path("logs")
 
