@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import msgspec
-from joblib import Parallel, delayed
 from rich.console import Console
 from rich.progress import track
 
 from coheft.app.inprocess import run_in_process
+from coheft.app.parallel import side_by_side, workers
 from coheft.app.study.detection import judge_detection
 from coheft.wire.messages import LoadChangeNotice
 from coheft.wire.scenario import LoadChange, Scenario
@@ -64,12 +64,11 @@ def _is_of_change(notices: Sequence[LoadChangeNotice]) -> bool:
     return any(notice.noticed_at > CHANGE_AT for notice in notices)
 
 
-def in_parallel(scenarios: Sequence[Scenario], jobs: int, what: str) -> list[Notices]:
+def in_parallel(scenarios: Sequence[Scenario], jobs: int | None, what: str) -> list[Notices]:
     """The notices of many runs, with a progress bar."""
-    found: Iterator[Notices] = Parallel(n_jobs=jobs, return_as="generator_unordered")(
-        delayed(all_notices)(scenario) for scenario in scenarios
-    )
-    return list(track(found, what, len(scenarios), console=Console(stderr=True)))
+    with workers(jobs):
+        found = side_by_side(all_notices, ((scenario,) for scenario in scenarios))
+        return list(track(found, what, len(scenarios), console=Console(stderr=True)))
 
 
 def main() -> None:
@@ -79,7 +78,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--changes", default="0.05,0.01")
     parser.add_argument("--first-seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=-1)
+    parser.add_argument("--jobs", type=int)
     chosen = parser.parse_args()
 
     quiet_runs = math.ceil(chosen.hours * 3600.0 / QUIET_RUN)

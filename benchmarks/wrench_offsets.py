@@ -11,11 +11,9 @@ another one, cannot be told from it: such schedules are counted apart.
 from __future__ import annotations
 
 import argparse
-import os
 
 import msgspec
 import numpy as np
-from joblib import Parallel, delayed
 from rich.console import Console
 from rich.progress import track
 
@@ -23,6 +21,7 @@ from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.recovery import latest_recovery
 from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, SensorFault
 from coheft.app.faults.trial import Outcome, try_schedule
+from coheft.app.parallel import side_by_side, workers
 
 SHORTEST = 12.0
 """Run [s]."""
@@ -64,9 +63,9 @@ def _round(value: float) -> float:
     return round(float(value), 3)
 
 
-def try_offset(number: int) -> Outcome:
-    """Run it."""
-    return try_schedule(offset_schedule(number))
+def try_offset(number: int) -> tuple[int, Outcome]:
+    """Run it; returns its number, too."""
+    return number, try_schedule(offset_schedule(number))
 
 
 def is_known_before(number: int, outcome: Outcome) -> bool:
@@ -83,28 +82,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--schedules", type=int, default=200, metavar="N")
     parser.add_argument("--first", type=int, default=0, metavar="N")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="J")
+    parser.add_argument("--jobs", type=int, metavar="J")
     options = parser.parse_args()
     console = Console()
     numbers = range(options.first, options.first + options.schedules)
-    outcomes: list[Outcome] = []
-    runs = Parallel(n_jobs=options.jobs, return_as="generator")(delayed(try_offset)(number) for number in numbers)
-    for outcome in track(runs, description="Schedules", total=len(numbers), console=console):
-        outcomes.append(outcome)
+    with workers(options.jobs):
+        runs = side_by_side(try_offset, ((number,) for number in numbers))
+        tried = sorted(track(runs, "Schedules", len(numbers), console=console), key=lambda each: each[0])
     for is_known, text in ((True, "that knew the load"), (False, "that did not know it yet, or had another one")):
-        of_kind = [
-            (number, outcome)
-            for number, outcome in zip(numbers, outcomes, strict=True)
-            if is_known_before(number, outcome) == is_known
-        ]
+        of_kind = [(number, outcome) for number, outcome in tried if is_known_before(number, outcome) == is_known]
         for promise in ("P1", "P2", "P3"):
             broken = [n for n, outcome in of_kind if any(v.promise == promise for v in outcome.violations)]
             console.print(f"{len(of_kind)} teams {text}: {len(broken)} broke {promise} {broken or ''}")
-    recovered = [outcome.recovered for outcome in outcomes if outcome.recovered is not None]
+    recovered = [outcome.recovered for _, outcome in tried if outcome.recovered is not None]
     if recovered:
         median, most = np.percentile(recovered, [50, 95])
         console.print(f"all valid again after {median:.2f} s (median), {most:.2f} s (95 %)")
-    console.print(f"loads lost: {sum(bool(outcome.lost) for outcome in outcomes)}")
+    console.print(f"loads lost: {sum(bool(outcome.lost) for _, outcome in tried)}")
 
 
 if __name__ == "__main__":
