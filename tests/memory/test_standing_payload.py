@@ -8,7 +8,7 @@ import pytest
 
 from agents.late_wrenches import LateWrenches
 from agents.seen_payload import SeenPayload, StandingPayload
-from coheft.estimation.inertia import packed_gram
+from coheft.estimation.inertia import FEATURES, InertiaModel, packed_gram
 from coheft.wire.config import AgentConfig
 from coheft.wire.estimator_settings import EfficientSettings
 from tests.estimation.team import Team
@@ -112,3 +112,17 @@ def test_late_wrenches_are_held_against_a_load_that_is_found_anew_now_and_then(c
     nonsense = packed_gram(np.hstack([np.ones((20, 1)), rng.normal(size=(20, 18))]))
     assert late.surprise(model, nonsense) > 10.0
     assert late.surprise(model, memories.sums(40, 1.0)[OWN][: len(nonsense)]) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_wrenches_contradict_nothing_once_the_load_is_forgotten() -> None:
+    model = InertiaModel(np.eye(6), np.eye(6))
+    rows = np.random.default_rng(1).normal(size=(500, FEATURES))
+    rows[:, 0] = 1.0
+    late = LateWrenches(blocks_per_second=10.0)
+    late.solve(model, model.information(packed_gram(rows)))
+    far = np.concatenate([[10.0], np.zeros(FEATURES - 7), np.full(6, 1e4)])
+    late.add(far)
+    late.compare(model, np.zeros((6, 6)))
+    assert late.contradict
+    late.forget_solution()
+    assert not late.contradict
