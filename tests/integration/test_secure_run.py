@@ -20,7 +20,7 @@ from coheft.app.hosts import Hosts, free_ports, load_hosts
 from coheft.app.keys import check_keys, make_keys
 from coheft.app.plan import make_plan
 from coheft.errors import CoheftError, LinkError, ScenarioError
-from coheft.wire import inbox as inbox_module
+from coheft.wire import backlog as backlog_module
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.inbox import Inbox, Received, Refused
 from coheft.wire.messages import Hello, Ready
@@ -188,10 +188,10 @@ def test_messages_of_an_old_run_change_nothing_in_a_new_one(secure, tmp_path):
         assert [team.exit_status(name) for name in team.processes] == [0] * (COUNT + 1)
 
 
-@pytest.mark.parametrize("room", [inbox_module.ROOM, 2**40], ids=["bounded", "without bound"])
+@pytest.mark.parametrize("room", [backlog_module.ROOM, 2**40], ids=["bounded", "without bound"])
 def test_what_nobody_reads_is_bounded_and_does_not_keep_others_waiting(room, monkeypatch):
     """Without the bound all of it is kept: so this can fail."""
-    monkeypatch.setattr(inbox_module, "ROOM", room)
+    monkeypatch.setattr(backlog_module, "ROOM", room)
     keys, endpoint, size, count = Keys("run"), f"tcp/127.0.0.1:{free_ports(1)[0]}", 100_000, 400
     inbox = Inbox()
     with open_session([endpoint]) as near, open_session(connect=[endpoint]) as far:
@@ -207,7 +207,7 @@ def test_what_nobody_reads_is_bounded_and_does_not_keep_others_waiting(room, mon
         kept = inbox.backlog("r2")
         events = [inbox.receive(0.0) for _ in range(3)]
     assert any(isinstance(event, Received) and event.source == "r3" for event in events)
-    if room == inbox_module.ROOM < 2**40:
+    if room == backlog_module.ROOM < 2**40:
         assert kept <= room
         assert isinstance(events[0], Refused)
         assert "messages are lost" in str(events[0].error)
@@ -250,7 +250,7 @@ def test_parts_are_not_spread_over_hosts_in_the_open_profile():
 @pytest.mark.parametrize(
     ("text", "what"),
     [
-        ("hosts = 3", "object"),
+        ("hosts = 3", "key 'hosts': expected a text under each name; found 3"),
         ("[hosts]\nr9 = '10.0.0.1'", "key 'hosts.r9': no such part; there are: server, r1"),
         ("port = 0\n[hosts]", "port"),
         ("[hosts]\nr2 = '10.0.0.2'", "server is on 127.0.0.1, which others cannot reach"),
