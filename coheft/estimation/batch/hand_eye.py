@@ -39,6 +39,9 @@ from coheft.estimation.team_registration import TeamPoses
 
 _STEPS = 15
 _CLOSE = 1e-7
+"""No more steps are taken after one that is smaller than this [rad, m]."""
+_SMALL = 0.1
+"""A last step below this share of the standard deviation makes no difference."""
 _DAMPING = 1e-2
 """Information on each step of a pose [1/rad², 1/m²]."""
 _SETTLED = 0.01
@@ -61,7 +64,7 @@ class HandEye:
         errors_std: Their standard deviations, shape (N, 7); where they are those of before, nothing was learned.
         noise: Standard deviation of a sample's angles [rad] and positions [m], 1e-5 at least.
         covariance: Of all unknowns of all robots, shape (19 N, 19 N).
-        is_settled: Whether steps had become small when no more were taken.
+        is_settled: Whether steps were small beside standard deviations when no more were taken.
     """
 
     team: TeamPoses
@@ -93,8 +96,7 @@ def fit_hand_eye(wrists: WristPoses, start: Sequence[Pose], tolerances: Toleranc
         found = np.maximum(equations.noise, _FINEST)
         is_noise_known = np.abs(np.log(found / noise)).max() < _SETTLED
         noise = (float(found[0]), float(found[1]))
-        is_settled = bool(is_noise_known and np.abs(step).max() < _CLOSE)
-        if is_settled:
+        if is_noise_known and np.abs(step).max() < _CLOSE:
             break
     covariance = np.zeros((count * UNKNOWNS, count * UNKNOWNS))
     covariance[np.ix_(free, free)] = shown.covariance(batch_scatter(equations.scores[:, free], wrists.rate))
@@ -102,13 +104,14 @@ def fit_hand_eye(wrists: WristPoses, start: Sequence[Pose], tolerances: Toleranc
     covariance[poses, poses] += EXACT**2
     spread = np.sqrt(np.diag(covariance)).reshape(count, UNKNOWNS)
     grasps = unknowns_of(count, GRASP)
+    is_small = np.abs(step) <= np.maximum(_CLOSE, _SMALL * spread.ravel())
     return HandEye(
         team=TeamPoses(guess.grasps, covariance[np.ix_(grasps, grasps)], Visibility()),
         errors=guess.errors,
         errors_std=spread[:, ERRORS],
         noise=noise,
         covariance=covariance,
-        is_settled=is_settled,
+        is_settled=bool(is_noise_known and is_small.all()),
     )
 
 
