@@ -79,6 +79,16 @@ def test_all_that_was_flushed_is_saved(cut: Path, tmp_path: Path) -> None:
         assert len(list(make_reader(file).iter_messages())) == saved.messages
 
 
+def test_a_file_whose_first_record_is_not_known_is_read_after_it(cut: Path, tmp_path: Path) -> None:
+    content = bytearray(cut.read_bytes())
+    content[len(MAGIC)] = 0x80  # an opcode that readers have to skip
+    (tmp_path / "damaged.mcap").write_bytes(content)
+    saved = recover(tmp_path / "damaged.mcap", tmp_path / "saved.mcap")
+    assert saved is not None
+    with (tmp_path / "saved.mcap").open("rb") as file:
+        assert len(list(make_reader(file).iter_messages())) == saved.messages > 0
+
+
 @given(data=st.data())
 def test_a_file_that_is_cut_or_damaged_anywhere_is_read_up_to_there(
     cut: Path, sizes: dict[int, int], heads: set[int], scratch: Path, data: st.DataObject

@@ -61,12 +61,14 @@ def _copy(records: Iterable[McapRecord], writer: Writer) -> Saved:
     """Copy records up to the first that is cut or damaged, and write an end."""
     schemas = {0: 0}
     channels: dict[int, int] = {}
-    count, until = 0, 0
+    count, until, has_begun = 0, 0, False
     try:
         for record in records:
+            if not has_begun:  # a header whose own head is damaged is left out
+                header = record if isinstance(record, Header) else Header("", "")
+                writer.start(header.profile, header.library)
+                has_begun = True
             match record:
-                case Header():
-                    writer.start(record.profile, record.library)
                 case Schema() if record.id not in schemas:
                     schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
                 case Channel() if record.id not in channels:
