@@ -30,6 +30,7 @@ from coheft.estimation.cart_filter import (
 )
 from coheft.estimation.cart_jump import WINDOWS, changed_since
 from coheft.estimation.cart_linearisation import FRICTION, PHI, POSE, RATES
+from coheft.estimation.cart_load import UnknownLoad
 from coheft.estimation.cart_model import UNICYCLE, CartBody, Constraints, axes
 from coheft.estimation.cart_prior import CartPrior, nearest_possible
 from coheft.estimation.spatial import Array
@@ -75,6 +76,25 @@ class _Step:
     prediction: Prediction | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """A load has come or gone.
+
+    Attributes:
+        before: What was believed before, but for the jolt.
+        load: What is known of it.
+    """
+
+    before: Belief
+    load: UnknownLoad
+
+    def start(self) -> Belief:
+        """What is to be believed after it."""
+        mean, covariance = self.before.mean.copy(), self.before.covariance.copy()
+        mean[PHI], covariance[PHI, PHI] = self.load.start()
+        return Belief(mean, covariance)
+
+
 class CartLearner:
     """What one knows of a cart, from its first measurement on.
 
@@ -113,6 +133,7 @@ class CartLearner:
         self._slopes_of = self._parameters
         self._news = 0
         self._lessons = 0
+        self._change: _Change | None = None
 
     @property
     def body(self) -> CartBody:
@@ -142,6 +163,8 @@ class CartLearner:
         if casters_turn:
             push = replace(push, covariance=push.covariance + self._drag)
         step = _Step(sighting, push, is_fast and not casters_turn, self.belief)
+        if len(self._steps) == _KEPT:
+            self._change = None  # the steps that are kept begin later
         self._steps.append(step)
         self._lessons += step.corrects_cart
         self._news += step.corrects_cart
@@ -204,7 +227,11 @@ class CartLearner:
         self._news = 0
         done = [(step.update, step.prediction) for step in self._steps]
         smoothed = smooth([(u, p) for u, p in done if u is not None and p is not None])
-        self.belief = self._steps[0].before
+        if self._change is None:
+            self.belief = self._steps[0].before
+        else:
+            self._change.load.learn(self.belief.mean[PHI], self.belief.covariance[PHI, PHI])
+            self.belief = self._change.start()
         for step, state in zip(self._steps, smoothed, strict=True):
             self._do(step, state)
 
@@ -225,24 +252,29 @@ class CartLearner:
         return changed_since(newest, MOTION_SIZE + len(self._constraints.rows_b))
 
     def _expect_another_cart(self, since: int) -> None:
-        """The load has changed so many steps ago: go back, be unsure of parameters and velocity, and come again."""
+        """A load came or went so many steps ago: go back, be unsure of parameters and velocity, and come again."""
         steps = list(self._steps)[-since:]
         self._steps.clear()
         before = steps[0].before
-        self.belief = before
-        covariance = before.covariance.copy()
-        # Up to so unsure, no more: the alarm may be one of several for the same change.
-        missing = max(0.0, 1.0 - float(covariance[_MASS, _MASS]) / self._prior.load**2)
-        covariance[PHI, PHI] += missing * self._prior.load_covariance(self.body)
-        free = axes(float(before.mean[2])) @ self._constraints.free_b
-        covariance[RATES, RATES] += missing * self._prior.jolt**2 * free @ free.T
-        self.belief = Belief(before.mean, covariance)
+        self._change = self._change_after(before)
+        self.belief = before if self._change is None else self._change.start()
         self._slopes_of = self._parameters
         self._lessons = 0
         self.jumps += 1
         for step in steps:
             self._steps.append(step)
             self._do(step)
+
+    def _change_after(self, before: Belief) -> _Change | None:
+        """Of any load; None if that is believed already: the alarm may be one of several for the same change."""
+        missing = 1.0 - float(before.covariance[_MASS, _MASS]) / self._prior.load**2
+        if missing <= 0.0:
+            return None
+        free = axes(float(before.mean[2])) @ self._constraints.free_b
+        covariance = before.covariance.copy()
+        covariance[RATES, RATES] += missing * self._prior.jolt**2 * free @ free.T
+        load = UnknownLoad(before.mean[PHI], covariance[PHI, PHI], self._prior, missing)
+        return _Change(Belief(before.mean, covariance), load)
 
 
 def _surprise(step: _Step) -> float:

@@ -26,6 +26,7 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         start: Standard deviation of the first velocity, from standing still [m/s, rad/s].
         load: Standard deviation of the mass that may suddenly come or go [kg].
         place: Standard deviation per axis of where it lies, from the centre of mass [m].
+        size: Its radius of gyration may be about so much [m].
         jolt: Standard deviation of the velocity that the cart may suddenly lose or gain with it [m/s, rad/s].
     """
 
@@ -42,6 +43,7 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     start: float = 0.02
     load: float = 5.0
     place: float = 0.1
+    size: float = 0.1
     jolt: float = 0.3
 
     def covariance(self, guess: CartBody) -> Array:
@@ -51,16 +53,6 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         result = np.zeros((5, 5))
         result[:4, :4] = derivative @ np.diag(np.square(deviations)) @ derivative.T
         result[4, 4] = (guess.friction * self.friction) ** 2
-        return result
-
-    def load_covariance(self, body: CartBody) -> Array:
-        """Of ``phi`` when something has come or gone: ``dm (1, r_x, r_y, |r|^2)`` of a mass ``dm`` at ``r``, (4, 4)."""
-        x, y = body.com
-        mean = np.array([1.0, x, y, x * x + y * y + 2.0 * self.place**2])  # of (1, r_x, r_y, |r|^2)
-        by_place = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [2.0 * x, 2.0 * y]])
-        spread = np.outer(mean, mean) + self.place**2 * by_place @ by_place.T
-        spread[3, 3] += 4.0 * self.place**4
-        result: Array = self.load**2 * spread
         return result
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from hypothesis import strategies as st
 
@@ -30,3 +32,8 @@ constraints = st.sampled_from(sorted(CONSTRAINTS)).map(CONSTRAINTS.__getitem__)
 def vectors(size: int, largest: float) -> st.SearchStrategy[Array]:
     """Vectors with components up to a size."""
     return st.lists(st.floats(-largest, largest), min_size=size, max_size=size).map(np.array)
+
+
+def differences(function: Callable[[Array], Array], at: Array, step: float = 1e-5) -> Array:
+    """Derivative of a function at a point, by finite differences: a column for each component of the point."""
+    return np.array([(function(at + by) - function(at - by)) / (2.0 * step) for by in step * np.eye(len(at))]).T

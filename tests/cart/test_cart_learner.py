@@ -101,6 +101,17 @@ def test_load_changes_are_noticed_and_got_over_within_a_second() -> None:
                 assert abs(estimate.cart.mass - found.truths[estimate.block].cart.mass) < 0.5
 
 
+def test_after_load_changes_errors_are_as_large_as_it_says_and_the_centre_of_mass_is_known() -> None:
+    """A second and a half after the last one, within 1 cm: all loads of the test lie at the centre of mass."""
+    total = 0.0
+    for seed in range(1, 6):
+        found = run(11, seed)
+        total += float(np.sum(errors_in_deviations(found) ** 2))
+        wrong = np.subtract(found.estimates["p1"][-1].cart.com, found.truths[-1].cart.com)
+        assert np.hypot(*wrong) < 0.01
+    assert chi2.ppf(1e-4, 20) < total < chi2.isf(1e-4, 20)
+
+
 def test_an_unchanged_cart_is_not_taken_for_another() -> None:
     assert all(run(5, seed, 13.0).estimates["p1"][-1].jumps == 0 for seed in range(1, 6))
 

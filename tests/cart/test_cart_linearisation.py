@@ -10,13 +10,7 @@ from coheft.estimation.cart_filter import Belief, Push, Sighting, predict, updat
 from coheft.estimation.cart_linearisation import STATE_SIZE, linearise
 from coheft.estimation.cart_model import UNICYCLE, CartBody, Constraints
 from coheft.estimation.spatial import Array
-from tests.cart.carts import angles, bodies, constraints, vectors
-
-_STEP = 1e-5
-
-
-def differences(function, at: Array) -> Array:  # type: ignore[no-untyped-def]
-    return np.array([(function(at + step) - function(at - step)) / (2.0 * _STEP) for step in _STEP * np.eye(len(at))]).T
+from tests.cart.carts import angles, bodies, constraints, differences, vectors
 
 
 @given(bodies, angles, vectors(3, 2.0), vectors(3, 50.0), constraints)
