@@ -18,11 +18,12 @@ from tests.own_packages import write_package
 
 ESTIMATOR = """
 from agents.estimator import Belief
+import numpy as np
 class Mine:
     def __init__(self, config, gossip):
         self.gain = config.estimator_settings["gain"]
     def step(self, index, own, inbox):
-        return {}
+        return {"gain": np.array([self.gain])}
     def fits(self, channels):
         return True
     def belief(self):
@@ -65,8 +66,9 @@ def test_own_ones_are_listed_and_made_with_their_settings(tmp_path: Path, monkey
     assert "still" in available("motion")
     text = 'estimator = "mine"\nmotion.own = "still"\nsettings.mine.gain = 3.0'
     made = agent(parse_scenario(TEXT.format(text), "own.toml"))
-    assert made._estimator.gain == 3.0  # type: ignore[attr-defined]
-    np.testing.assert_array_equal(made.step(0, None, []).reference.motion, np.full((10, 12), 0.5))
+    outbox = made.step(0, None, [])
+    np.testing.assert_array_equal(outbox.message.channels["gain"], [3.0])
+    np.testing.assert_array_equal(outbox.reference.motion, np.full((10, 12), 0.5))
 
 
 @pytest.mark.parametrize(
@@ -84,7 +86,7 @@ def test_own_ones_are_listed_and_made_with_their_settings(tmp_path: Path, monkey
         (
             ESTIMATOR.replace('"gain"', '"size"'),
             "bad:Mine",
-            r"\[settings.mine\]: KeyError: 'size' \(.*bad.py, line 5\)",
+            r"\[settings.mine\]: KeyError: 'size' \(.*bad.py, line 6\)",
         ),
         (ESTIMATOR.replace("doubts", "questions"), "bad:Mine", r"a Mine, has no method doubts\(\); see docs/own.md"),
         (
@@ -107,7 +109,7 @@ def test_estimators_that_do_not_fit(
 @pytest.mark.parametrize(
     ("code", "expected"),
     [
-        (MOTION.replace("12)", "6)"), r"its reference has the shape \(10, 6\), expected \(10, 12\)"),
+        (MOTION.replace("12)", "6)"), r"its reference for block 0 has the shape \(10, 6\), expected"),
         (MOTION.replace("np.full", "np.fill"), "knows no reference for block 0: AttributeError"),
         (MOTION.replace("reference", "refer"), r"has no method reference\(block\)"),
     ],
@@ -118,6 +120,19 @@ def test_motions_that_do_not_fit(code: str, expected: str, tmp_path: Path, monke
     monkeypatch.delitem(__import__("sys").modules, "bad", raising=False)
     with pytest.raises(PluginError, match=expected):
         agent(msgspec.structs.replace(load_scenario("ring3"), motion=Motion(own="mine")))
+
+
+def test_a_motion_that_fails_in_mid_run_is_told_with_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    code = MOTION.replace("0.5)", "0.5 if block < 6 else [1, 2])")
+    write_package(tmp_path, "bad", code, motions="mine = bad:Mine")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(__import__("sys").modules, "bad", raising=False)
+    moved = agent(msgspec.structs.replace(load_scenario("ring3"), motion=Motion(own="mine")))
+    moved.step(0, None, [])
+    moved.step(1, None, [])
+    said = r"the motion 'mine' of r1 knows no reference for block 6: ValueError: .*broadcast.* \(.*bad.py, line 7\)"
+    with pytest.raises(PluginError, match=said):
+        moved.step(2, None, [])
 
 
 def test_a_name_that_two_packages_offer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
