@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from agents.agent import Agent
+from coheft.app.overrides import override
 from coheft.errors import PluginError, ScenarioError
 from coheft.wire.config import agent_config
 from coheft.wire.plugins import available
@@ -147,17 +148,56 @@ def test_a_name_that_two_packages_offer(tmp_path: Path, monkeypatch: pytest.Monk
     ("keys", "expected"),
     [
         ('estimator = "mine"', "key 'estimator': found 'mine', expected one of: efficient, seed"),
+        (
+            'estimator = "eficient"',
+            "there. Did you mean 'efficient'? Your own must be installed first, see docs/own.md",
+        ),
         ('motion.own = "mine"', "key 'motion.own': found 'mine', expected one of: "),
+        ('motion.own = "shaking"', ". Did you mean 'shaken'? Your own must be installed first"),
         (
             "settings.mine.a = 1",
-            "key 'settings.mine': there is no such estimator or motion; there are: efficient, seed",
+            "key 'settings.mine': there is no such estimator or motion. There are: efficient, seed",
         ),
-        ("settings.seed.a = [1, 2024-01-01]", "key 'settings.seed.a[1]': expected a number of 64 bits, text"),
+        (
+            "settings.eficient.a = 1",
+            "no such estimator or motion. Did you mean 'efficient'? There are: efficient, seed",
+        ),
+        (
+            "settings.efficient.memory = 1",
+            "key 'settings.efficient': these tables are for estimators and motions of your own; settings of "
+            "'efficient' go under [efficient]",
+        ),
+        ('estimator = "seed"\nsettings.seed.rounds = 9', "settings of 'seed' go under [seed_method]"),
+        (
+            "settings.there.a = 1",
+            "key 'settings.there': found settings of what this scenario does not use: its estimator is 'efficient', "
+            'and it names no motion of your own. Leave them out, or add estimator = "there"',
+        ),
+        (
+            'estimator = "there"\nmotion.own = "swinging"\n[settings.there]\n[settings.shaken]',
+            "its estimator is 'there', and it names the motion 'swinging'. Leave them out, or add motion.own = "
+            '"shaken"',
+        ),
+        ("settings.there.a = [1, 2024-01-01]", "key 'settings.there.a[1]': expected a number of 64 bits, text"),
         ("settings.seed.a = inf", "key 'settings.seed.a': expected a finite number"),
         ('motion = { own = "x", via_points = {} }', "found both 'via_points' and 'own'"),
     ],
 )
-def test_scenarios_that_ask_for_what_is_not_there(keys: str, expected: str) -> None:
+def test_scenarios_that_ask_for_what_is_not_there(
+    keys: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    motions = "shaken = there:Mine\nswinging = there:Mine"
+    write_package(tmp_path, "there", ESTIMATOR, estimators="there = there:Mine", motions=motions)
+    monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ScenarioError) as error:
         parse_scenario(TEXT.format(keys), "own.toml")
     assert expected in str(error.value)
+
+
+def test_settings_of_the_estimator_that_a_scenario_names_may_stay_when_a_run_uses_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_package(tmp_path, "there", ESTIMATOR, estimators="there = there:Mine")
+    monkeypatch.syspath_prepend(tmp_path)
+    scenario = parse_scenario(TEXT.format('estimator = "there"\nsettings.there.gain = 2'), "own.toml")
+    assert override(scenario, estimator="seed").estimator == "seed"
