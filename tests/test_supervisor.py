@@ -114,5 +114,6 @@ def test_who_cannot_use_what_it_was_told_is_the_cause(folder: Path) -> None:
     with Processes(folder) as processes:
         for name in ("lost", "unusable"):
             processes.start(name, name, StatusRequest()).process.wait()
-        with pytest.raises(ProcessError, match=r"^unusable ended with status 2(?s:.)*After it, lost ended"):
+        with pytest.raises(ProcessError, match=r"^unusable ended with status 2(?s:.)*After it, lost ended") as caught:
             processes.check()
+    assert str(caught.value).endswith("because unusable ended with status 2: to start it again would not help.")

@@ -228,6 +228,8 @@ def _error(failed: Sequence[Child]) -> ProcessError:
     )
     times = f"{first.restarts} time{'s' * (first.restarts > 1)}"
     again = f" after it had been started again {times} (--restarts)" if first.restarts else ""
+    if first.process.returncode == UNUSABLE:
+        again = ": to start it again would not help"
     tail = "\n".join(f"  {line}" for line in first.lines[-_LOG_LINES:] or ["(it is empty)"])
     others = "".join(f"\nAfter it, {child.name} {child.how}." for child in failed if child is not first)
     return ProcessError(
