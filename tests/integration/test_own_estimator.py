@@ -29,6 +29,21 @@ class Burst:
     def reference(self, block):
         return np.full((self.block, 12), np.nan if self.is_bad and 10 <= block < 20 else 0.0)
 """
+TALKATIVE = """
+import numpy as np
+from agents.estimator import Belief
+class Talkative:
+    def __init__(self, config, gossip):
+        pass
+    def step(self, index, own, inbox):
+        return {"all": np.zeros(40000)}
+    def fits(self, channels):
+        return True
+    def belief(self):
+        return Belief("poses", False, None, {})
+    def doubts(self):
+        return ()
+"""
 FAULTY = """
 import os, sys
 from pathlib import Path
@@ -137,6 +152,14 @@ def test_a_faulty_one_ends_the_run_at_once_with_the_place_and_is_not_started_aga
     assert f"({tmp_path / 'faulty.py'}, line 15)" in said
     assert "The run is over, because r2 ended with status 2" in said
     assert "Traceback" not in said
+
+
+def test_one_that_says_more_than_neighbours_take_is_told_so_before_it_says_it(tmp_path: Path) -> None:
+    write_package(tmp_path, "talkative", TALKATIVE, estimators="talkative = talkative:Talkative")
+    done = coheft(tmp_path, tmp_path, "run", "ring3", "--estimator", "talkative")
+    assert done.returncode == 1, done.stderr
+    place = f"step ({tmp_path / 'talkative.py'}, line 7)"
+    assert f"{place} returned what cannot be used: its arrays take 320.0 kB, expected at most 184.0 kB" in done.stderr
 
 
 def test_a_motion_that_is_not_finite_is_told_with_its_robot_and_in_one_process_ends_the_run(
