@@ -96,9 +96,9 @@ class OwnEstimator:
     @property
     def _what(self) -> str:
         """Which one, and when."""
-        name, index = self._config, self._index
-        when = f" at block {index} ({self._config.start_of(index):.2f} s)" if index >= 0 else ""
-        return f"the estimator {name.estimator!r} of {name.name}{when}"
+        config, index = self._config, self._index
+        when = f" at block {index} ({config.start_of(index):.2f} s)" if index >= 0 else ""
+        return f"the estimator {config.estimator!r} of {config.name}{when}"
 
 
 def _place(bound: object) -> str:
