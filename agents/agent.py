@@ -17,12 +17,14 @@ from agents.estimator import Estimator, EstimatorFactory
 from agents.inbox import NeighbourInbox
 from agents.motion import make_motion
 from agents.own import make_own
+from agents.own_estimator import OwnEstimator
 from agents.seed import SeedEstimator
 from agents.sensor_check import SensorCheck
 from agents.status import StatusKeeper
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.spatial import Array
 from coheft.wire.config import AgentConfig
+from coheft.wire.message_size import LARGEST
 from coheft.wire.messages import Estimate, NeighbourMessage, Reference
 from consensus.gossip import Gossip
 
@@ -46,8 +48,13 @@ class Outbox:
     problems: tuple[str, ...] = ()
 
 
-def make_estimator(config: AgentConfig, gossip: Gossip) -> Estimator:
+def make_estimator(config: AgentConfig, gossip: Gossip, largest_arrays: int) -> Estimator:
     """The estimator that an agent is told to use.
+
+    Args:
+        config: Of the agent.
+        gossip: What it learns of the team.
+        largest_arrays: What one of the user's own may send in one message [B].
 
     Raises:
         PluginError: It is one of the user's own, and cannot be used.
@@ -56,7 +63,7 @@ def make_estimator(config: AgentConfig, gossip: Gossip) -> Estimator:
     if factory is not None:
         return factory(config, gossip)
     own: Estimator = make_own("estimator", config.estimator, Estimator, config, gossip)
-    return own
+    return OwnEstimator(own, config, gossip, largest_arrays)
 
 
 class Agent:
@@ -65,16 +72,17 @@ class Agent:
     Args:
         config: All that it is told.
         incarnation: Larger than that of any agent of the same name before.
+        largest_arrays: What an estimator of the user's own may send in one message [B].
 
     Raises:
         PluginError: An estimator or a motion of the user's own cannot be used.
     """
 
-    def __init__(self, config: AgentConfig, incarnation: int = 0) -> None:
+    def __init__(self, config: AgentConfig, incarnation: int = 0, largest_arrays: int = LARGEST) -> None:
         self.config = config
         self._incarnation = incarnation
         self._gossip = Gossip(config.name, config.neighbours, incarnation)
-        self._estimator = make_estimator(config, self._gossip)
+        self._estimator = make_estimator(config, self._gossip, largest_arrays)
         self._motion = make_motion(config)
         self._carrier = None if config.carry is None else Carrier(config, config.carry, self._motion)
         self._inbox = NeighbourInbox(config.neighbours)
@@ -92,6 +100,9 @@ class Agent:
             index: Its number; grows from step to step, by one if nothing was missed. The first one may be any.
             block: The robot's measurements, None if there are none.
             inbox: All that has come from neighbours since the last step, whatever it is.
+
+        Raises:
+            PluginError: An estimator or a motion of the user's own has failed.
         """
         heard, gossip, problems = self._inbox.take(index, inbox, self._estimator.fits)
         self._gossip.hear(gossip)

@@ -1,7 +1,8 @@
 """What an estimator is: the part of an agent that turns measurements and messages into beliefs.
 
 To add one: write a class with the methods of ``Estimator``. In a package of your own it gets its name by an entry
-point, see docs/own.md; in this one in ``agents.agent.ESTIMATORS`` and ``coheft.wire.plugins.BUILT_IN``.
+point, see docs/own.md, and ``agents.own_estimator`` checks what its methods return; in this one it gets it in
+``agents.agent.ESTIMATORS`` and ``coheft.wire.plugins.BUILT_IN``.
 """
 
 from __future__ import annotations

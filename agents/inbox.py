@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from agents.estimator import Channels
-from coheft.estimation.spatial import Pose
+from coheft.estimation.spatial import Array, Pose
 from coheft.wire.messages import LinkState, NeighbourMessage
 from coheft.wire.scenario import MAX_ROBOTS
 
@@ -22,8 +22,8 @@ _SILENT = 8
 one is of the present block, that number was an error."""
 _ALIKE = 4
 """So many messages of the same sender and block are looked at."""
-_LARGEST = 1e12
-"""No number that an estimator sends is as large as this."""
+LARGEST_NORM = 1e12
+"""No array that an estimator sends has a norm as large as this."""
 _LARGEST_NUMBER = 2**62
 """No number of a record is as large that grows: there have to be larger ones that a message can hold."""
 _LARGEST_CHECKSUM = 2**32
@@ -99,8 +99,8 @@ class NeighbourInbox:
         if message.block > index - 1 + AHEAD:
             return f"it is {message.block - index + 1} blocks ahead, of {AHEAD} that are allowed"
         for name, array in message.channels.items():
-            if not np.vdot(array, array) < _LARGEST**2:  # false for what is not a number, too
-                return f"channels[{name!r}] holds numbers that are not finite, or not below {_LARGEST:g}"
+            if not can_be_used(array):
+                return f"channels[{name!r}] holds numbers that are not finite, or not below {LARGEST_NORM:g}"
         for record in message.gossip:
             if record == self._possible.get(record.robot):
                 continue  # the same one comes again and again
@@ -109,6 +109,11 @@ class NeighbourInbox:
             if record.robot in self._possible or len(self._possible) < MAX_ROBOTS:
                 self._possible[record.robot] = record
         return None
+
+
+def can_be_used(array: Array) -> bool:
+    """Whether all numbers of an array are finite, and so small that sums of them are, too."""
+    return bool(np.vdot(array, array) < LARGEST_NORM**2)  # false for what is not a number, too
 
 
 def is_possible(record: LinkState) -> bool:
@@ -127,6 +132,6 @@ def is_possible(record: LinkState) -> bool:
         return False
     if not record.pose:
         return True
-    if len(record.pose) != _POSE_SIZE or not np.all(np.abs(record.pose) < _LARGEST):
+    if len(record.pose) != _POSE_SIZE or not np.all(np.abs(record.pose) < LARGEST_NORM):
         return False
     return Pose.of_numbers(record.pose).is_rigid()

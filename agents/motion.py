@@ -43,21 +43,47 @@ def make_motion(config: AgentConfig) -> ReferenceMotion:
     """
     motion = config.motion
     if motion.own is not None:
-        return _own_motion(motion.own, config)
+        return OwnMotion(motion.own, config)
     if motion.via_points is not None:
         return ViaPointMotion(motion, motion.via_points, config.seed, config.rate, config.block)
     return Excitation(motion, config.waves, config.rate, config.block)
 
 
-def _own_motion(name: str, config: AgentConfig) -> ReferenceMotion:
-    own: ReferenceMotion = make_own("motion", name, ReferenceMotion, config)
-    try:
-        shape = np.shape(own.reference(0))
-    except Exception as error:  # whatever somebody else's code raises
-        raise PluginError(f"the motion {name!r} knows no reference for block 0: {told(error)}") from error
-    if shape != (config.block, 12):
-        raise PluginError(f"the motion {name!r}: its reference has the shape {shape}, expected {(config.block, 12)}")
-    return own
+class OwnMotion:
+    """A motion of the user's own: what it returns has the right shape, or the agent ends and says what is wrong.
+
+    That numbers are finite, and such that the arm can follow, is for whoever moves the arm to see.
+
+    Args:
+        name: Of its entry point.
+        config: The robot's.
+
+    Raises:
+        PluginError: It cannot be used.
+    """
+
+    def __init__(self, name: str, config: AgentConfig) -> None:
+        self._what = f"the motion {name!r} of {config.name}"
+        self._shape = (config.block, 12)
+        self._own: ReferenceMotion = make_own("motion", name, ReferenceMotion, config)
+        self.reference(0)
+
+    def reference(self, block: int) -> Array:
+        """See ``ReferenceMotion.reference``.
+
+        Raises:
+            PluginError: It fails, or returns something else.
+        """
+        try:
+            reference = np.array(self._own.reference(block), dtype=np.float64)
+        except Exception as error:  # whatever somebody else's code raises
+            where = told(error, type(self._own).__module__)
+            raise PluginError(f"{self._what} knows no reference for block {block}: {where}") from error
+        if reference.shape != self._shape:
+            raise PluginError(
+                f"{self._what}: its reference for block {block} has the shape {reference.shape}, expected {self._shape}"
+            )
+        return reference
 
 
 class Excitation:

@@ -29,7 +29,7 @@ def make_own(kind: Kind, name: str, protocol: type, *arguments: object) -> Any:
     except Exception as error:  # whatever somebody else's code raises
         raise PluginError(
             f"the {kind} {name!r} cannot be made from {', '.join(type(a).__name__ for a in arguments)}, or not with "
-            f"the settings in [settings.{name}]: {told(error)}"
+            f"the settings in [settings.{name}]: {told(error, getattr(factory, '__module__', ''))}"
         ) from error
     for method, expected in inspect.getmembers(protocol, inspect.isfunction):
         if not method.startswith("_"):

@@ -67,7 +67,8 @@ class AgentProcess:
         """An agent that knows nothing yet, in the place of the one before."""
         self._incarnation = time.time_ns()
         self._estimator = estimator
-        self._agent = Agent(structs.replace(self._config.agent, estimator=estimator), self._incarnation)
+        config = structs.replace(self._config.agent, estimator=estimator)
+        self._agent = Agent(config, self._incarnation, self._config.largest_arrays)
         self._is_holding = True
         self._last_estimate: Estimate | None = None
 

@@ -19,7 +19,8 @@ _INTRODUCTION = """# Commands
 
 ## Exit status
 
-The same for all commands; but `coheft view` ends with 0 after Ctrl-C, which is how it is ended:
+The same for all commands; but `coheft view` ends with 0 after Ctrl-C, which is how it is ended, and `coheft agent` with
+2 if an estimator or a motion of your own fails:
 
 | status | meaning |
 |---|---|

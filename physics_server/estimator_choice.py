@@ -8,6 +8,7 @@ from coheft.errors import CoheftError
 from coheft.wire.plugins import usable_in_run
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_checks import check_scenario
+from coheft.wire.scenario_errors import did_you_mean
 
 
 class EstimatorChoice:
@@ -35,8 +36,8 @@ class EstimatorChoice:
         """
         if estimator not in self.available:
             raise CoheftError(
-                f"this run has no estimator {estimator!r}; there are: {', '.join(self.available)}. "
-                f"One of your own has to be the one that the run begins with"
+                f"this run has no estimator {estimator!r}; there are: {', '.join(self.available)}."
+                f"{did_you_mean(estimator, self.available)} One of your own has to be the one that the run begins with"
             )
         if estimator == self.chosen:
             raise CoheftError(f"the robots use the estimator '{estimator}' already")

@@ -22,7 +22,8 @@ def test_the_built_in_ones_and_the_one_of_the_scenario_may_be_chosen() -> None:
 @pytest.mark.parametrize(
     ("estimator", "said"),
     [
-        ("best", r"no estimator 'best'; there are: efficient, seed\."),
+        ("best", r"no estimator 'best'; there are: efficient, seed\. One of your own has"),
+        ("eficient", r"there are: efficient, seed\. Did you mean 'efficient'\?"),
         ("efficient", "use the estimator 'efficient' already"),
     ],
 )

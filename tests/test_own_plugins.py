@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from agents.agent import Agent
+from coheft.app.overrides import override
 from coheft.errors import PluginError, ScenarioError
 from coheft.wire.config import agent_config
 from coheft.wire.plugins import available
@@ -18,11 +19,12 @@ from tests.own_packages import write_package
 
 ESTIMATOR = """
 from agents.estimator import Belief
+import numpy as np
 class Mine:
     def __init__(self, config, gossip):
         self.gain = config.estimator_settings["gain"]
     def step(self, index, own, inbox):
-        return {}
+        return {"gain": np.array([self.gain])}
     def fits(self, channels):
         return True
     def belief(self):
@@ -65,8 +67,9 @@ def test_own_ones_are_listed_and_made_with_their_settings(tmp_path: Path, monkey
     assert "still" in available("motion")
     text = 'estimator = "mine"\nmotion.own = "still"\nsettings.mine.gain = 3.0'
     made = agent(parse_scenario(TEXT.format(text), "own.toml"))
-    assert made._estimator.gain == 3.0  # type: ignore[attr-defined]
-    np.testing.assert_array_equal(made.step(0, None, []).reference.motion, np.full((10, 12), 0.5))
+    outbox = made.step(0, None, [])
+    np.testing.assert_array_equal(outbox.message.channels["gain"], [3.0])
+    np.testing.assert_array_equal(outbox.reference.motion, np.full((10, 12), 0.5))
 
 
 @pytest.mark.parametrize(
@@ -84,7 +87,7 @@ def test_own_ones_are_listed_and_made_with_their_settings(tmp_path: Path, monkey
         (
             ESTIMATOR.replace('"gain"', '"size"'),
             "bad:Mine",
-            r"\[settings.mine\]: KeyError: 'size' \(.*bad.py, line 5\)",
+            r"\[settings.mine\]: KeyError: 'size' \(.*bad.py, line 6\)",
         ),
         (ESTIMATOR.replace("doubts", "questions"), "bad:Mine", r"a Mine, has no method doubts\(\); see docs/own.md"),
         (
@@ -107,7 +110,7 @@ def test_estimators_that_do_not_fit(
 @pytest.mark.parametrize(
     ("code", "expected"),
     [
-        (MOTION.replace("12)", "6)"), r"its reference has the shape \(10, 6\), expected \(10, 12\)"),
+        (MOTION.replace("12)", "6)"), r"its reference for block 0 has the shape \(10, 6\), expected"),
         (MOTION.replace("np.full", "np.fill"), "knows no reference for block 0: AttributeError"),
         (MOTION.replace("reference", "refer"), r"has no method reference\(block\)"),
     ],
@@ -118,6 +121,19 @@ def test_motions_that_do_not_fit(code: str, expected: str, tmp_path: Path, monke
     monkeypatch.delitem(__import__("sys").modules, "bad", raising=False)
     with pytest.raises(PluginError, match=expected):
         agent(msgspec.structs.replace(load_scenario("ring3"), motion=Motion(own="mine")))
+
+
+def test_a_motion_that_fails_in_mid_run_is_told_with_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    code = MOTION.replace("0.5)", "0.5 if block < 6 else [1, 2])")
+    write_package(tmp_path, "bad", code, motions="mine = bad:Mine")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(__import__("sys").modules, "bad", raising=False)
+    moved = agent(msgspec.structs.replace(load_scenario("ring3"), motion=Motion(own="mine")))
+    moved.step(0, None, [])
+    moved.step(1, None, [])
+    said = r"the motion 'mine' of r1 knows no reference for block 6: ValueError: .*broadcast.* \(.*bad.py, line 7\)"
+    with pytest.raises(PluginError, match=said):
+        moved.step(2, None, [])
 
 
 def test_a_name_that_two_packages_offer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,17 +148,56 @@ def test_a_name_that_two_packages_offer(tmp_path: Path, monkeypatch: pytest.Monk
     ("keys", "expected"),
     [
         ('estimator = "mine"', "key 'estimator': found 'mine', expected one of: efficient, seed"),
+        (
+            'estimator = "eficient"',
+            "there. Did you mean 'efficient'? Your own must be installed first, see docs/own.md",
+        ),
         ('motion.own = "mine"', "key 'motion.own': found 'mine', expected one of: "),
+        ('motion.own = "shaking"', ". Did you mean 'shaken'? Your own must be installed first"),
         (
             "settings.mine.a = 1",
-            "key 'settings.mine': there is no such estimator or motion; there are: efficient, seed",
+            "key 'settings.mine': there is no such estimator or motion. There are: efficient, seed",
         ),
-        ("settings.seed.a = [1, 2024-01-01]", "key 'settings.seed.a[1]': expected a number of 64 bits, text"),
+        (
+            "settings.eficient.a = 1",
+            "no such estimator or motion. Did you mean 'efficient'? There are: efficient, seed",
+        ),
+        (
+            "settings.efficient.memory = 1",
+            "key 'settings.efficient': these tables are for estimators and motions of your own; settings of "
+            "'efficient' go under [efficient]",
+        ),
+        ('estimator = "seed"\nsettings.seed.rounds = 9', "settings of 'seed' go under [seed_method]"),
+        (
+            "settings.there.a = 1",
+            "key 'settings.there': found settings of what this scenario does not use: its estimator is 'efficient', "
+            'and it names no motion of your own. Leave them out, or add estimator = "there"',
+        ),
+        (
+            'estimator = "there"\nmotion.own = "swinging"\n[settings.there]\n[settings.shaken]',
+            "its estimator is 'there', and it names the motion 'swinging'. Leave them out, or add motion.own = "
+            '"shaken"',
+        ),
+        ("settings.there.a = [1, 2024-01-01]", "key 'settings.there.a[1]': expected a number of 64 bits, text"),
         ("settings.seed.a = inf", "key 'settings.seed.a': expected a finite number"),
         ('motion = { own = "x", via_points = {} }', "found both 'via_points' and 'own'"),
     ],
 )
-def test_scenarios_that_ask_for_what_is_not_there(keys: str, expected: str) -> None:
+def test_scenarios_that_ask_for_what_is_not_there(
+    keys: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    motions = "shaken = there:Mine\nswinging = there:Mine"
+    write_package(tmp_path, "there", ESTIMATOR, estimators="there = there:Mine", motions=motions)
+    monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ScenarioError) as error:
         parse_scenario(TEXT.format(keys), "own.toml")
     assert expected in str(error.value)
+
+
+def test_settings_of_the_estimator_that_a_scenario_names_may_stay_when_a_run_uses_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_package(tmp_path, "there", ESTIMATOR, estimators="there = there:Mine")
+    monkeypatch.syspath_prepend(tmp_path)
+    scenario = parse_scenario(TEXT.format('estimator = "there"\nsettings.there.gain = 2'), "own.toml")
+    assert override(scenario, estimator="seed").estimator == "seed"

@@ -202,6 +202,7 @@ def test_accuracy_after_the_load_s_change_is_refused() -> None:
         (["--noise", "1,0"], "different positive numbers"),
         (["--noise", "loud"], "different positive numbers"),
         (["--estimators", "seed,best"], "different ones of efficient, seed"),
+        (["--estimators", "seed,eficient"], "found 'seed,eficient'. Did you mean 'efficient'? See"),
         (["--estimators", "seed,seed"], "different ones of efficient, seed"),
         (["--runs", "0"], "--runs"),
         (["--at", "25"], "the load changes at 20 s"),

@@ -10,6 +10,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from coheft.wire.supervised import UNUSABLE
+
 SCHEDULED = """
 import os
 import threading
@@ -41,6 +43,42 @@ def test_processes_of_a_run_and_their_threads_do_not_interrupt_each_other() -> N
         process.stdin.write(f'{{"expected": {os.SCHED_BATCH}}}\n')
         process.stdin.flush()  # open until it has answered: it leaves with its stdin
         assert process.stdout.readline() == "True\n"
+
+
+FAILING = """
+import msgspec
+from coheft.errors import LinkError, PluginError
+from coheft.wire.supervised import supervised_main
+
+class Config(msgspec.Struct):
+    kind: str
+
+def run(config):
+    raise {"link": LinkError, "plugin": PluginError}[config.kind]("this is why")
+
+supervised_main(Config, run)
+"""
+
+
+@pytest.mark.parametrize(
+    ("told", "status", "said"),
+    [
+        ('{"kind": "link"}', 1, "this is why"),
+        ('{"kind": "plugin"}', UNUSABLE, "this is why"),
+        ("{}", UNUSABLE, "missing required field `kind`"),
+    ],
+)
+def test_the_exit_status_says_whether_to_start_it_again_would_help(told: str, status: int, said: str) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", FAILING], stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    with process:
+        assert process.stdin is not None
+        assert process.stderr is not None
+        process.stdin.write(told + "\n")
+        process.stdin.flush()  # open until it has failed: it leaves with its stdin
+        assert process.stderr.read().rstrip().endswith(said)
+        assert process.wait() == status
 
 
 LEAVING = """

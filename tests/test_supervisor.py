@@ -41,6 +41,16 @@ sys.stdin.read()
 """
 
 
+# Ends as it is told, once at a time.
+ENDS = """
+import os, pathlib, sys
+how = pathlib.Path("how")
+lines = how.read_text().splitlines()
+how.write_text("\\n".join(lines[1:]))
+exec(lines[0])
+"""
+
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where modules that are started are looked for."""
@@ -77,3 +87,33 @@ def test_a_process_that_failed_can_be_started_again_with_what_it_was_told_and_it
         wait_until(lambda: len(again.lines) == 3, "its last words")
     assert again.process.returncode == 0
     assert again.lines == ["I am here", "something was wrong", "I am here"]
+
+
+def test_why_a_process_ended_is_in_its_own_last_words_or_the_signal(folder: Path) -> None:
+    (folder / "ends.py").write_text(ENDS)
+    ways = {
+        "print('first'); print('then \\x1b[1m', file=sys.stderr); sys.exit(1)": "ended with status 1: then \\x1b[1m",
+        "os._exit(3)": "ended with status 3, and did not say why",
+        "raise ValueError('this is why')": "ended with status 1: ValueError: this is why",
+        "print('not why', flush=True); os.kill(os.getpid(), 9)": "was killed by signal 9",
+    }
+    (folder / "how").write_text("\n".join(ways))
+    with Processes(folder) as processes:
+        child = processes.start("ends", "ends", StatusRequest())
+        for said in ways.values():
+            child.process.wait()
+            assert child.how_and_why == said
+            if said != list(ways.values())[-1]:
+                processes.start_again(child)
+                (child,) = processes.children
+
+
+def test_who_cannot_use_what_it_was_told_is_the_cause(folder: Path) -> None:
+    (folder / "lost.py").write_text("import sys; sys.exit('lost the link')")
+    (folder / "unusable.py").write_text("import sys; print('no such thing'); sys.exit(2)")
+    with Processes(folder) as processes:
+        for name in ("lost", "unusable"):
+            processes.start(name, name, StatusRequest()).process.wait()
+        with pytest.raises(ProcessError, match=r"^unusable ended with status 2(?s:.)*After it, lost ended") as caught:
+            processes.check()
+    assert str(caught.value).endswith("because unusable ended with status 2: to start it again would not help.")

@@ -28,10 +28,13 @@ def _words(text: str) -> list[str]:
 
 def _are_estimators(_: object, text: str) -> None:
     from coheft.wire.plugins import available
+    from coheft.wire.scenario_errors import did_you_mean
 
     words, there = _words(text), available("estimator")
-    if not set(words) <= set(there) or len(set(words)) < len(words):
-        raise ValueError(f"expected different ones of {', '.join(there)}, with commas between; found {text!r}")
+    unknown = [word for word in words if word not in there]
+    if unknown or len(set(words)) < len(words):
+        hint = f".{did_you_mean(unknown[0], there)}" if unknown else ""
+        raise ValueError(f"expected different ones of {', '.join(there)}, with commas between; found {text!r}{hint}")
 
 
 def _are_factors(_: object, text: str) -> None:

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection
 
 import numpy as np
 
 from coheft.errors import MessageError, one_line
 from coheft.estimation.measurement import SAMPLE_SIZE
-from coheft.estimation.spatial import Array
 from coheft.wire.codec import check_array, check_choice, check_field
-from coheft.wire.messages import Estimate, Message, PayloadEstimate, PoseEstimate, Problem, Scene, Truth
+from coheft.wire.estimate_checks import (
+    ROTATION_TOLERANCE,
+    check_number,
+    check_numbers,
+    check_payload,
+    check_pose,
+    check_rotation,
+)
+from coheft.wire.messages import Estimate, Message, Problem, Scene, Truth
 from coheft.wire.planes import SERVER
 from coheft.wire.requests import Status
 from coheft.wire.scenario import MAX_DURATION
 
 _LONGEST = 2 * MAX_DURATION
 """No run lasts so long [s]; the last block may end a little later than the run."""
-_LARGEST = 1e15
-_ROTATION_TOLERANCE = 1e-6
-
 
 News = Truth | Estimate | Problem
 """What an observer hears of a run."""
@@ -56,8 +59,8 @@ def check_status(status: Status) -> None:
         raise MessageError(f"robots are {scene.robots} but expected some, once each")
     check_array(scene.rotations, (len(scene.robots), 3, 3), "rotations")
     for name, rotation in zip(scene.robots, scene.rotations, strict=True):
-        _check_rotation(rotation, name)
-    _check_numbers(scene.translations, (len(scene.robots), 3), "translations")
+        check_rotation(rotation, name)
+    check_numbers(scene.translations, (len(scene.robots), 3), "translations")
     check_field("neighbours are told of", sorted(scene.neighbours), sorted(scene.robots))
     for name, others in scene.neighbours.items():
         for other in others:
@@ -67,7 +70,7 @@ def check_status(status: Status) -> None:
         *scene.home,
         *(number for box in scene.boxes for number in (*box.size, *box.position, *box.rotation_deg)),
     ):
-        _check_number(value, "a number of the scene")
+        check_number(value, "a number of the scene")
 
 
 def check_truth(truth: Truth, scene: Scene) -> None:
@@ -78,22 +81,22 @@ def check_truth(truth: Truth, scene: Scene) -> None:
     """
     _check_moment(truth.block, truth.time)
     payload = truth.payload
-    _check_number(payload.mass, "mass")
+    check_number(payload.mass, "mass")
     if payload.mass <= 0.0:
         raise MessageError(f"mass is {payload.mass} kg but expected more than 0")
-    _check_numbers(payload.com, (3,), "com")
-    _check_numbers(payload.tensor, (3, 3), "tensor")
+    check_numbers(payload.com, (3,), "com")
+    check_numbers(payload.tensor, (3, 3), "tensor")
     if not payload.tensor.any():
         raise MessageError("tensor is zero but expected a body's")
-    _check_numbers(truth.position, (3,), "position")
-    _check_numbers(truth.quaternion, (4,), "quaternion")
-    if abs(np.linalg.norm(truth.quaternion) - 1.0) > _ROTATION_TOLERANCE:
+    check_numbers(truth.position, (3,), "position")
+    check_numbers(truth.quaternion, (4,), "quaternion")
+    if abs(np.linalg.norm(truth.quaternion) - 1.0) > ROTATION_TOLERANCE:
         raise MessageError(f"quaternion is {truth.quaternion.tolist()} but expected one of length 1")
-    _check_numbers(truth.total_wrench, (6,), "total_wrench")
-    _check_numbers(truth.samples, (len(scene.robots), SAMPLE_SIZE), "samples")
+    check_numbers(truth.total_wrench, (6,), "total_wrench")
+    check_numbers(truth.samples, (len(scene.robots), SAMPLE_SIZE), "samples")
     for load in truth.loads:
         for value in (load.mass, *load.position, *load.size, load.leak):
-            _check_number(value, f"a number of load {load.id}")
+            check_number(value, f"a number of load {load.id}")
 
 
 def check_estimate(estimate: Estimate, source: str, robots: Collection[str]) -> None:
@@ -110,68 +113,25 @@ def check_estimate(estimate: Estimate, source: str, robots: Collection[str]) -> 
     check_field("robot", estimate.robot, source)
     check_choice("robot", estimate.robot, robots)
     _check_moment(estimate.block, estimate.time)
-    _check_numbers(estimate.total_wrench, (6,), "total_wrench")
+    check_numbers(estimate.total_wrench, (6,), "total_wrench")
     if estimate.total_block > estimate.block:
         raise MessageError(f"total_block is {estimate.total_block} but expected at most {estimate.block}, the block")
     if estimate.payload is not None:
-        _check_payload(estimate.payload)
+        check_payload(estimate.payload)
     for name, pose in estimate.poses.items():
         check_choice("robot of a pose", name, robots)
-        _check_pose(pose, name)
+        check_pose(pose, name)
     for notice in estimate.load_changes:
-        _check_number(notice.noticed_at, "noticed_at")
+        check_number(notice.noticed_at, "noticed_at")
     for name in estimate.silent:
         check_choice("robot that is silent", name, robots)
     for text in (*estimate.reasons, *estimate.not_observable, estimate.estimator):
         check_field("text in one line", text, one_line(text))
 
 
-def _check_payload(payload: PayloadEstimate) -> None:
-    _check_number(payload.mass, "mass")
-    size = 1
-    if payload.com is not None:
-        _check_numbers(payload.com, (3,), "com")
-        size = 4
-    if payload.tensor is not None:
-        if payload.com is None:
-            raise MessageError("com is missing but expected, because there is a tensor")
-        _check_numbers(payload.tensor, (3, 3), "tensor")
-        size = 10
-    _check_covariance(payload.covariance, size, "payload")
-
-
-def _check_pose(pose: PoseEstimate, name: str) -> None:
-    _check_numbers(pose.translation, (3,), f"translation of {name!r}")
-    _check_covariance(pose.covariance, 6, f"pose of {name!r}")
-    _check_rotation(pose.rotation, name)
-
-
-def _check_rotation(rotation: Array, name: str) -> None:
-    _check_numbers(rotation, (3, 3), f"rotation of {name!r}")
-    difference = np.abs(rotation.T @ rotation - np.eye(3)).max()
-    if difference > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
-        raise MessageError(f"rotation of {name!r} is none")
-
-
-def _check_covariance(covariance: Array, size: int, name: str) -> None:
-    _check_numbers(covariance, (size, size), f"covariance of {name}")
-    if (np.diagonal(covariance) < 0.0).any():
-        raise MessageError(f"covariance of {name} has a negative variance")
-
-
 def _check_moment(block: int, time: float) -> None:
-    _check_number(time, "time")
+    check_number(time, "time")
     if block < 0 or not 0.0 < time <= _LONGEST:
         raise MessageError(
             f"block is {block}, which ends at {time} s, but expected a time between 0 and {_LONGEST:g} s"
         )
-
-
-def _check_numbers(array: Array, shape: tuple[int, ...], name: str) -> None:
-    check_array(array, shape, name)
-    _check_number(float(np.abs(array).max()), f"largest number of {name}")
-
-
-def _check_number(value: float, name: str) -> None:
-    if not (math.isfinite(value) and abs(value) < _LARGEST):
-        raise MessageError(f"{name} is {value} but expected less than {_LARGEST:g}")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from agents.agent import Agent, Outbox
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.config import agent_config
+from coheft.wire.message_size import largest_arrays
 from coheft.wire.messages import Estimate, NeighbourMessage, Reference, Truth
 from coheft.wire.scenario import Scenario
 from consensus.graph import build_graph
@@ -44,8 +45,10 @@ class TeamInProcess:
             scenario: What they are told to do.
             incarnation: Larger than that of those before.
         """
+        largest = largest_arrays(scenario)
         self.agents = {
-            name: Agent(agent_config(scenario, name, others), incarnation) for name, others in self.graph.items()
+            name: Agent(agent_config(scenario, name, others), incarnation, largest)
+            for name, others in self.graph.items()
         }
         self.outboxes: dict[str, Outbox] = {}
 

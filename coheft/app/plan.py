@@ -16,7 +16,7 @@ from coheft.app.hosts import FreePorts, HostPorts, Hosts, Places
 from coheft.app.run_folder import RUN_FILE, RunFile
 from coheft.errors import CoheftError
 from coheft.wire.config import AgentProcessConfig, Neighbour, ServerConfig, agent_config
-from coheft.wire.message_size import message_limit
+from coheft.wire.message_size import largest_arrays, message_limit
 from coheft.wire.planes import SERVER
 from coheft.wire.scenario import Scenario
 from coheft.wire.security import Credentials, credentials_in
@@ -144,6 +144,7 @@ def make_plan(
                 neighbours=link_neighbours(name, graph[name], listen),
                 security=credentials(name),
                 largest_message=message_limit(scenario),
+                largest_arrays=largest_arrays(scenario),
                 **patience,
             )
             for name in names

@@ -19,8 +19,8 @@ from typing import Any, Self
 
 import msgspec
 
-from coheft.errors import CoheftError
-from coheft.wire.supervised import KILLED_BY, ONE_THREAD, TERMINATED
+from coheft.errors import CoheftError, one_line
+from coheft.wire.supervised import KILLED_BY, ONE_THREAD, TERMINATED, UNUSABLE
 
 # Nobody draws: MuJoCo need not load what it would draw with.
 ENVIRONMENT = {**ONE_THREAD, "MUJOCO_GL": "disable"}
@@ -51,6 +51,7 @@ class Child:
         config: What it was told when it started, as JSON.
         log: Where its output goes.
         process: It.
+        log_start: Where in the log its own output begins [B].
         restarts: How often it had been started before.
     """
 
@@ -59,6 +60,7 @@ class Child:
     config: bytes
     log: Path
     process: subprocess.Popen[bytes]
+    log_start: int
     restarts: int = 0
 
     @property
@@ -68,6 +70,16 @@ class Child:
         if code == TERMINATED:
             return "was told to end by SIGTERM"
         return f"was killed by signal {-code}" if code < 0 else f"ended with status {code}"
+
+    @property
+    def how_and_why(self) -> str:
+        """How it ended, with its last words where they tell why: a signal comes from elsewhere."""
+        if self.process.returncode < 0 or self.process.returncode == TERMINATED:
+            return self.how
+        words = ""
+        with suppress(FileNotFoundError):
+            words = self.log.read_bytes()[self.log_start :].decode(errors="replace").strip()
+        return f"{self.how}: {one_line(words.splitlines()[-1])}" if words else f"{self.how}, and did not say why"
 
     @property
     def lines(self) -> list[str]:
@@ -87,15 +99,17 @@ class Processes:
         log = self.folder / f"{name}.log"
         log.unlink(missing_ok=True)
         line = msgspec.json.encode(config)
-        child = Child(name, module, line, log, _start(module, line, log))
+        child = Child(name, module, line, log, *_start(module, line, log))
         self.children.append(child)
         return child
 
     def start_again(self, child: Child) -> None:
         """Start a process that has ended once more; its output is added to its log."""
         _close_stdin(child)
-        process = _start(child.module, child.config, child.log)
-        self.children[self.children.index(child)] = replace(child, process=process, restarts=child.restarts + 1)
+        process, log_start = _start(child.module, child.config, child.log)
+        self.children[self.children.index(child)] = replace(
+            child, process=process, restarts=child.restarts + 1, log_start=log_start
+        )
 
     @property
     def pids(self) -> dict[str, int]:
@@ -173,8 +187,10 @@ class Processes:
         self.stop()
 
 
-def _start(module: str, config: bytes, log: Path) -> subprocess.Popen[bytes]:
+def _start(module: str, config: bytes, log: Path) -> tuple[subprocess.Popen[bytes], int]:
+    """A new process, and where its output begins in the log [B]."""
     with log.open("ab") as output:
+        log_start = output.tell()
         process = subprocess.Popen(
             [sys.executable, "-m", module],
             stdin=subprocess.PIPE,
@@ -187,7 +203,7 @@ def _start(module: str, config: bytes, log: Path) -> subprocess.Popen[bytes]:
     with suppress(BrokenPipeError):  # it has failed already: whoever checks will see
         process.stdin.write(config + b"\n")
         process.stdin.flush()
-    return process
+    return process, log_start
 
 
 def _close_stdin(child: Child) -> None:
@@ -200,11 +216,20 @@ def _error(failed: Sequence[Child]) -> ProcessError:
     """Name the process that failed and show the end of its log.
 
     If several failed, most did so because one was gone: that is the one that a signal killed, or else the one that
-    ended with a traceback.
+    cannot use what it was told, or else the one that ended with a traceback.
     """
-    first = min(failed, key=lambda child: (child.process.returncode >= 0, "Traceback" not in "".join(child.lines)))
+    first = min(
+        failed,
+        key=lambda child: (
+            child.process.returncode >= 0,
+            child.process.returncode != UNUSABLE,
+            "Traceback" not in "".join(child.lines),
+        ),
+    )
     times = f"{first.restarts} time{'s' * (first.restarts > 1)}"
     again = f" after it had been started again {times} (--restarts)" if first.restarts else ""
+    if first.process.returncode == UNUSABLE:
+        again = ": to start it again would not help"
     tail = "\n".join(f"  {line}" for line in first.lines[-_LOG_LINES:] or ["(it is empty)"])
     others = "".join(f"\nAfter it, {child.name} {child.how}." for child in failed if child is not first)
     return ProcessError(

@@ -10,7 +10,7 @@ from coheft.app.processes import Child, Processes
 from coheft.app.terminal import Display
 from coheft.wire.messages import Problem
 from coheft.wire.planes import SERVER
-from coheft.wire.supervised import UNUSABLE_CONFIG
+from coheft.wire.supervised import UNUSABLE
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class Restarts:
         if not (all(self._may_try_again(child) for child in failed) and self._goes_on()):
             self.processes.check()
         for child in failed:
+            text = f"{child.name} {child.how_and_why}; started again ({child.restarts + 1} of {self.limit})"
             self.processes.start_again(child)
-            text = f"{child.name} {child.how}; started again ({child.restarts + 1} of {self.limit})"
             self.display.problem(Problem(source="supervisor", text=text))
         self.announce()
 
     def _may_try_again(self, child: Child) -> bool:
-        return child.name != SERVER and child.restarts < self.limit and child.process.returncode != UNUSABLE_CONFIG
+        return child.name != SERVER and child.restarts < self.limit and child.process.returncode != UNUSABLE
 
     def _goes_on(self) -> bool:
         while (status := self.observer.status()) is None:

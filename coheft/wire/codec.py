@@ -21,7 +21,8 @@ from coheft.estimation.spatial import Array
 from coheft.wire.messages import PROTOCOL_VERSION, Message
 
 _ARRAY_CODE = 1
-_MAX_DIMENSIONS = 4
+MAX_DIMENSIONS = 4
+"""Of an array."""
 _CHECKSUM = struct.Struct("<I")
 
 M = TypeVar("M")
@@ -35,7 +36,7 @@ def _pack(value: Any) -> msgspec.msgpack.Ext:
 
 
 def _unpack(code: int, data: memoryview) -> Array:
-    if code != _ARRAY_CODE or not data or data[0] > _MAX_DIMENSIONS:
+    if code != _ARRAY_CODE or not data or data[0] > MAX_DIMENSIONS:
         raise ValueError("not an array of at most four dimensions")
     dimensions = data[0]
     shape = struct.unpack_from(f"<{dimensions}I", data, 1)

@@ -85,6 +85,7 @@ class AgentProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         server_limit: How long it waits for a server that is gone to come back [s].
         security: Its credentials; None: the open profile.
         largest_message: What a neighbour may send in one message [B].
+        largest_arrays: What of it an estimator of the user's own may take for its arrays [B].
     """
 
     agent: AgentConfig
@@ -97,6 +98,7 @@ class AgentProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     server_limit: float = 30.0
     security: Credentials | None = None
     largest_message: int = LEAST_LIMIT
+    largest_arrays: int = LEAST_LIMIT
 
 
 class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -43,11 +43,21 @@ def largest_message(scenario: Scenario) -> int:
     else:
         rounds, numbers = min(scenario.robot_count, MANY), _EFFICIENT_NUMBERS
     samples = scenario.sensors.block * (rounds * numbers + _KINEMATICS)
-    lines = min(scenario.robot_count, PER_MESSAGE) * (_PER_LINE + _PER_NAME * scenario.robot_count)
-    return _NUMBER * samples + lines + _REST
+    return _NUMBER * samples + _besides_sums(scenario)
 
 
 def message_limit(scenario: Scenario) -> int:
     """What neighbours may send in one message, whichever estimator the run comes to use [B]."""
     needed = [largest_message(structs.replace(scenario, estimator=name)) for name in BUILT_IN["estimator"]]
     return max(LEAST_LIMIT, min(max(needed), LARGEST))
+
+
+def largest_arrays(scenario: Scenario) -> int:
+    """What an estimator of the user's own may send in one message [B]: all that the rest of it does not need."""
+    return message_limit(scenario) - _besides_sums(scenario)
+
+
+def _besides_sums(scenario: Scenario) -> int:
+    """What else a message may hold [B]."""
+    lines = min(scenario.robot_count, PER_MESSAGE) * (_PER_LINE + _PER_NAME * scenario.robot_count)
+    return lines + _REST

@@ -6,9 +6,10 @@ by whoever uses it.
 
 from __future__ import annotations
 
+from traceback import walk_tb
 from typing import TYPE_CHECKING, Any, Literal
 
-from coheft.errors import PluginError
+from coheft.errors import PluginError, one_line
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint, EntryPoints
@@ -54,17 +55,26 @@ def load_plugin(kind: Kind, name: str) -> Any:
         return points[0].load()
     except Exception as error:  # whatever somebody else's module raises
         raise PluginError(
-            f"the {kind} {name!r}, {points[0].value} of {_package(points[0])}, cannot be imported: {told(error)}"
+            f"the {kind} {name!r}, {points[0].value} of {_package(points[0])}, cannot be imported: "
+            f"{told(error, points[0].module)}"
         ) from error
 
 
-def told(error: Exception) -> str:
-    """An exception from somebody else's code in one line, with the place where it was raised."""
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    place = f" ({trace.tb_frame.f_code.co_filename}, line {trace.tb_lineno})" if trace is not None else ""
-    return f"{type(error).__name__}: {error}{place}"
+def told(error: Exception, module: str) -> str:
+    """An exception from somebody else's code in one line, with the place where it was raised.
+
+    Args:
+        error: The exception.
+        module: Name of theirs. The last place in its package counts: what is wrong is there, not in what it calls.
+    """
+    frames = [(frame, line) for frame, line in walk_tb(error.__traceback__)]
+    package = module.partition(".")[0]
+    theirs = [each for each in frames if each[0].f_globals.get("__name__", "").partition(".")[0] == package]
+    place = ""
+    if frames:
+        frame, line = (theirs or frames)[-1]
+        place = f" ({frame.f_code.co_filename}, line {line})"
+    return f"{type(error).__name__}: {one_line(str(error))}{place}"
 
 
 def _points(kind: Kind, name: str) -> list[EntryPoint]:

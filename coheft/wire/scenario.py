@@ -197,7 +197,7 @@ class Scenario(Section, frozen=True):
         estimator: Which method the agents use: ``efficient``, ``seed``, or one of your own, see docs/own.md.
         seed_method: Settings of the estimator ``seed``.
         efficient: Settings of the estimator ``efficient``.
-        settings: Of estimators and motions of your own, a table each, ``settings.NAME``.
+        settings: Of the estimator and the motion of your own that are used, a table each, ``settings.NAME``.
         converged: When an estimate is good enough.
         lookahead: Blocks that the server may run ahead of the slowest agent; also the lag of references.
     """

@@ -17,7 +17,12 @@ from coheft.wire.motion_checks import check_motion
 from coheft.wire.payload_extent import check_load_places
 from coheft.wire.plugins import Kind, available, is_available
 from coheft.wire.scenario import Scenario
+from coheft.wire.scenario_errors import did_you_mean
 
+_KEYS: dict[Kind, str] = {"estimator": "estimator", "motion": "motion.own"}
+"""Where a scenario names which it uses."""
+_SECTIONS = {"efficient": "efficient", "seed": "seed_method"}
+"""Where settings of the estimators go that come with coheft."""
 _LEAST_NOISE = 1e-3
 """In units of the nominal noise."""
 _LEVEL = 1e-9
@@ -179,27 +184,51 @@ def check_plugins(scenario: Scenario, origin: str) -> None:
     Raises:
         ScenarioError: One is not.
     """
-    chosen: list[tuple[str, Kind, str | None]] = [
-        ("estimator", "estimator", scenario.estimator),
-        ("motion.own", "motion", scenario.motion.own),
-    ]
-    for key, kind, name in chosen:
+    chosen = {"estimator": scenario.estimator, "motion": scenario.motion.own}
+    for kind, key in _KEYS.items():
+        name = chosen[kind]
         if name is not None and not is_available(kind, name):
+            there = available(kind)
             raise ScenarioError(
-                f"{origin}: key '{key}': found {name!r}, expected one of: {', '.join(available(kind)) or 'none'}. "
-                f"Your own must be installed first, see docs/own.md"
+                f"{origin}: key '{key}': found {name!r}, expected one of: {', '.join(there) or 'none'}."
+                f"{did_you_mean(name, there)} Your own must be installed first, see docs/own.md"
             )
     for name, table in scenario.settings.items():
-        if not (is_available("estimator", name) or is_available("motion", name)):
-            there = ", ".join([*available("estimator"), *available("motion")])
+        if name in _SECTIONS and name != scenario.motion.own:
             raise ScenarioError(
-                f"{origin}: key 'settings.{one_line(name)}': there is no such estimator or motion; there are: {there}"
+                f"{origin}: key 'settings.{name}': these tables are for estimators and motions of your own; settings "
+                f"of '{name}' go under [{_SECTIONS[name]}]"
+            )
+        if not (is_available("estimator", name) or is_available("motion", name)):
+            there = [*available("estimator"), *available("motion")]
+            raise ScenarioError(
+                f"{origin}: key 'settings.{one_line(name)}': there is no such estimator or motion."
+                f"{did_you_mean(name, there)} There are: {', '.join(there)}"
             )
         for place, value in _leaves(table, f"settings.{name}"):
             if not isinstance(value, bool | float | str) and not (isinstance(value, int) and abs(value) < 2**63):
                 raise ScenarioError(
                     f"{origin}: key '{place}': expected a number of 64 bits, text, true or false; found {value!r}"
                 )
+
+
+def check_settings_used(scenario: Scenario, origin: str) -> None:
+    """Check that no settings are of what the scenario does not use.
+
+    A run with another estimator than its scenario says may well leave some out.
+
+    Raises:
+        ScenarioError: Some are.
+    """
+    motion = scenario.motion.own
+    for name in scenario.settings:
+        if name not in (scenario.estimator, motion):
+            keys = [f'{key} = "{name}"' for kind, key in _KEYS.items() if is_available(kind, name)]
+            own_motion = "no motion of your own" if motion is None else f"the motion '{motion}'"
+            raise ScenarioError(
+                f"{origin}: key 'settings.{name}': found settings of what this scenario does not use: its estimator is "
+                f"'{scenario.estimator}', and it names {own_motion}. Leave them out, or add {' or '.join(keys)}"
+            )
 
 
 def _check_one_of(section: msgspec.Struct, keys: tuple[str, ...], place: str, origin: str) -> None:

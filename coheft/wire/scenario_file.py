@@ -17,7 +17,7 @@ from coheft.errors import ScenarioError
 from coheft.wire.payload_extent import check_places
 from coheft.wire.payload_file import read_files
 from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_checks import check_changes_come, check_choices, check_scenario
+from coheft.wire.scenario_checks import check_changes_come, check_choices, check_scenario, check_settings_used
 from coheft.wire.scenario_errors import did_you_mean, explain
 
 _IN_CLONE, _INSTALLED = Path(__file__).resolve().parents[2] / "configs", Path(sys.prefix) / "share/coheft/configs"
@@ -88,6 +88,7 @@ def parse_scenario(text: str, origin: str, folder: Path = Path()) -> Scenario:
         raise ScenarioError(f"{origin}: {explain(error, table)}") from error
     scenario = complete_scenario(scenario, origin, folder)
     check_changes_come(scenario, origin)
+    check_settings_used(scenario, origin)
     return scenario
 
 

@@ -12,7 +12,7 @@ from typing import NoReturn, TypeVar
 
 import msgspec
 
-from coheft.errors import CoheftError, ScenarioError
+from coheft.errors import CoheftError, PluginError, ScenarioError
 from coheft.wire.data_replace import remove_parts
 from coheft.wire.memory import give_back_memory
 
@@ -21,8 +21,9 @@ COMMENT_AFTER = 5.0
 """Who has not been met after so long may never come [s]: it is said whom the process waits for."""
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1")
 """Environment of such a process, whatever numpy was built with: products are small, and processes fill the cores."""
-UNUSABLE_CONFIG = 2
-"""Exit status of a process that was told nothing that it could use."""
+UNUSABLE = 2
+"""Exit status of a process that cannot use what it was told, or an estimator or a motion of the user's own that it was
+told to use: to start it again would not help."""
 KILLED_BY = 128
 """A process that a signal ended has this plus the signal's number as its exit status, as shells have it."""
 TERMINATED = KILLED_BY + signal.SIGTERM
@@ -33,7 +34,7 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     """Read a configuration, one line of JSON, from stdin; run with it until done, or until stdin ends.
 
     SIGINT is left to the supervisor, who gets it too. The exit status is 0, 1 after an error that was foreseen,
-    ``UNUSABLE_CONFIG``, or ``TERMINATED`` after SIGTERM.
+    ``UNUSABLE``, or ``TERMINATED`` after SIGTERM.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
@@ -41,7 +42,7 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
         config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind)
     except (msgspec.DecodeError, ScenarioError) as error:
         print(f"expected {kind.__name__} as one line of JSON on stdin: {error}", file=sys.stderr)
-        sys.exit(UNUSABLE_CONFIG)
+        sys.exit(UNUSABLE)
     _run_in_batches()
     give_back_memory()
     threading.Thread(target=_leave_with_stdin, daemon=True).start()
@@ -49,7 +50,7 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
         run(config)
     except CoheftError as error:
         print(error, file=sys.stderr)
-        sys.exit(1)
+        sys.exit(UNUSABLE if isinstance(error, PluginError) else 1)
     sys.exit(0)
 
 

@@ -29,6 +29,44 @@ class Burst:
     def reference(self, block):
         return np.full((self.block, 12), np.nan if self.is_bad and 10 <= block < 20 else 0.0)
 """
+TALKATIVE = """
+import numpy as np
+from agents.estimator import Belief
+class Talkative:
+    def __init__(self, config, gossip):
+        pass
+    def step(self, index, own, inbox):
+        return {"all": np.zeros(40000)}
+    def fits(self, channels):
+        return True
+    def belief(self):
+        return Belief("poses", False, None, {})
+    def doubts(self):
+        return ()
+"""
+FAULTY = """
+import os, sys
+from pathlib import Path
+from agents.estimator import Belief
+class Faulty:
+    def __init__(self, config, gossip):
+        self.name, self.settings = config.name, config.estimator_settings
+    def step(self, index, own, inbox):
+        if self.name == "r2" and index > 20:
+            crash = Path(self.settings["crash"])
+            if crash.exists():
+                crash.unlink()
+                print("out of memory, perhaps", file=sys.stderr, flush=True)
+                os._exit(7)
+            return {"all": inbox["r9"]["all"]}
+        return {}
+    def fits(self, channels):
+        return True
+    def belief(self):
+        return Belief("poses", False, None, {})
+    def doubts(self):
+        return ()
+"""
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +133,33 @@ def test_errors_list_it_and_say_why_it_cannot_start(site: Path, tmp_path: Path) 
     assert broken.returncode == 1
     assert "the estimator 'bad', bad:Bad of bad, cannot be imported: ModuleNotFoundError" in broken.stderr
     assert "Traceback" not in broken.stderr
+
+
+def test_a_faulty_one_ends_the_run_at_once_with_the_place_and_is_not_started_again(tmp_path: Path) -> None:
+    write_package(tmp_path, "faulty", FAULTY, estimators="faulty = faulty:Faulty")
+    crash = tmp_path / "crash"
+    file = tmp_path / "faulty.toml"
+    text = (ROOT / "configs" / "ring3.toml").read_text()
+    file.write_text(f'estimator = "faulty"\nsettings.faulty.crash = "{crash}"\n{text}')
+    crash.touch()
+    done = coheft(tmp_path, tmp_path, "run", str(file), "--duration", "1000")
+    said = " ".join((done.stdout + done.stderr).split())
+    assert done.returncode == 1, said
+    # That it crashed may have had other reasons; that it raised has not.
+    assert "r2 ended with status 7: out of memory, perhaps; started again (1 of 3)" in said
+    assert said.count("started again (") == 1
+    assert re.search(r"the estimator 'faulty' of r2 at block \d+ \(\d+\.\d\d s\): step raised KeyError: 'r9' ", said)
+    assert f"({tmp_path / 'faulty.py'}, line 15)" in said
+    assert "The run is over, because r2 ended with status 2" in said
+    assert "Traceback" not in said
+
+
+def test_one_that_says_more_than_neighbours_take_is_told_so_before_it_says_it(tmp_path: Path) -> None:
+    write_package(tmp_path, "talkative", TALKATIVE, estimators="talkative = talkative:Talkative")
+    done = coheft(tmp_path, tmp_path, "run", "ring3", "--estimator", "talkative")
+    assert done.returncode == 1, done.stderr
+    place = f"step ({tmp_path / 'talkative.py'}, line 7)"
+    assert f"{place} returned what cannot be used: its arrays take 320.0 kB, expected at most 184.0 kB" in done.stderr
 
 
 def test_a_motion_that_is_not_finite_is_told_with_its_robot_and_in_one_process_ends_the_run(
