@@ -28,7 +28,7 @@ from coheft.wire.messages import (
     Reference,
     Truth,
 )
-from coheft.wire.requests import InjectRequest, PauseRequest, RemoveRequest, StatusRequest, StopRequest
+from coheft.wire.requests import InjectRequest, PauseRequest, RemoveRequest, Status, StatusRequest, StopRequest
 from coheft.wire.supervised import TERMINATED
 from coheft.wire.transport import Keys, Sender, open_session
 
@@ -42,7 +42,8 @@ def test_processes_give_the_same_numbers_as_the_pure_parts_bit_for_bit(tmp_path)
     with running_team(scenario, tmp_path) as team:
         inbox = Inbox()
         at_server, at_agent = team.keys.observe_server, team.keys.observe_agent
-        inbox.listen(team.observer, "server", {at_server("truth"): Truth, at_server("problem"): Problem})
+        from_server = {at_server("truth"): Truth, at_server("problem"): Problem, at_server("end"): Status}
+        inbox.listen(team.observer, "server", from_server)
         agents_observed = [config.observe for config in team.plan.agents.values()]
         with open_session(connect=agents_observed) as other:
             for name in team.plan.agents:
@@ -53,6 +54,8 @@ def test_processes_give_the_same_numbers_as_the_pure_parts_bit_for_bit(tmp_path)
             while any(last not in blocks for blocks in heard.values()):
                 event = inbox.receive(LIMIT)
                 assert isinstance(event, Received), event
+                if isinstance(event.message, Status):
+                    continue  # that it is the end; agents may say their last words later
                 assert isinstance(event.message, Truth | Estimate), event
                 heard[event.source][event.message.block] = encode(event.message, event.source)
     for source in heard:
