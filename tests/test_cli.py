@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import shutil
@@ -221,11 +222,14 @@ def test_a_malformed_scenario_names_file_key_found_and_allowed(
 
 
 def test_a_place_that_cannot_be_written_is_said_without_a_traceback(
-    capfd: pytest.CaptureFixture[str], tmp_path: Path
+    capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "file").write_text("not a folder")
-    assert run_command_line(["run", "ring3", "--write-configs", str(tmp_path / "file")]) == EXIT_ERROR
-    assert capfd.readouterr().err.strip() == f"coheft: {tmp_path / 'file'}: File exists"
+    def fail(*_: object) -> None:
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), "place")
+
+    monkeypatch.setattr("coheft.app.plan.Plan.write", fail)
+    assert run_command_line(["run", "ring3", "--write-configs", str(tmp_path)]) == EXIT_ERROR
+    assert capfd.readouterr().err == "coheft: place: File exists\n"
 
 
 def test_version(capfd: pytest.CaptureFixture[str]) -> None:

@@ -54,11 +54,11 @@ def run(
     save_data: DataTarget = None,
     record: RecordingTarget = None,
     view: Flag = False,
-    logs: GivenPath | None = None,
+    logs: FolderTarget = None,
     secure: Flag = False,
     keys: GivenPath | None = None,
     hosts: GivenPath | None = None,
-    write_configs: GivenPath | None = None,
+    write_configs: FolderTarget = None,
     feedforward: bool | None = None,
 ) -> int:
     """Start the physics server and one process per robot, and watch them find out what they hold.
