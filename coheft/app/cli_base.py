@@ -45,7 +45,9 @@ app = cyclopts.App(
     suppress_keyboard_interrupt=False,  # what Ctrl-C means is up to ``run_command_line``
 )
 
-Vector = Annotated[tuple[float, float, float], Parameter(negative=())]
+Vector = Annotated[
+    tuple[float, float, float], Parameter(negative=(), show_default=lambda vector: " ".join(map(str, vector)))
+]
 Flag = Annotated[bool, Parameter(negative=(), show_default=False)]
 
 
