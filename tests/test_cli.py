@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import shutil
@@ -153,6 +154,15 @@ def test_wrong_usage_exits_with_2_and_says_why(
         (["run", "--json"], "--json needs a value. See 'coheft run --help'"),
         (["identify"], "'coheft identify' needs RECORDING. See 'coheft identify --help'"),
         (["inject", "--mass", "3"], "'coheft inject' needs --at, with 3 values. See 'coheft inject --help'"),
+        (
+            ["inject", "--mas", "3", "--at", "0", "0", "-0.1"],
+            "Unknown option: --mas. Did you mean --mass? See 'coheft inject --help'",
+        ),
+        (["inject", "--mas=3"], "Unknown option: --mas. Did you mean --mass? See 'coheft inject --help'"),
+        (
+            ["inject", "--mass", "3", "--at", "1", "2", "3", "--siz", "1", "1", "1"],
+            "Unknown option: --siz. Did you mean --size? See 'coheft inject --help'",
+        ),
         (["inject", "--mass", "3", "--at", "1", "2"], "--at needs 3 values; found 2. See 'coheft inject --help'"),
     ],
 )
@@ -221,11 +231,14 @@ def test_a_malformed_scenario_names_file_key_found_and_allowed(
 
 
 def test_a_place_that_cannot_be_written_is_said_without_a_traceback(
-    capfd: pytest.CaptureFixture[str], tmp_path: Path
+    capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "file").write_text("not a folder")
-    assert run_command_line(["run", "ring3", "--write-configs", str(tmp_path / "file")]) == EXIT_ERROR
-    assert capfd.readouterr().err.strip() == f"coheft: {tmp_path / 'file'}: File exists"
+    def fail(*_: object) -> None:
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), "place")
+
+    monkeypatch.setattr("coheft.app.plan.Plan.write", fail)
+    assert run_command_line(["run", "ring3", "--write-configs", str(tmp_path)]) == EXIT_ERROR
+    assert capfd.readouterr().err == "coheft: place: File exists\n"
 
 
 def test_version(capfd: pytest.CaptureFixture[str]) -> None:
@@ -237,6 +250,14 @@ def test_help_tells_the_exit_status(capfd: pytest.CaptureFixture[str]) -> None:
     assert run_command_line(["--help"]) == EXIT_CONVERGED
     text = " ".join(capfd.readouterr().out.split())
     assert "3 not every robot had converged at the end (or: not all was reached)" in text
+
+
+def test_help_tells_how_changes_and_places_are_written(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line(["run", "--help"]) == EXIT_CONVERGED
+    text = " ".join(capfd.readouterr().out.replace("│", " ").split())
+    assert "t=20,mass=3,at=0.4,0.3,0.1 drops a load: t is when [s], mass how much [kg], at where in the" in text
+    assert run_command_line(["inject", "--help"]) == EXIT_CONVERGED
+    assert "[default: 0.1 0.1 0.1]" in " ".join(capfd.readouterr().out.replace("│", " ").split())
 
 
 def test_help_offers_no_empty_vectors(capfd: pytest.CaptureFixture[str]) -> None:

@@ -62,7 +62,13 @@ def refused(line: str, complaint: str, capfd: pytest.CaptureFixture[str], place:
         ("run ring3 --json ''", "--json: expected a file, or - for standard output; found ''"),
         ("run ring3 --report ''", "--report: expected the name of a file or folder; found ''"),
         ("run ring3 --report file", "--report: expected a folder; found the file 'file'"),
-        ("run ring3 --report file/below", "--report: may not write into 'file/below'"),
+        ("run ring3 --report file/below", "--report: expected a folder; found the file 'file'"),
+        ("run ring3 --logs file", "--logs: expected a folder; found the file 'file'"),
+        ("run ring3 --logs file/below/it", "--logs: expected a folder; found the file 'file'"),
+        ("run ring3 --write-configs file", "--write-configs: expected a folder; found the file 'file'"),
+        ("run ring3 --write-configs file/below", "--write-configs: expected a folder; found the file 'file'"),
+        ("keys file", "FOLDER: expected a folder; found the file 'file'"),
+        ("keys file/below", "FOLDER: expected a folder; found the file 'file'"),
         ("run ring3 --save-data folder.npz", "--save-data: expected a file; found the folder 'folder.npz'"),
         ("run ring3 --save-data file", "--save-data: expected a folder; found the file 'file'"),
         (
@@ -116,10 +122,16 @@ def test_what_cannot_be_is_refused_before_anything_is_run(
 
 @pytest.mark.usefixtures("nothing_runs")
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder that takes no files from anybody")
-@pytest.mark.parametrize("option", ["--json", "--report", "--save-data", "--record"])
+@pytest.mark.parametrize("option", ["--json", "--report", "--save-data", "--record", "--logs", "--write-configs"])
 def test_folders_that_take_no_files_are_found_out(option: str, capfd: pytest.CaptureFixture[str], place: Path) -> None:
     suffix = {"--json": ".json", "--save-data": ".npz", "--record": ".mcap"}.get(option, "")
     refused(f"run ring3 {option} /proc/x{suffix}", f"{option}: may not write", capfd, place)
+
+
+@pytest.mark.usefixtures("nothing_runs")
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder that takes no files from anybody")
+def test_a_folder_for_keys_that_takes_no_files_is_found_out(capfd: pytest.CaptureFixture[str], place: Path) -> None:
+    refused("keys /proc/x", "FOLDER: may not write into '/proc/x'", capfd, place)
 
 
 @pytest.mark.parametrize("command", ["cart --figures", "study --report"])

@@ -218,7 +218,7 @@ PROPERTIES = "properties = { mass = 1.0, com = [0, 0, 0], principal = [1, 1, 1] 
     [
         (f"{BOXES}\n{PROPERTIES}", "", "key 'payload': found both 'boxes' and 'properties'"),
         ("", "", "key 'payload': found neither 'boxes' nor 'properties'"),
-        (PROPERTIES.replace("1, 1, 1", "1, 1, 3"), "", "key 'payload.properties.principal'"),
+        (PROPERTIES.replace("1, 1, 1", "1, 1, 3"), "", r"principal': found \[1.0, 1.0, 3.0\], but no body"),
         (BOXES, "stiffness = [800.0, 0.0]", "key 'robots.damping'"),
     ],
 )

@@ -45,7 +45,9 @@ app = cyclopts.App(
     suppress_keyboard_interrupt=False,  # what Ctrl-C means is up to ``run_command_line``
 )
 
-Vector = Annotated[tuple[float, float, float], Parameter(negative=())]
+Vector = Annotated[
+    tuple[float, float, float], Parameter(negative=(), show_default=lambda vector: " ".join(map(str, vector)))
+]
 Flag = Annotated[bool, Parameter(negative=(), show_default=False)]
 
 
@@ -94,9 +96,9 @@ def _check_parent(value: Path) -> None:
 def _is_folder(_: object, value: Path | None) -> None:
     if value is None:
         return
-    if value.exists() and not value.is_dir():
-        raise ValueError(f"expected a folder; found the file {str(value)!r}")
-    there = next(folder for folder in (value.absolute(), *value.absolute().parents) if folder.exists())
+    there = next(place for place in (value, *value.parents) if os.path.lexists(place))
+    if not there.is_dir():
+        raise ValueError(f"expected a folder; found the file {str(there)!r}")
     if not _takes_files(there):
         raise ValueError(f"may not write into {str(value)!r}")
 
@@ -179,6 +181,7 @@ RunFolder = Annotated[
 ]
 ReportTarget = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_is_target)]
 FileTarget = Annotated[Path | None, Parameter(converter=_path, validator=_is_file)]
+NewFolder = Annotated[Path, Parameter(converter=_path, validator=_is_folder)]
 FolderTarget = Annotated[Path | None, Parameter(converter=_path, validator=_is_folder)]
 DataTarget = Annotated[Path | None, Parameter(converter=_path, validator=_is_data_target)]
 RecordingTarget = Annotated[Path | None, Parameter(converter=_path, validator=_is_new_recording)]

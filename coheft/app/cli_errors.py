@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 import shutil
 import sys
@@ -33,6 +34,10 @@ def _what(error: cyclopts.CycloptsError, command: str) -> str:
             found = f"; found {len(error.tokens_so_far)}" if error.tokens_so_far else ""
             if argument.name in (error.unused_tokens or ()):
                 return f"{_name(argument)} needs {values}{found}"
+            words = [word.partition("=")[0] for word in error.unused_tokens or () if word.startswith("-")]
+            misspelt = difflib.get_close_matches(argument.name, words, n=1)
+            if misspelt:
+                return f"Unknown option: {misspelt[0]}. Did you mean {argument.name}?"
             return f"'{command}' needs {_name(argument)}" + (f", with {values}" if count > 1 else "")
         case cyclopts.CoercionError(argument=cyclopts.Argument() as argument, token=token) if token is not None:
             expected = _KINDS.get(error.target_type) if isinstance(error.target_type, type) else None

@@ -7,12 +7,12 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from coheft.app.cli_base import PARTS, GivenPath, app
+from coheft.app.cli_base import PARTS, GivenPath, NewFolder, app
 
 
 @app.command(group=PARTS)
 def keys(
-    folder: GivenPath,
+    folder: NewFolder,
     scenario: str = "ring6",
     *,
     hosts: GivenPath | None = None,

@@ -54,11 +54,11 @@ def run(
     save_data: DataTarget = None,
     record: RecordingTarget = None,
     view: Flag = False,
-    logs: GivenPath | None = None,
+    logs: FolderTarget = None,
     secure: Flag = False,
     keys: GivenPath | None = None,
     hosts: GivenPath | None = None,
-    write_configs: GivenPath | None = None,
+    write_configs: FolderTarget = None,
     feedforward: bool | None = None,
 ) -> int:
     """Start the physics server and one process per robot, and watch them find out what they hold.
@@ -70,9 +70,10 @@ def run(
     scenario:
         Name of a shipped scenario (see 'coheft scenarios'), or a path that ends with .toml.
     change:
-        A change of the load, instead of the scenario's own: t=20,mass=3,at=0.4,0.3,0.1 drops 3 kg at 20 s, at a place
-        in the payload's frame [m]; with size=0.2,0.2,0.1 its edge lengths [m]; with leak=0.1 it loses 0.1 kg/s from
-        then on. t=30,remove=1 takes the first load away. May be given more than once.
+        A change of the load, instead of the scenario's own. For instance, t=20,mass=3,at=0.4,0.3,0.1 drops a load: t is
+        when [s], mass how much [kg], at where in the payload's frame [m]. With size=0.2,0.2,0.1 it has these edge
+        lengths [m], with leak=0.1 it loses so much from then on [kg/s]. t=30,remove=1 takes the first load away. May be
+        given more than once.
     duration:
         Simulated time [s].
     seed:

@@ -19,6 +19,7 @@ from coheft.errors import LinkError, ScenarioError
 from coheft.wire.planes import SERVER
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_errors import explain
+from coheft.wire.toml_value import as_toml
 
 _LARGEST_PORT = 65535
 LOOPBACK = "127.0.0.1"
@@ -115,7 +116,8 @@ def load_hosts(path: Path, scenario: Scenario) -> Hosts:
     for part, host in hosts.hosts.items():
         if not _is_host(host):
             raise ScenarioError(
-                f"{path}: key 'hosts.{part}': found {host!r}, expected an address, such as 192.168.0.7, or a host name"
+                f"{path}: key 'hosts.{part}': found {as_toml(host)}, expected an address, such as 192.168.0.7, or a "
+                f"host name"
             )
     local = [part for part in parts if _is_loopback(hosts.of(part))]
     if hosts.are_remote and local:

@@ -21,6 +21,7 @@ from coheft.wire.transport import ROLES
 
 try:
     from cryptography import x509
+    from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
     from cryptography.hazmat.primitives import hashes, serialization
     from cryptography.hazmat.primitives.asymmetric import ec
     from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
@@ -29,6 +30,8 @@ except ImportError as error:
 
 CLOCK_TOLERANCE = timedelta(minutes=5)
 """By how much the clocks of two hosts may differ when certificates are new."""
+_MINUTE = "%Y-%m-%d %H:%M"
+"""How a time is written in errors."""
 
 
 @dataclass(frozen=True)
@@ -117,24 +120,70 @@ def make_keys(
 
 
 def check_keys(folder: Path, scenario: Scenario, hosts: Hosts | None = None) -> None:
-    """Check that everybody's certificate holds now, and at the address where it is needed: links would only stay away.
+    """Check that everybody's certificate holds now, is signed, and is for where it is used: links would only stay away.
 
     Raises:
-        CoheftError: One does not.
+        CoheftError: One is not, or its key is another's.
     """
     for name in (SERVER, *scenario.robot_names, *ROLES):
-        path = Path(credentials_in(folder, name).certificate)
+        files = credentials_in(folder, name)
+        authority, path = Path(files.authority), Path(files.certificate)
+        certificate, signer = _load_certificate(path), _load_certificate(authority)
+        _check_time(authority, signer)
+        _check_time(path, certificate)
         try:
-            certificate = x509.load_pem_x509_certificate(path.read_bytes())
-            known = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-        except (OSError, ValueError, x509.ExtensionNotFound) as error:
-            raise CoheftError(f"{path} is no certificate that 'coheft keys' made: {error}") from error
-        end = certificate.not_valid_after_utc
-        if end <= datetime.now(UTC):
-            raise CoheftError(f"{path} has expired on {end:%Y-%m-%d %H:%M} UTC: make new keys in another folder")
+            certificate.verify_directly_issued_by(signer)
+        except (InvalidSignature, TypeError, ValueError) as error:
+            raise CoheftError(
+                f"{path} is signed by another authority than {authority}: take all files from one folder that "
+                f"'coheft keys' made, or make new keys in another folder"
+            ) from error
+        _check_key(Path(files.key), path, certificate)
+        if certificate.subject != _name(name):
+            raise CoheftError(
+                f"{path} is a certificate of {certificate.subject.rfc4514_string()}, expected CN={name}: give files "
+                f"back the names that 'coheft keys' gave them, or make new keys in another folder"
+            )
         host = hosts.of(name) if hosts is not None else LOOPBACK
-        if name not in ROLES and _host(host) not in known:
+        if name not in ROLES and _host(host) not in _hosts_in(path, certificate):
             raise CoheftError(f"{path} is not for {host}, where {name} runs: make keys in another folder, with --hosts")
+
+
+def _load_certificate(path: Path) -> x509.Certificate:
+    try:
+        return x509.load_pem_x509_certificate(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise CoheftError(f"{path} is no certificate that 'coheft keys' made: {error}") from error
+
+
+def _hosts_in(path: Path, certificate: x509.Certificate) -> x509.SubjectAlternativeName:
+    try:
+        return certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except (ValueError, x509.ExtensionNotFound) as error:
+        raise CoheftError(f"{path} is no certificate that 'coheft keys' made: {error}") from error
+
+
+def _check_time(path: Path, certificate: x509.Certificate) -> None:
+    begin, end, now = certificate.not_valid_before_utc, certificate.not_valid_after_utc, datetime.now(UTC)
+    if end <= now:
+        raise CoheftError(f"{path} has expired on {end:{_MINUTE}} UTC: make new keys in another folder")
+    if now < begin:
+        raise CoheftError(
+            f"{path} holds from {begin:{_MINUTE}} UTC on, but it is {now:{_MINUTE}} UTC here: set the clock, or make "
+            f"new keys in another folder"
+        )
+
+
+def _check_key(path: Path, of: Path, certificate: x509.Certificate) -> None:
+    try:
+        key = serialization.load_pem_private_key(path.read_bytes(), password=None)
+    except (OSError, TypeError, ValueError, UnsupportedAlgorithm) as error:
+        raise CoheftError(f"{path} is no key that 'coheft keys' made: {error}") from error
+    if key.public_key() != certificate.public_key():
+        raise CoheftError(
+            f"{path} is not the key of {of}: take both from one folder that 'coheft keys' made, or make new keys in "
+            f"another folder"
+        )
 
 
 def _builder(

@@ -18,6 +18,7 @@ from coheft.wire.payload_extent import check_load_places
 from coheft.wire.plugins import Kind, available, is_available
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_errors import did_you_mean
+from coheft.wire.toml_value import as_toml
 
 _KEYS: dict[Kind, str] = {"estimator": "estimator", "motion": "motion.own"}
 """Where a scenario names which it uses."""
@@ -39,8 +40,8 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
     payload = scenario.payload
     if payload.properties is not None and not np.all(np.linalg.eigvalsh(payload.inertia().pseudo_inertia()) > 0.0):
         raise ScenarioError(
-            f"{origin}: key 'payload.properties.principal': found {payload.properties.principal}, but no body has a "
-            f"moment of inertia larger than the sum of the two others"
+            f"{origin}: key 'payload.properties.principal': found {list(payload.properties.principal)}, but no body "
+            f"has a moment of inertia larger than the sum of the two others"
         )
     robots = scenario.robots
     if robots.stiffness[1] == 0.0 and robots.damping[1] > 0.0:
@@ -208,7 +209,8 @@ def check_plugins(scenario: Scenario, origin: str) -> None:
         for place, value in _leaves(table, f"settings.{name}"):
             if not isinstance(value, bool | float | str) and not (isinstance(value, int) and abs(value) < 2**63):
                 raise ScenarioError(
-                    f"{origin}: key '{place}': expected a number of 64 bits, text, true or false; found {value!r}"
+                    f"{origin}: key '{place}': expected a number of 64 bits, text, true or false; found "
+                    f"{as_toml(value)}"
                 )
 
 

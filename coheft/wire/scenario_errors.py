@@ -11,6 +11,7 @@ from msgspec import inspect as types
 from coheft.wire.expected import expected_by_msgspec
 from coheft.wire.scenario import Scenario
 from coheft.wire.section import NAME_IN_WORDS
+from coheft.wire.toml_value import as_toml
 
 _SHOWN = 100
 """Characters of a key or a value that an error shows."""
@@ -26,7 +27,7 @@ def explain(error: msgspec.ValidationError, table: dict[str, object], section: t
     """
     message = str(error)
     match = re.search(r" - at `\$(.*)`$", message, re.DOTALL)
-    place = match.group(1).lstrip(".") if match else ""
+    place = match.group(1).lstrip(".").replace("[...]", "") if match else ""  # msgspec's for any key of a table
     text = message[: match.start()] if match else message
     unknown = re.search(r"unknown field `(.*)`", text, re.DOTALL)
     if unknown is not None:
@@ -56,10 +57,10 @@ def _expected(text: str, place: str, kind: types.Type | None) -> str:
         return "expected names of sites of the model, as text; places go under 'robots.grasps'"
     match kind:
         case types.LiteralType(values=values):
-            return f"expected one of {', '.join(map(repr, values))}"
+            return f"expected one of {', '.join(map(as_toml, values))}"
         case types.UnionType(types=alternatives) if text.startswith("Invalid enum value"):
-            words = [repr(word) for each in alternatives if isinstance(each, types.LiteralType) for word in each.values]
-            return f"expected one of {', '.join(words)}, a number"
+            words = [word for each in alternatives if isinstance(each, types.LiteralType) for word in each.values]
+            return f"expected one of {', '.join(map(as_toml, words))}, a number"
         case types.StrType(pattern=str()):
             return f"expected {NAME_IN_WORDS}"
         case types.TupleType(item_types=items):
@@ -105,7 +106,7 @@ def _without_null(kind: types.Type) -> types.Type:
 def _shown(value: object) -> str:
     """The value for an error."""
     try:
-        text = repr(value)
+        text = as_toml(value)
     except ValueError:  # Python writes no decimal numbers of more than 4300 digits
         return "a number of thousands of digits"
     return _short(text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import stat
 import threading
 from collections.abc import Iterator
@@ -17,7 +18,7 @@ from cryptography import x509
 
 from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, run_command_line
 from coheft.app.hosts import Hosts, free_ports, load_hosts
-from coheft.app.keys import check_keys, make_keys
+from coheft.app.keys import Authority, check_keys, make_keys
 from coheft.app.plan import make_plan
 from coheft.errors import CoheftError, LinkError, ScenarioError
 from coheft.wire import backlog as backlog_module
@@ -274,8 +275,41 @@ def test_keys_that_would_open_nothing_are_refused_before_the_run(secure, tmp_pat
     with pytest.raises(CoheftError, match=r"there is no r5.crt and no r5.key"):
         check_keys(secure.keys, small_scenario(COUNT + 1))
     make_keys(tmp_path / "old", scenario, lifetime=timedelta(seconds=-1))
-    with pytest.raises(CoheftError, match=r"server.crt has expired on .* UTC"):
+    with pytest.raises(CoheftError, match=r"authority.crt has expired on .* UTC"):
         check_keys(tmp_path / "old", scenario)
+
+
+def test_keys_of_another_clock_are_refused_before_the_run(tmp_path, monkeypatch):
+    monkeypatch.setattr("coheft.app.keys.CLOCK_TOLERANCE", timedelta(hours=-1))
+    make_keys(tmp_path / "early", small_scenario(COUNT))
+    with pytest.raises(CoheftError, match=r"authority.crt holds from .* UTC on, but it is .* UTC here: set the clock"):
+        check_keys(tmp_path / "early", small_scenario(COUNT))
+
+
+@pytest.mark.parametrize(
+    ("taken", "name", "complaint"),
+    [
+        ("other/r2.*", "r2", r"keys/r2.crt is signed by another authority than .*keys/authority.crt: take all files"),
+        ("other/operator.*", "operator", r"operator.crt is signed by another authority"),
+        ("other/authority.crt", "authority", r"server.crt is signed by another authority"),
+        ("other/r2.key", "r2", r"keys/r2.key is not the key of .*keys/r2.crt: take both from one folder"),
+        ("keys/r3.*", "r2", r"keys/r2.crt is a certificate of CN=r3, expected CN=r2"),
+        ("old/r2.*", "r2", r"keys/r2.crt has expired on .* UTC: make new keys in another folder"),
+        ("broken/it.key", "r2", r"keys/r2.key is no key that 'coheft keys' made"),
+        ("broken/it.crt", "r2", r"keys/r2.crt is no certificate that 'coheft keys' made"),
+    ],
+)
+def test_files_that_do_not_fit_together_are_refused_before_the_run(taken, name, complaint, secure, tmp_path):
+    """Each would be found out by links that do not come, after a minute."""
+    make_keys(tmp_path / "other", small_scenario(COUNT))
+    Authority.load(secure.keys).issue(tmp_path / "old", "r2", lifetime=timedelta(seconds=-1))
+    (tmp_path / "broken").mkdir()
+    for suffix in (".crt", ".key"):
+        (tmp_path / "broken" / f"it{suffix}").write_text("rubbish")
+    for path in tmp_path.glob(taken):
+        shutil.copy(path, secure.keys / f"{name}{path.suffix}")
+    with pytest.raises(CoheftError, match=complaint):
+        check_keys(secure.keys, small_scenario(COUNT))
 
 
 def test_the_command_line_makes_keys_and_runs_with_them(tmp_path):
