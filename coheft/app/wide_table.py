@@ -21,13 +21,16 @@ def print_table(console: Console, table: Table) -> None:
     if needed > console.width and console.is_terminal:
         _print_lines(console, table)
         return
-    room = max(0, console.width - needed)
     ranges = [_widths(console, column) for column in table.columns]
-    by_lack = sorted(zip(table.columns, ranges, strict=True), key=lambda each: each[1].span)
-    for column, (least, most) in by_lack:  # those that lack least first: as few as possible have to wrap
-        given = min(room, most - least)
-        room -= given
-        column.min_width = column.max_width = least + given
+    given = [least for least, _ in ranges]
+    edges = needed - sum(given)
+    for widest in range(console.width + 1):  # rich alone would break words to make the widest columns narrower
+        wider = [max(least, min(most, widest)) for least, most in ranges]
+        if sum(wider) + edges <= console.width:
+            given = wider
+    for column, width in zip(table.columns, given, strict=True):
+        column.min_width = column.max_width = width
+    table.width = sum(given) + edges
     console.print(table, crop=False)
 
 
@@ -53,7 +56,7 @@ def _widths(console: Console, column: Column) -> Measurement:
 def _print_lines(console: Console, table: Table) -> None:
     """A line for each value, an empty one after each row."""
     if table.title is not None:
-        console.print(table.title, style=table.title_style or "bold")
+        console.print(table.title, style=table.title_style or "bold", highlight=False)
     for row in zip(*(column.cells for column in table.columns), strict=True):
         for column, cell in zip(table.columns, row, strict=True):
             if str(cell):
