@@ -29,7 +29,11 @@ The same for all commands; but `coheft view` ends with 0 after Ctrl-C, which is 
 ## Output
 
 - **Terminal.** A live display that fits 80 columns; errors are one sentence, without a traceback, on standard error.
+- Windows of other sizes: tables that do not fit get a line for each value. In one of few lines `coheft run` shows the
+  robots that are worst off, and how many more there are; in one that has no room for a row, a line about all.
 - **No terminal** (a pipe, a file, a log): plain lines, without colours and without drawing anything twice.
+- Standard output that is closed, or a full disk: a run goes on to its end and saves its files; then comes an error.
+  If whoever reads has gone, as with `coheft run | head -1`, the same without a word; `coheft watch` ends then.
 - Files: `coheft run` ends with a line for each that it has written.
 - `NO_COLOR=1`: no colours.
 - `--quiet`: nothing but errors. The exit status says how it went.

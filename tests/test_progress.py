@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from io import StringIO
 
 import pytest
 from rich.console import Console
 
 from coheft.app.progress import show_progress
+from tests.escapes import SEQUENCE
 
 
-def shown(total: int, *, terminal: bool = False, quiet: bool = False) -> str:
+def shown(total: int, *, terminal: bool = False, quiet: bool = False, width: int = 80) -> str:
     """What is shown while all is done, one after the other."""
     out = StringIO()
-    console = Console(file=out, force_terminal=terminal, width=80)
+    console = Console(file=out, force_terminal=terminal, width=width)
     with show_progress(console, "runs", total, quiet=quiet) as told:
         for done in range(1, total + 1):
             told(done, "0 failed" if done == total else "")
@@ -37,6 +39,15 @@ def test_on_a_terminal_there_is_a_bar() -> None:
     assert "12/12" in text
     assert "0 failed" in text
     assert "of 12 runs" not in text
+
+
+@pytest.mark.parametrize("width", [18, 30, 49, 50, 80])
+def test_in_a_window_of_any_width_the_count_is_complete(width: int) -> None:
+    text = SEQUENCE.sub("", shown(1200, terminal=True, width=width))
+    assert "1200/1200" in text
+    assert "0 failed" in " ".join(text.split())
+    assert "…" not in text
+    assert max(map(len, re.split("[\r\n]", text))) <= width
 
 
 @pytest.mark.parametrize("terminal", [False, True])

@@ -17,7 +17,7 @@ from coheft.app.record import Record
 from coheft.app.report import build_report
 from coheft.app.terminal import LineDisplay, LiveDisplay, QuietDisplay, make_display
 from coheft.estimation.rigid_body import Inertia
-from coheft.wire.messages import Estimate, Problem
+from coheft.wire.messages import Estimate, Problem, Scene
 from tests.escapes import COLOUR, SEQUENCE
 from tests.synthetic_run import BLOCK, GRASPS, HEAVY, INFO, LIGHT, SCENE, changing_run, estimate, recorded, truth
 
@@ -84,6 +84,66 @@ def test_a_terminal_shows_who_is_stale_and_why(record: Record) -> None:
         assert any(line.startswith(start) for line in lines)
     assert any(line.startswith("stale r1, r2: r3 is silent since 3.98 s, and !!!") for line in lines)
     assert max(map(len, lines)) <= 80
+
+
+TEAM = [f"r{number:02}" for number in range(1, 25)]
+STATES = {"stale": 3, "finding neighbours": 4, "weighing": 5, "converged": 12}
+
+
+def large_team() -> Record:
+    """24 robots, those that are worst off come last."""
+    robots = len(TEAM)
+    neighbours = {name: [TEAM[(k + 1) % robots]] for k, name in enumerate(TEAM)}
+    poses = {"rotations": np.tile(np.eye(3), (robots, 1, 1)), "translations": np.zeros((robots, 3))}
+    record = Record(Scene(robots=TEAM, neighbours=neighbours, **poses), duration=20.0)
+    samples = np.zeros((robots, 15))
+    record.add_truth(msgspec.structs.replace(truth(9, HEAVY), samples=samples))
+    likes = {
+        "stale": stale("r1", 9, "r3 is silent"),
+        "finding neighbours": estimate("r1", 9, None, converged=False, phase="poses"),
+        "weighing": estimate("r1", 9, HEAVY, converged=False),
+        "converged": estimate("r1", 9, HEAVY),
+    }
+    states = [state for state, count in reversed(STATES.items()) for _ in range(count)]
+    for name, state in zip(TEAM, states, strict=True):
+        reasons = [f"{name} feels something"] if state == "stale" else []
+        record.add_estimate(msgspec.structs.replace(likes[state], robot=name, poses={}, reasons=reasons))
+    return record
+
+
+def picture(record: Record, width: int, height: int) -> list[str]:
+    """The lines of the last drawing."""
+    out = io.StringIO()
+    with LiveDisplay(Console(file=out, width=width, height=height, force_terminal=True)) as display:
+        display.update(record)
+        drawing = out.getvalue()
+    lines = SEQUENCE.sub("", drawing).split("\r")[-1].splitlines()
+    assert len(lines) <= height
+    assert max(map(len, lines)) <= width
+    return [line.rstrip() for line in lines]
+
+
+def test_a_window_that_has_too_few_lines_for_all_robots_shows_the_worst_and_how_many_more_there_are() -> None:
+    lines = picture(large_team(), 80, 20)
+    assert [line.split()[0] for line in lines[2:15]] == [*TEAM[21:], *TEAM[17:21], *TEAM[12:17], TEAM[0]]
+    assert lines[15] == "and 11 more: 11 converged"
+    assert lines[16:] == [f"stale {name}: {name} feels something" for name in TEAM[21:]]
+    assert [line.split()[0] for line in picture(large_team(), 80, 30)[2:26]] == TEAM, "as in the team if all fit"
+
+
+def test_a_window_of_few_lines_has_room_for_a_robot_and_a_reason() -> None:
+    lines = picture(large_team(), 80, 6)
+    assert lines[2].startswith("r22    stale")
+    assert lines[3] == "and 23 more: 2 stale, 4 finding neighbours, 5 weighing, 12 converged"
+    assert lines[4] == "and 3 more reasons"
+
+
+@pytest.mark.parametrize(("width", "height"), [(60, 24), (30, 24), (80, 5)])
+def test_in_a_window_without_room_for_a_row_a_line_stands_for_all(width: int, height: int) -> None:
+    text = " ".join(" ".join(picture(large_team(), width, height)).split())
+    assert text == (
+        "0.2 s of 20 s: 12 converged, 5 weighing, 4 finding neighbours, 3 stale; mass 13.00 to 13.00 kg (true 13.00)"
+    )
 
 
 def test_plain_lines_tell_once_that_all_have_noticed_another_load() -> None:

@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.table import Table
 
 from coheft.app.report import CarryPhaseReport, CarryReport, LoadDropReport
+from coheft.app.wide_table import print_table
 
 _WHAT = {
     "alone": "each for itself",
@@ -31,7 +32,7 @@ def print_carry(console: Console, report: CarryReport) -> None:
         table.add_row(*_row(phase))
     table.add_row("sensors' noise", "", "", _pushed(report.noise_force_n, report.noise_torque_nm))
     console.print()
-    console.print(table)
+    print_table(console, table)
     is_promised = {"springs", "feedforward"} <= {phase.what for phase in report.phases}
     for drop in report.drops:
         console.print(_sentence(drop, is_promised=is_promised), markup=False, highlight=False)

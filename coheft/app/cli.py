@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import errno
 import re
 import sys
 import textwrap
@@ -36,6 +36,7 @@ from coheft.app.cli_base import (
     app,
 )
 from coheft.app.cli_errors import complain, explain_usage
+from coheft.app.standard_output import lost_output
 from coheft.errors import CoheftError, ScenarioError, UsageError
 
 _WIDTH = 80
@@ -44,9 +45,19 @@ _WIDTH = 80
 
 def run_command_line(arguments: Sequence[str]) -> int:
     """Carry out one command and return the exit status; what goes wrong is said in a line, without a traceback."""
+    status = _carry_out(arguments)
+    failure = lost_output()
+    if failure is None:
+        return status
+    if not isinstance(failure, BrokenPipeError):  # then whoever read our output has seen enough, as 'head' does
+        reason = "it is closed" if failure.errno == errno.EBADF else failure.strerror
+        complain(f"standard output: {reason}; what was printed is lost")
+    return status if status in (EXIT_USAGE, EXIT_INTERRUPTED) else EXIT_ERROR
+
+
+def _carry_out(arguments: Sequence[str]) -> int:
     try:
         status = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
-        sys.stdout.flush()
     except cyclopts.CycloptsError as error:
         return _fail(explain_usage(error), EXIT_USAGE)
     except (ScenarioError, UsageError) as error:
@@ -56,10 +67,9 @@ def run_command_line(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt as interruption:  # a run says what it has not written
         print(str(interruption) or "stopped", file=sys.stderr)
         return EXIT_INTERRUPTED
-    except BrokenPipeError:  # whoever read our output has seen enough, as 'head' does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_ERROR
     except OSError as error:  # a place that cannot be written, a full disk
+        if error is lost_output():
+            return EXIT_ERROR
         return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error), EXIT_ERROR)
     return int(status or 0)
 

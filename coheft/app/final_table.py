@@ -14,6 +14,7 @@ from coheft.app.digits import decimals_for, error_and_std
 from coheft.app.judge import RobotReport, why_stale
 from coheft.app.record import EstimatorUse
 from coheft.app.report import LoadChangeReport, Report
+from coheft.app.wide_table import print_table
 from coheft.estimation.spatial import Array
 
 HEADINGS = ("robot", "quantity", "truth", "estimate", "error", "own std")
@@ -28,7 +29,7 @@ RECOVERED = "Recovered: mass within 3 %, centre of mass within 20 mm at every ro
 def print_report(console: Console, report: Report, folder: Path) -> None:
     """The final table, and in sentences what else is worth knowing."""
     console.print()
-    console.print(_final_table(report))
+    print_table(console, _final_table(report))
     for line in (*LEGEND, *([RECOVERED] if report.load_changes else [])):
         console.print(line, style="dim", highlight=False)
     if report.carry is not None:

@@ -17,6 +17,7 @@ from coheft.app.record import Record
 from coheft.app.report import Report, RunInfo, build_report
 from coheft.app.restarts import Restarts
 from coheft.app.run_folder import RunFile, announce, announced
+from coheft.app.standard_output import check_standard_output
 from coheft.app.terminal import Display
 from coheft.errors import LinkError
 from coheft.wire.messages import Problem
@@ -175,12 +176,14 @@ def watch(run_file: RunFile, display: Display) -> str:
 
     Raises:
         LinkError: The server does not answer, or not any more.
+        OSError: Standard output cannot be written: nobody watches.
     """
     with observe(run_file) as observer, display:
         status = observer.ask(StatusRequest())
         audience = Audience(Record(status.scene, status.duration), display)
         news = time.monotonic()
         while status.state != "finished":
+            check_standard_output()
             if audience.collect(observer):
                 news = time.monotonic()
             if time.monotonic() < news + _SILENCE and not observer.has_ended:

@@ -1,4 +1,4 @@
-"""How far a command with many runs has come: a bar on a terminal, lines elsewhere."""
+"""How far a command with many runs has come: a bar on a terminal, a count in a narrow one, lines elsewhere."""
 
 from __future__ import annotations
 
@@ -6,10 +6,21 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Column
 
 _LINES = 10
 """So many are written at most where there is no terminal."""
+_WIDTH_OF_A_BAR = 50
+"""Columns of a window in which there is room for a bar, and for times beside it."""
 
 
 @contextmanager
@@ -28,8 +39,16 @@ def show_progress(console: Console, what: str, total: int, *, quiet: bool) -> It
     if quiet:
         yield lambda done, remark: None
     elif console.is_terminal:
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        with Progress(*columns, TimeRemainingColumn(), console=console) as progress:
+        columns: list[ProgressColumn] = [
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        ]
+        if console.width < _WIDTH_OF_A_BAR:
+            columns = [TextColumn("{task.completed}/{task.total}, {task.description}", table_column=Column())]
+        with Progress(*columns, console=console) as progress:
             bar = progress.add_task(what, total=total)
             yield lambda done, remark: progress.update(bar, completed=done, description=remark or what)
     else:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Protocol, Self
 
-from rich.console import Console, Group
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.markup import escape
 from rich.progress_bar import ProgressBar
@@ -17,6 +18,7 @@ from rich.text import Text
 from coheft.app.digits import value_and_std
 from coheft.app.judge import RobotReport, why_stale
 from coheft.app.record import Record
+from coheft.app.wide_table import needed_width
 from coheft.wire.messages import Estimate, Problem, Truth
 
 _LINE_EVERY = 5.0
@@ -27,6 +29,8 @@ _LASTING = 1.0
 """What makes estimates stale for less than this is not told in lines [s]: every change of the load does."""
 _DRAW_EVERY = 0.2
 """Wall time between two drawings on a terminal [s]."""
+_LEAST_LINES = 5
+"""Of a window in which a picture is of use: progress, headings, a robot, how the others are, a reason."""
 _DIRECTION = re.compile(r" (along|about) \([^)]*\)")
 """What every robot says in its own coordinates."""
 
@@ -141,7 +145,11 @@ class LineDisplay(_NothingToClose):
 
 
 class LiveDisplay:
-    """A progress bar over a table of all robots' estimates, drawn again a few times a second."""
+    """A progress bar over a table of all robots' estimates, drawn again a few times a second.
+
+    Where the window has too few lines for all robots, those are shown that are worst off; where it has not even room
+    for one row, a single line stands for all.
+    """
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -155,9 +163,7 @@ class LiveDisplay:
     def update(self, record: Record) -> None:
         """Draw what is known now, unless it was drawn just before."""
         if record.truth is not None and time.monotonic() - self._drawn > _DRAW_EVERY:
-            stale = [_stale_line(reason, names) for reason, names in _why_stale(record).items()]
-            lines = [Text(line, "yellow", no_wrap=True, overflow="ellipsis") for line in stale]
-            self._live.update(Group(_progress(record, record.truth), _live_table(record), *lines), refresh=True)
+            self._live.update(_picture(self._console, record, record.truth), refresh=True)
             self._drawn = time.monotonic()
 
     def problem(self, problem: Problem) -> None:
@@ -174,7 +180,10 @@ class LiveDisplay:
         self._live.stop()
 
 
-def _beliefs(record: Record) -> dict[str, tuple[Estimate, RobotReport]]:
+_Beliefs = dict[str, tuple[Estimate, RobotReport]]
+
+
+def _beliefs(record: Record) -> _Beliefs:
     """The newest estimate of each robot and how it compares."""
     return {name: (estimate, record.judge.robot([estimate])) for name, estimate in record.beliefs.items()}
 
@@ -187,6 +196,8 @@ def _state(estimate: Estimate) -> str:
     return "converged" if estimate.is_converged else "weighing"
 
 
+_STATES = ("stale", "finding neighbours", "weighing", "converged")
+"""The worst first."""
 _STATE_STYLES = {"stale": "yellow", "converged": "green"}
 
 
@@ -202,10 +213,15 @@ def _stale_line(reason: str, names: list[str]) -> str:
     return f"stale {', '.join(names)}: {reason}"
 
 
+def _counts(estimates: Sequence[Estimate]) -> str:
+    """How many robots are how."""
+    states = [_state(estimate) for estimate in estimates]
+    return ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
+
+
 def _summary_line(record: Record) -> str:
     beliefs = _beliefs(record)
-    states = [_state(estimate) for estimate, _ in beliefs.values()]
-    counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
+    counts = _counts([estimate for estimate, _ in beliefs.values()])
     line = f"{record.time:5.1f} s of {record.duration:g} s: {counts}"
     masses = [report.mass for _, report in beliefs.values() if report.mass.estimate is not None]
     if masses:
@@ -214,8 +230,43 @@ def _summary_line(record: Record) -> str:
     return line
 
 
+def _picture(console: Console, record: Record, truth: Truth) -> RenderableType:
+    """All that is shown of a run, in no more lines than the window has; if that is too small, a single line."""
+    beliefs = _beliefs(record)
+    lines = console.height - 1
+    if lines < _LEAST_LINES or needed_width(console, _live_table(beliefs)) > console.width:
+        return Text(_summary_line(record))
+    stale = [_stale_line(reason, names) for reason, names in _why_stale(record).items()]
+    reasons = [Text(line, "yellow", no_wrap=True, overflow="ellipsis") for line in stale]
+    room = lines - 2  # for progress and headings
+    reasons = _at_most(reasons, max(room - len(beliefs), room // 3), "reasons")
+    shown, rest = _worst(beliefs, room - len(reasons))
+    return Group(_progress(record, truth), _live_table(shown), *rest, *reasons)
+
+
+def _at_most(lines: list[Text], count: int, what: str) -> list[Text]:
+    """As many of the lines, the last one tells how many more there are."""
+    if len(lines) <= count:
+        return lines
+    shown = lines[: count - 1]
+    return [*shown, Text(f"and {len(lines) - len(shown)} more {what}", "yellow")]
+
+
+def _worst(beliefs: _Beliefs, count: int) -> tuple[_Beliefs, list[Text]]:
+    """Those robots for which there are lines, the worst off first, and a line about the others; all if they fit."""
+    if len(beliefs) <= count:
+        return beliefs, []
+    by_state = sorted(beliefs, key=lambda name: _STATES.index(_state(beliefs[name][0])))
+    shown, others = by_state[: count - 1], by_state[count - 1 :]
+    more = Text(f"and {len(others)} more: {_counts([beliefs[name][0] for name in others])}", "dim")
+    return {name: beliefs[name] for name in shown}, [more]
+
+
 def _progress(record: Record, truth: Truth) -> Table:
     row = Table.grid(padding=(0, 1))
+    row.add_column()  # the bar, which is all that shrinks
+    for _ in range(2):
+        row.add_column(no_wrap=True)
     bar = ProgressBar(total=record.duration, completed=record.time, width=36)
     loads = len(truth.loads)
     load = f", {loads} load{'s' * (loads != 1)} on it" if loads else ""
@@ -223,14 +274,14 @@ def _progress(record: Record, truth: Truth) -> Table:
     return row
 
 
-def _live_table(record: Record) -> Table:
+def _live_table(beliefs: _Beliefs) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    table.add_column("robot")
-    table.add_column("state", min_width=18)
-    table.add_column("mass", justify="right", min_width=19)
-    table.add_column("centre of mass", justify="right")
-    table.add_column("inertia", justify="right")
-    for name, (estimate, report) in _beliefs(record).items():
+    table.add_column("robot", no_wrap=True)
+    table.add_column("state", min_width=18, no_wrap=True)
+    table.add_column("mass", justify="right", min_width=19, no_wrap=True)
+    table.add_column("centre of mass", justify="right", no_wrap=True)
+    table.add_column("inertia", justify="right", min_width=10, no_wrap=True)
+    for name, (estimate, report) in beliefs.items():
         mass, com, inertia = report.mass, report.com, report.inertia
         table.add_row(
             name,

@@ -23,15 +23,15 @@ pytestmark = [
 ]
 
 
-def in_terminal(*arguments: str, **environment: str) -> tuple[int, str]:
-    """Exit status and all that a terminal of 80 columns and 24 lines gets."""
+def in_terminal(*arguments: str, columns: int = 80, lines: int = 24, **environment: str) -> tuple[int, str]:
+    """Exit status and all that a terminal of that size gets."""
     import fcntl
     import pty
     import termios
 
     ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
-    settings = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "NO_COLOR")}
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
+    settings = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES", "NO_COLOR")}
     process = subprocess.Popen(
         [*COHEFT, *arguments],
         stdin=theirs,
@@ -81,6 +81,29 @@ def test_a_run_fits_80_columns_and_has_no_colours_if_so_asked(asked: dict[str, s
     assert any("of 2 s" in line for line in lines)
 
 
+def test_a_run_in_a_narrow_window_is_told_in_full() -> None:
+    status, text = in_terminal("run", "ring3", "--duration", "5", columns=40)
+    assert status in (0, 3), text
+    assert "robot  state" not in text, "no table that does not fit"
+    lines = [line.rstrip() for line in lines_of(text)]
+    assert any(re.match(r" +[\d.]+ s of 5 s: ", line) for line in lines)
+    for start in ("robot: r3", "quantity: inertia, kg·m²", "truth: ", "estimate: ", "error: ", "own std: "):
+        assert any(line.startswith(start) for line in lines), start
+    assert max(len(line) for line in lines if "Logs of all processes" not in line) <= 40
+
+
+def test_a_team_that_is_larger_than_the_window_does_not_scroll_while_it_runs() -> None:
+    status, text = in_terminal("run", "ring12", "--duration", "2", lines=9, NO_COLOR="1")
+    assert status in (0, 3), text
+    running, _, _ = text.partition("What each robot found out")
+    pictures = [
+        each.splitlines() for each in re.split(r"\r(?!\n)", SEQUENCE.sub("", running)) if "robot  state" in each
+    ]
+    assert pictures
+    assert all(len(picture) <= 9 for picture in pictures)
+    assert "and 7 more: " in "".join(pictures[-1]), "as soon as all have said something"
+
+
 def test_a_run_for_programs_writes_json_alone_to_standard_output_and_a_page_beside(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     pytest.importorskip("jinja2")
@@ -102,13 +125,3 @@ def test_a_run_for_programs_writes_json_alone_to_standard_output_and_a_page_besi
         assert f"{robot['mass']['truth']:.3f}" in page
         assert robot["mass"]["estimate"] is None or f"{robot['mass']['estimate']:.3f}" in page
     assert page.count("data:image/png;base64,") == 2 * len(list(folder.glob("*.png")))
-
-
-def test_who_has_read_enough_may_close_the_pipe() -> None:
-    process = subprocess.Popen([*COHEFT, "scenarios"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert process.stdout is not None
-    assert process.stderr is not None
-    process.stdout.close()
-    assert process.stderr.read() == b""
-    assert process.wait(LIMIT) == 1
-    process.stderr.close()

@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from coheft.app.cart.table import CLAIMS, HEADER, CartStudy, rows, sentences
+from coheft.app.wide_table import print_table
 
 
 def print_study(console: Console, study: CartStudy) -> None:
@@ -18,7 +19,7 @@ def print_study(console: Console, study: CartStudy) -> None:
     table.add_row(*CLAIMS, style="dim", end_section=True)
     for row in rows(study.reports):
         table.add_row(*row)
-    console.print(table)
+    print_table(console, table)
     for sentence in sentences(study.reports):
         console.print(sentence, highlight=False)
     for text in study.missed:

@@ -14,6 +14,7 @@ from coheft.app.faults.schedule import FaultSchedule
 from coheft.app.faults.summary import CampaignSummary
 from coheft.app.faults.trial import Outcome
 from coheft.app.progress import show_progress
+from coheft.app.wide_table import print_table
 
 _SHOWN = 10
 """So many of the schedules that failed are shown."""
@@ -44,7 +45,7 @@ def print_campaign(console: Console, summary: CampaignSummary, outcomes: Sequenc
         times = ("", "", "") if kind.recovered_s is None else tuple(f"{time:.2f}" for time in kind.recovered_s)
         stale = f"{kind.went_stale} of {kind.schedules}"
         table.add_row(kind.kind, str(kind.injected), stale, str(kind.violations), *times)
-    console.print(table)
+    print_table(console, table)
     console.print(
         f"\n{summary.schedules} schedules, {summary.simulated_h:.1f} simulated hours, {summary.lost} loads lost"
     )

@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.table import Table
 
 from coheft.app.identify.report import IdentifyReport
+from coheft.app.wide_table import print_table
 
 _UNSEEN = "not seen"
 
@@ -18,7 +19,8 @@ def print_identification(console: Console, report: IdentifyReport) -> None:
         f"method {report.method}. All in the grasp frame of {first}.",
         markup=False,
     )
-    console.print(_poses(report), _payload(report))
+    print_table(console, _poses(report))
+    print_table(console, _payload(report))
     if report.loops:
         worst = max(report.loops, key=lambda loop: loop.position_mm)
         console.print(f"Pairs alone fail to close by up to {worst.rotation_deg:.3f}° and {worst.position_mm:.2f} mm.")
@@ -27,7 +29,7 @@ def print_identification(console: Console, report: IdentifyReport) -> None:
     if report.holds_s:
         console.print(f"Held still {len(report.holds_s)} times, in {report.hold_orientations} orientations.")
     if report.calibration:
-        console.print(_calibration(report))
+        print_table(console, _calibration(report))
     if not report.payload.was_possible and report.payload.inertia is not None and not report.doubts:
         console.print(
             f"What was solved for is no body that can exist; this is the most likely one that is, "

@@ -24,6 +24,7 @@ from coheft.app.study.tables import (
     title,
 )
 from coheft.app.study.trial import Trial
+from coheft.app.wide_table import print_table
 from coheft.errors import CoheftError
 
 _WIDTH = 7
@@ -51,12 +52,12 @@ def print_study(console: Console, report: StudyReport) -> None:
     """Show the outcome."""
     console.print(f"{title(report)}\n")
     for noise in report.all_scales():
-        console.print(_table(f"noise × {noise.noise_scale:g}", HEADER[:_WIDTH], accuracy_rows(noise)))
+        print_table(console, _table(f"noise × {noise.noise_scale:g}", HEADER[:_WIDTH], accuracy_rows(noise)))
         recovery = [result.recovery for result in noise.results.values() if result.recovery is not None]
         if recovery:
             caption = f"noise × {noise.noise_scale:g}, {recovery[0].seconds_after:g} s after the load had changed"
             console.print()
-            console.print(_table(caption, RECOVERY_HEADER, recovery_rows(noise)))
+            print_table(console, _table(caption, RECOVERY_HEADER, recovery_rows(noise)))
         console.print()
         for name, result in noise.results.items():
             for line in sentences(name, result):
