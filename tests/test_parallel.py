@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 
@@ -23,6 +24,13 @@ def test_all_calls_are_made_by_other_processes_with_one_thread_each() -> None:
     assert sorted(number for number, _, _ in found) == list(range(8))
     assert {each for _, each, _ in found} == {"1"}
     assert os.getpid() not in {process for _, _, process in found}
+
+
+def test_ctrl_c_is_left_to_the_process_that_ends_the_others() -> None:
+    with workers(2):
+        assert list(side_by_side(signal.getsignal, [(signal.SIGINT,)] * 2)) == [signal.SIG_IGN] * 2
+    with workers(1):  # which makes all calls itself
+        assert list(side_by_side(signal.getsignal, [(signal.SIGINT,)])) == [signal.getsignal(signal.SIGINT)]
 
 
 ONE_CORE = """

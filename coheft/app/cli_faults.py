@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from coheft.app.faults.schedule import FaultSchedule
+    from coheft.app.faults.trial import Outcome
 
 _SEEDS = 100
 
@@ -78,7 +79,7 @@ def faults(
     replay:
         Instead: run the schedule of this seed, or that in this file (.json), and tell all.
     shrink:
-        With replay: simplify the schedule as long as it fails, and write what is left to a file.
+        With replay: simplify the schedule as long as it fails, and write what is left, if that is less, to a file.
     quiet:
         Show nothing but errors.
     """
@@ -107,8 +108,20 @@ def faults(
     if replay is not None:
         return _replay(console, _schedule_of(replay), mutant, is_shrunk=shrink)
     chosen = range(first_seed, first_seed + seeds)
-    with campaign_progress(console, len(chosen), quiet=quiet) as on_outcome:
-        outcomes = run_campaign(chosen, jobs=jobs, kept=kept, mutant=mutant, on_outcome=on_outcome)
+    done: list[Outcome] = []
+    try:
+        with campaign_progress(console, len(chosen), quiet=quiet) as on_outcome:
+
+            def tell(outcome: Outcome) -> None:
+                done.append(outcome)
+                on_outcome(outcome)
+
+            outcomes = run_campaign(chosen, jobs=jobs, kept=kept, mutant=mutant, on_outcome=tell)
+    except KeyboardInterrupt:
+        if done:
+            print_campaign(console, summarise(done), sorted(done, key=lambda outcome: outcome.seed), mutant)
+        unwritten = [what for what, place in (("summary (--json)", json), ("table (--table)", table)) if place]
+        raise KeyboardInterrupt(_broken_off(len(done), len(chosen), unwritten, kept)) from None
     summary = summarise(outcomes)
     print_campaign(console, summary, outcomes, mutant)
     try:
@@ -118,6 +131,14 @@ def faults(
         if table is not None:
             _write(table, markdown(summary))
     return EXIT_BROKEN_PROMISE if summary.violations else EXIT_CONVERGED
+
+
+def _broken_off(done: int, of: int, unwritten: list[str], kept: Path | None) -> str:
+    """What is to be said after Ctrl-C."""
+    clauses = [f"no {what} was written" for what in unwritten]
+    if kept is not None:
+        clauses.append(f"the same command goes on with what is kept in {kept}")
+    return "; ".join([f"stopped after {done} of {of} schedules", *clauses])
 
 
 def _write(path: Path, text: str) -> None:
@@ -149,13 +170,18 @@ def _replay(console: Console, schedule: FaultSchedule, mutant: str, *, is_shrunk
 
     with mutated(mutant):
         outcome = try_schedule(schedule)
-        if is_shrunk and outcome.violations:
+        if is_shrunk and not outcome.violations:
+            console.print("it breaks no promise: there is nothing to be simplified")
+        elif is_shrunk:
             fails = breaks_same_promise(outcome)
-            schedule = shrink(schedule, fails, lambda simpler: print_schedule(console, simpler))
-            outcome = try_schedule(schedule)
-            path = _new_file(schedule.seed)
-            write_schedule(schedule, path)
-            console.print(f"written to {path}")
+            simplest = shrink(schedule, fails, lambda simpler: print_schedule(console, simpler))
+            if simplest == schedule:
+                console.print("it cannot be simplified: with anything less it breaks none of these promises")
+            else:
+                schedule, outcome = simplest, try_schedule(simplest)
+                path = _new_file(schedule.seed)
+                write_schedule(schedule, path)
+                console.print(f"written to {path}")
     print_schedule(console, schedule)
     print_outcome(console, outcome)
     return EXIT_BROKEN_PROMISE if outcome.violations else EXIT_CONVERGED

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from importlib.util import find_spec
@@ -38,8 +39,10 @@ def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
     except ImportError as error:
         raise MissingPackageError("joblib", "study") from error
     if dask is None:
-        # Linear algebra on small matrices only loses by threads of its own.
-        with joblib.parallel_config("loky", n_jobs=jobs or usual_jobs(), inner_max_num_threads=1):
+        # Linear algebra on small matrices only loses by threads of its own. Ctrl-C, which a terminal sends to workers
+        # as well, is left to this process, which ends them: they would write tracebacks.
+        deaf = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN)}
+        with joblib.parallel_config("loky", n_jobs=jobs or usual_jobs(), inner_max_num_threads=1, **deaf):
             yield
         return
     with _client(dask), joblib.parallel_config("dask", n_jobs=-1):

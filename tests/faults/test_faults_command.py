@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import shlex
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import msgspec
 import pytest
 
 from coheft.app.cli import EXIT_CONVERGED, run_command_line
-from coheft.app.cli_base import EXIT_BROKEN_PROMISE
+from coheft.app.cli_base import EXIT_BROKEN_PROMISE, EXIT_INTERRUPTED
 from coheft.app.faults import campaign
 from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.invariants import Violation
@@ -18,6 +23,7 @@ from coheft.app.faults.recovery import latest_recovery
 from coheft.app.faults.schedule import Loss, read_schedule, write_schedule
 from coheft.app.faults.trial import Outcome
 from coheft.wire.scenario import Graph
+from tests.waiting import wait_until
 
 MUTANT = "no-lever-arm"
 """With it no team agrees, whatever else happens."""
@@ -74,6 +80,57 @@ def test_the_last_line_shows_the_first_broken_promise_again(
     assert capfd.readouterr() == ("", "")
 
 
+def test_a_campaign_that_is_stopped_tells_what_was_done(
+    made_up: set[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    made_up |= {1, 2}
+    try_seed = campaign.try_seed
+
+    def stopped(seed: int, mutant: str = "") -> Outcome:
+        if seed == 3:
+            raise KeyboardInterrupt
+        return try_seed(seed, mutant)
+
+    monkeypatch.setattr(campaign, "try_seed", stopped)
+    kept, table = tmp_path / "kept.jsonl", tmp_path / "table.md"
+    arguments = ["faults", "--jobs", "1", "--seeds", "9", "--kept", str(kept), "--table", str(table)]
+    assert run_command_line(arguments) == EXIT_INTERRUPTED
+    out, err = capfd.readouterr()
+    assert "violations: 4, in 2 schedules" in out
+    assert out.endswith("coheft faults --replay 1\n")
+    assert err == (
+        f"stopped after 3 of 9 schedules; no table (--table) was written; the same command goes on with what is kept "
+        f"in {kept}\n"
+    )
+    assert run_command_line(["faults", "--jobs", "1", "--first-seed", "3", "--quiet"]) == EXIT_INTERRUPTED
+    assert capfd.readouterr() == ("", "stopped after 0 of 100 schedules\n")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Ctrl-C as a terminal sends it")
+def test_ctrl_c_ends_a_campaign_and_its_workers_at_once(tmp_path: Path) -> None:
+    out, err, kept = tmp_path / "out", tmp_path / "err", tmp_path / "kept.jsonl"
+    command = [sys.executable, "-m", "coheft", "faults", "--seeds", "1000", "--jobs", "2", "--kept", str(kept)]
+    with out.open("w") as to_out, err.open("w") as to_err:
+        process = subprocess.Popen(command, stdout=to_out, stderr=to_err, start_new_session=True)
+    try:
+        wait_until(lambda: kept.exists() and kept.read_bytes().count(b"\n") > 4, "outcomes")
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.wait(60.0) == EXIT_INTERRUPTED
+        wait_until(lambda: not group(process.pid), "workers to end")
+    finally:
+        if group(process.pid):
+            os.killpg(process.pid, signal.SIGKILL)
+    assert re.fullmatch(r"stopped after \d+ of 1000 schedules; the same command goes on .*\n", err.read_text())
+    assert " schedules, " in out.read_text()
+
+
+def group(leader: int) -> list[str]:
+    """States of the processes in a group that have not ended."""
+    listed = subprocess.run(["ps", "-eo", "pgid=,stat="], capture_output=True, text=True, check=True).stdout
+    lines = [line.split() for line in listed.splitlines()]
+    return [state for pgid, state in lines if int(pgid) == leader and not state.startswith("Z")]
+
+
 def test_the_summary_goes_to_standard_output_and_all_else_does_not(
     made_up: set[int], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -124,12 +181,17 @@ def test_a_schedule_that_was_simplified_breaks_the_promise_still(
     scenario = _replace(scenario, duration=latest_recovery(schedule) + scenario.block_duration)
     write_schedule(_replace(schedule, scenario=scenario), Path("drawn.json"))
     replay = ["faults", "--replay"]
+    Path("faults-0.json").write_text("what was found before")
     assert run_command_line([*replay, "drawn.json", "--mutant", MUTANT, "--shrink"]) == EXIT_BROKEN_PROMISE
-    assert "written to faults-0.json" in capfd.readouterr().out
-    assert read_schedule(Path("faults-0.json")).faults == ()
-    assert run_command_line([*replay, "faults-0.json", "--mutant", MUTANT]) == EXIT_BROKEN_PROMISE
-    assert run_command_line([*replay, "faults-0.json", "--mutant", MUTANT, "--shrink"]) == EXIT_BROKEN_PROMISE
-    assert "written to faults-0-2.json" in capfd.readouterr().out  # what was found before stays
+    assert "written to faults-0-2.json" in capfd.readouterr().out
+    assert Path("faults-0.json").read_text() == "what was found before"
+    assert read_schedule(Path("faults-0-2.json")).faults == ()
+    assert run_command_line([*replay, "faults-0-2.json", "--mutant", MUTANT, "--shrink"]) == EXIT_BROKEN_PROMISE
+    out = capfd.readouterr().out
+    assert out.startswith("it cannot be simplified: with anything less it breaks none of these promises\nseed 0: ")
+    assert "written to" not in out
     # Nothing goes wrong in it any more: agents without the bug keep all promises.
-    assert run_command_line([*replay, "faults-0.json"]) == EXIT_CONVERGED
-    assert "violations: 0" in capfd.readouterr().out
+    assert run_command_line([*replay, "faults-0-2.json", "--shrink"]) == EXIT_CONVERGED
+    out = capfd.readouterr().out
+    assert out.startswith("it breaks no promise: there is nothing to be simplified\n")
+    assert "violations: 0" in out
