@@ -56,7 +56,10 @@ def _guarded(stream: TextIO | None, number: int) -> TextIOWrapper:
 
 def lost_output() -> OSError | None:
     """Why something that was printed has not arrived; None if all has."""
-    sys.stdout.flush()
+    try:
+        sys.stdout.flush()
+    except OSError as error:  # where nothing guards it
+        return error
     raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
     return raw.failure if isinstance(raw, _Output) else None
 

@@ -233,23 +233,24 @@ def _summary_line(record: Record) -> str:
 def _picture(console: Console, record: Record, truth: Truth) -> RenderableType:
     """All that is shown of a run, in no more lines than the window has; if that is too small, a single line."""
     beliefs = _beliefs(record)
-    lines = console.height - 1
-    if lines < _LEAST_LINES or needed_width(console, _live_table(beliefs)) > console.width:
-        return Text(_summary_line(record))
+    lines = max(_LEAST_LINES, console.height - 1)
     stale = [_stale_line(reason, names) for reason, names in _why_stale(record).items()]
     reasons = [Text(line, "yellow", no_wrap=True, overflow="ellipsis") for line in stale]
     room = lines - 2  # for progress and headings
-    reasons = _at_most(reasons, max(room - len(beliefs), room // 3), "reasons")
-    shown, rest = _worst(beliefs, room - len(reasons))
-    return Group(_progress(record, truth), _live_table(shown), *rest, *reasons)
+    reasons = _at_most(reasons, max(room - len(beliefs), room // 3))
+    shown, others = _worst(beliefs, room - len(reasons))
+    table = _live_table(shown)
+    if lines >= console.height or needed_width(console, table) > console.width:
+        return Text(_summary_line(record))
+    return Group(_progress(record, truth), table, *others, *reasons)
 
 
-def _at_most(lines: list[Text], count: int, what: str) -> list[Text]:
-    """As many of the lines, the last one tells how many more there are."""
-    if len(lines) <= count:
-        return lines
-    shown = lines[: count - 1]
-    return [*shown, Text(f"and {len(lines) - len(shown)} more {what}", "yellow")]
+def _at_most(reasons: list[Text], count: int) -> list[Text]:
+    """Those for which there are lines; the last one tells how many more there are."""
+    if len(reasons) <= count:
+        return reasons
+    shown = reasons[: count - 1]
+    return [*shown, Text(f"and {len(reasons) - len(shown)} more reasons", "yellow")]
 
 
 def _worst(beliefs: _Beliefs, count: int) -> tuple[_Beliefs, list[Text]]:

@@ -36,9 +36,8 @@ def print_table(console: Console, table: Table) -> None:
 
 def needed_width(console: Console, table: Table) -> int:
     """Columns of a window that a table needs at least."""
-    cells = sum(_widths(console, column).minimum for column in table.columns)
     everything = Measurement.get(console, console.options.update(width=_ANY), table).maximum
-    return cells + everything - sum(_widths(console, column).maximum for column in table.columns)
+    return everything - sum(_widths(console, column).span for column in table.columns)
 
 
 def _widths(console: Console, column: Column) -> Measurement:
