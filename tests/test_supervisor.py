@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import cast
 
 import pytest
 
+from coheft.app.observer import Observer
 from coheft.app.processes import ProcessError, Processes
+from coheft.app.restarts import Restarts
+from coheft.app.terminal import QuietDisplay
 from coheft.wire.requests import StatusRequest
+from coheft.wire.supervised import UNUSABLE_CONFIG
 from tests.waiting import wait_until
 
 # Like a server that loses the link with a robot before the robot's process has ended.
@@ -77,3 +82,29 @@ def test_a_process_that_failed_can_be_started_again_with_what_it_was_told_and_it
         wait_until(lambda: len(again.lines) == 3, "its last words")
     assert again.process.returncode == 0
     assert again.lines == ["I am here", "something was wrong", "I am here"]
+
+
+@pytest.mark.parametrize(
+    ("status", "limit", "others", "is_limit"),
+    [
+        (1, 1, (), True),
+        (1, 1, ("server",), False),
+        (UNUSABLE_CONFIG, 1, (), False),
+        (UNUSABLE_CONFIG, 3, (), False),
+    ],
+)
+def test_the_limit_of_restarts_is_named_only_where_it_is_why_there_is_none(
+    status: int, limit: int, others: tuple[str, ...], is_limit: bool, folder: Path
+) -> None:
+    (folder / "fails.py").write_text(f"import sys\nsys.exit({status})\n")
+    with Processes(folder) as processes:
+        processes.start("r1", "fails", StatusRequest()).process.wait()
+        processes.start_again(processes.children[0])
+        for name in others:
+            processes.start(name, "fails", StatusRequest())
+        for child in processes.children:
+            child.process.wait()
+        unasked = cast(Observer, None)
+        with pytest.raises(ProcessError, match="because r1 ended with status") as caught:
+            Restarts(limit, processes, unasked, QuietDisplay(), lambda: None).check()
+    assert ("(--restarts)" in str(caught.value)) == is_limit
