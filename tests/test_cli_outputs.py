@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_INTERRUPTED, EXIT_USAGE, run_command_line
+from coheft.app.cli_run import run
 from coheft.app.report import Report, RunInfo, build_report
-from coheft.errors import CoheftError
+from coheft.errors import CoheftError, LinkError
 from coheft.wire.scenario_file import scenario_path
 from tests.synthetic_run import BLOCK, HEAVY, ROBOTS, estimate, recorded, truth
 
@@ -200,6 +201,15 @@ def test_where_things_were_written_is_said_at_the_end(
     assert "Report for programs" not in said.err
     assert run_command_line([*arguments, "--json", "file", "--quiet"]) == EXIT_CONVERGED
     assert capfd.readouterr() == ("", "")
+
+
+def test_an_error_that_breaks_a_run_off_stays_of_its_kind(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise LinkError("no link")
+
+    monkeypatch.setattr("coheft.app.launch.launch", fail)
+    with pytest.raises(LinkError, match=r"^no link\nThat was before it began: no report \(--json\) was written\.$"):
+        run("ring3", quiet=True, json=str(place / "x.json"))
 
 
 @pytest.mark.parametrize("command", ["run ring3 --report", "study ring3 --report", "cart --jobs 1 --figures"])

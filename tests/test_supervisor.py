@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import cast
 
 import pytest
 
+from coheft.app.observer import Observer
 from coheft.app.processes import ProcessError, Processes
+from coheft.app.restarts import Restarts
+from coheft.app.terminal import QuietDisplay
 from coheft.wire.requests import StatusRequest
+from coheft.wire.supervised import UNUSABLE
 from tests.waiting import wait_until
 
 # Like a server that loses the link with a robot before the robot's process has ended.
@@ -117,3 +122,29 @@ def test_who_cannot_use_what_it_was_told_is_the_cause(folder: Path) -> None:
         with pytest.raises(ProcessError, match=r"^unusable ended with status 2(?s:.)*After it, lost ended") as caught:
             processes.check()
     assert str(caught.value).endswith("because unusable ended with status 2: to start it again would not help.")
+
+
+@pytest.mark.parametrize(
+    ("status", "limit", "others", "is_limit"),
+    [
+        (1, 1, (), True),
+        (1, 1, ("server",), False),
+        (UNUSABLE, 1, (), False),
+        (UNUSABLE, 3, (), False),
+    ],
+)
+def test_the_limit_of_restarts_is_named_only_where_it_is_why_there_is_none(
+    status: int, limit: int, others: tuple[str, ...], is_limit: bool, folder: Path
+) -> None:
+    (folder / "fails.py").write_text(f"import sys\nsys.exit({status})\n")
+    with Processes(folder) as processes:
+        processes.start("r1", "fails", StatusRequest()).process.wait()
+        processes.start_again(processes.children[0])
+        for name in others:
+            processes.start(name, "fails", StatusRequest())
+        for child in processes.children:
+            child.process.wait()
+        unasked = cast(Observer, None)
+        with pytest.raises(ProcessError, match="because r1 ended with status") as caught:
+            Restarts(limit, processes, unasked, QuietDisplay(), lambda: None).check()
+    assert ("(--restarts)" in str(caught.value)) == is_limit

@@ -183,7 +183,8 @@ def run(
         except KeyboardInterrupt:
             raise KeyboardInterrupt(broken_off.sentence()) from None
         except CoheftError as error:
-            raise CoheftError(f"{error}{broken_off.after_error()}") from error
+            error.args = (f"{error}{broken_off.after_error()}",)
+            raise
         if carried is not None:
             found = structs.replace(found, carry=carried.report())
         if not quiet:

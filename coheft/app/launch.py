@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from coheft.app.processes import Processes
 from coheft.app.record import Record
 from coheft.app.report import Report, RunInfo, build_report
 from coheft.app.restarts import Restarts
-from coheft.app.run_folder import RunFile, announce, announced
+from coheft.app.run_folder import RunFile, announce, announced, has_gone
 from coheft.app.standard_output import check_standard_output
 from coheft.app.terminal import Display
 from coheft.errors import LinkError
@@ -175,11 +176,15 @@ def watch(run_file: RunFile, display: Display) -> str:
     """Show a run that somebody else supervises until it has ended, and return in words when that was.
 
     Raises:
-        LinkError: The server does not answer, or not any more.
+        LinkError: The server does not answer, or not any more, or it says that the run broke off.
         OSError: Standard output cannot be written: nobody watches.
     """
-    with observe(run_file) as observer, display:
+    with display, ExitStack() as links:
+        display.note("waiting for the server of the run to answer")
+        observer = links.enter_context(observe(run_file))
         status = observer.ask(StatusRequest())
+        display.note(f"watching {status.scenario}, {status.time:.1f} s of {status.duration:g} s are over")
+        _explain_silence(status, display)
         audience = Audience(Record(status.scene, status.duration), display)
         news = time.monotonic()
         while status.state != "finished":
@@ -188,10 +193,18 @@ def watch(run_file: RunFile, display: Display) -> str:
                 news = time.monotonic()
             if time.monotonic() < news + _SILENCE and not observer.has_ended:
                 continue
-            status = observer.status() or status
+            answer = observer.status()
             news = time.monotonic()
+            if answer is not None:
+                status = answer
+                _explain_silence(status, display)
+                continue
+            if run_file.pids and has_gone(run_file):  # who supervises a server never starts it again
+                raise LinkError(f"the run has broken off: its server has gone after {audience.record.time:.1f} s")
             observer.check_server()
-            _explain_silence(status, display)
+            display.note("the server does not answer")
+    if status.failure:  # the display has told it
+        raise LinkError(f"the run has broken off at {status.time:.2f} s")
     return f"the run has ended at {status.time:.2f} s"
 
 

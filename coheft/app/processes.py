@@ -121,15 +121,18 @@ class Processes:
         """Processes that have ended with another status than 0."""
         return [child for child in self.children if child.process.poll() not in (None, 0)]
 
-    def check(self) -> None:
+    def check(self, limit: int | None = None) -> None:
         """Check that none has failed.
+
+        Args:
+            limit: How often each may be started again, if that may be why one that has failed is not.
 
         Raises:
             ProcessError: One has; the message names it and shows the end of its log.
         """
         if self.failed:
             self._wait(_OTHERS_FAIL)
-            raise _error(self.failed)
+            raise _error(self.failed, limit)
 
     def all_done_but(self, name: str) -> bool:
         """Whether every process but one has ended."""
@@ -212,7 +215,7 @@ def _close_stdin(child: Child) -> None:
             child.process.stdin.close()
 
 
-def _error(failed: Sequence[Child]) -> ProcessError:
+def _error(failed: Sequence[Child], limit: int | None = None) -> ProcessError:
     """Name the process that failed and show the end of its log.
 
     If several failed, most did so because one was gone: that is the one that a signal killed, or else the one that
@@ -227,9 +230,11 @@ def _error(failed: Sequence[Child]) -> ProcessError:
         ),
     )
     times = f"{first.restarts} time{'s' * (first.restarts > 1)}"
-    again = f" after it had been started again {times} (--restarts)" if first.restarts else ""
+    again = f" after it had been started again {times}" if first.restarts else ""
     if first.process.returncode == UNUSABLE:
         again = ": to start it again would not help"
+    elif 0 < first.restarts == limit:
+        again += " (--restarts)"
     tail = "\n".join(f"  {line}" for line in first.lines[-_LOG_LINES:] or ["(it is empty)"])
     others = "".join(f"\nAfter it, {child.name} {child.how}." for child in failed if child is not first)
     return ProcessError(

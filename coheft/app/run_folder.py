@@ -167,6 +167,17 @@ def _answers(endpoint: str) -> bool:
     return True
 
 
+def has_gone(run_file: RunFile) -> bool:
+    """Whether the system where the server of a run was says that nobody listens there; a pulled cable says nothing."""
+    try:
+        socket.create_connection(split_endpoint(run_file.server), timeout=0.5).close()
+    except ConnectionRefusedError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
 def split_endpoint(endpoint: str) -> tuple[str, int]:
     """Host and port of an endpoint such as ``tcp/127.0.0.1:20000`` or ``tls/[::1]:20000``."""
     host, _, port = endpoint.partition("/")[2].rpartition(":")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -300,6 +301,8 @@ def watching(run: Run) -> Iterator[tuple[subprocess.Popen[str], IO[str]]]:
     )
     assert watcher.stdout is not None
     try:
+        assert watcher.stdout.readline() == "waiting for the server of the run to answer\n"
+        assert re.fullmatch(r"watching ring3, .* s of 10000 s are over\n", watcher.stdout.readline())
         assert any(" s of 10000 s: " in line for line in watcher.stdout)
         yield watcher, watcher.stdout
     finally:
@@ -330,10 +333,28 @@ def test_who_watches_is_patient_with_a_server_that_hangs_for_a_while(start: Call
             os.kill(run.pids["server"], signal.SIGCONT)
             for _ in range(2):
                 assert any(" s of 10000 s: " in line for line in lines)
-        os.kill(run.pids["server"], signal.SIGKILL)
+        os.kill(run.pids["server"], signal.SIGSTOP)
         assert "questions in a row: it has gone, or hangs" in " ".join(lines.read().split())
         assert watcher.wait(LIMIT) == 1
+        os.kill(run.pids["server"], signal.SIGKILL)
     assert run.wait() == 1
+
+
+@pytest.mark.parametrize("how", ["the run is stopped by Ctrl-C", "the server is killed", "the server is told to end"])
+def test_who_watches_a_run_that_breaks_off_is_told_so(how: str, start: Callable[..., Run]) -> None:
+    run = start("--duration", "10000")
+    run.wait_until_under_way()
+    with watching(run) as (watcher, lines):
+        if how == "the run is stopped by Ctrl-C":
+            os.killpg(run.supervisor.pid, signal.SIGINT)
+        else:
+            os.kill(run.pids["server"], signal.SIGKILL if "killed" in how else signal.SIGTERM)
+        text = lines.read()
+        assert watcher.wait(LIMIT) == 1
+        last = text.splitlines()[-1]
+        assert re.match(r"coheft: the run has broken off(: its server has gone after| at) [0-9.]+ s$", last), text
+        assert "questions in a row" not in text
+    run.wait()
 
 
 def test_the_parts_can_be_started_by_hand(tmp_path: Path) -> None:
