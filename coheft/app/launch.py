@@ -184,7 +184,8 @@ def watch(run_file: RunFile, display: Display) -> str:
         observer = links.enter_context(observe(run_file))
         status = observer.ask(StatusRequest())
         display.note(f"watching {status.scenario}, {status.time:.1f} s of {status.duration:g} s are over")
-        _explain_silence(status, display)
+        if status.state != "running":
+            _explain_silence(status, display)
         audience = Audience(Record(status.scene, status.duration), display)
         news = time.monotonic()
         while status.state != "finished":
