@@ -79,4 +79,4 @@ def test_what_is_said_of_the_cart_after_a_load_is_true() -> None:
         load = UnknownLoad(before, KNOWN, PRIOR, 1.0)
         found, after = look(load, measured, noise)
         total += float((found - truth) @ np.linalg.solve(after, found - truth))
-    assert chi2.ppf(1e-3, 4 * len(placed)) < total < 1.1 * chi2.isf(1e-3, 4 * len(placed))
+    assert chi2.ppf(1e-3, 4 * len(placed)) < total < chi2.isf(1e-3, 4 * len(placed))
