@@ -103,10 +103,6 @@ class LoadMemory:
         """Whether poses are so rough that a change of the load would not be seen."""
         return self._disturbance.is_spoiling
 
-    def set_poses(self, poses: Sequence[Pose], fusion: MotionFusion) -> None:
-        """All that is remembered, and what comes, is seen with these poses."""
-        self._weights.set_poses(poses, fusion, self._window if self._is_enough() else None)
-
     def push(self, block: int, moments: Array) -> int | None:
         """Take in a block: its number, and what is summed of it (190 + riders,), see ``agents.load_moments``.
 
@@ -316,8 +312,17 @@ class LoadMemory:
         if forces.all():
             self._weights.expect_disturbance(forces, team)
 
-    def map_features(self, feature_map: Array, old_poses: Sequence[Pose], new_poses: Sequence[Pose]) -> None:
-        """All samples' motions count as if they had been fused with new poses: ``refit_map`` (28, 28)."""
+    def use_poses(
+        self, feature_map: Array, old_poses: Sequence[Pose], new_poses: Sequence[Pose], fusion: MotionFusion
+    ) -> None:
+        """See all that is remembered, and what comes, with new poses; wrenches follow with ``correct``.
+
+        Args:
+            feature_map: What fusing motions with the new poses makes of the samples, ``refit_map`` (28, 28).
+            old_poses: Of all robots, in use so far.
+            new_poses: From now on.
+            fusion: Of motion sensors at these.
+        """
         self._early.move_to(self._window)
         to_new = gram_map(feature_map)
         self._window.revise(lambda sums: mapped(sums, to_new))
@@ -326,6 +331,7 @@ class LoadMemory:
             self._window.total, self._changed_at, self._window.first_block, self._last_block, old_poses, new_poses
         )
         self._comes_again = False
+        self._weights.set_poses(new_poses, fusion, self._window if self._is_enough() else None)
 
     def begin_again(self, team: TeamPoses) -> None:
         """The samples of late come again, carried with poses that are known as said: forget all.

@@ -353,10 +353,9 @@ class Team:
         feature_map = refit_map(self._poses, poses, self._config.noise, self._motion.slope)
         self._fits.map(feature_map)
         self._contradictions.map(feature_map)
-        self._memory.map_features(feature_map, self._poses, poses)
+        self._memory.use_poses(feature_map, self._poses, poses, self._motion.fusion)
         steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
         self._poses, self._version = poses, version
-        self._memory.set_poses(poses, self._motion.fusion)
         self._fitted = self._fits.known(poses, steps, self._motion.slope)
         self._contradictions.use_pose(poses[self._own], self._fitted.deviations.max(axis=0))
         self._neighbours_poses = seen_from(self._fitted, self._config.name, self._names, self._neighbours)

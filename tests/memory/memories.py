@@ -51,11 +51,6 @@ class Memories:
     def _fusion(self, poses: Sequence[Pose]) -> MotionFusion:
         return MotionFusion.of_robots(self.team.noise, poses, derivative_kernel(2, 0.01))
 
-    def use(self, poses: Sequence[Pose]) -> None:
-        self.poses = poses
-        for memory in self.each:
-            memory.set_poses(poses, self._fusion(poses))
-
     def push(self, first: int, last: int, load: float = 1.0, robots: Sequence[int] = range(COUNT)) -> list[int | None]:
         """Blocks ``first`` to ``last - 1``, of a load so many times as heavy. Returns what the first robot found."""
         found = []
@@ -88,8 +83,8 @@ class Memories:
     def map_to(self, poses: Sequence[Pose]) -> None:
         feature_map = refit_map(self.poses, poses, self.team.noise)
         for memory in self.each:
-            memory.map_features(feature_map, self.poses, poses)
-        self.use(poses)
+            memory.use_poses(feature_map, self.poses, poses, self._fusion(poses))
+        self.poses = poses
 
     def begin_roughly(self) -> None:
         """Some blocks, then these are to come again, seen with better poses."""

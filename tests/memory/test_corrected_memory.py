@@ -15,14 +15,14 @@ AS_THEY_ARE_OFF = 4e-6
 
 def test_not_everybody_need_have_the_same_samples(config: AgentConfig, team: Team) -> None:
     """What a robot has missed neither spoils the correction, nor looks like a change of the load."""
-    memories, anew, stale = (Memories(config, team, poses) for poses in (moved(team, 4e-3), *2 * [team.poses]))
+    used = moved(team, 4e-3), team.poses, moved(team, 2e-3)
+    memories, anew, stale = (Memories(config, team, poses) for poses in used)
     memories.push(0, 5)
     memories.fit(moved(team, 2e-3))
     memories.push(5, 38, robots=[OWN, 0, 3])
     memories.push(38, 55)
     memories.fit(team.poses)
     assert memories.push(55, 60, robots=[1, 0, 2, 3]) == 5 * [None]
-    stale.use(moved(team, 2e-3))
     for each in (stale, anew):
         each.push(0, 60)
     assert distance(memories.estimate(), anew.estimate()) < 0.2 * distance(stale.estimate(), anew.estimate())

@@ -18,7 +18,7 @@ def errors_after_a_fit(config: AgentConfig, team: Team, size: float) -> tuple[fl
     anew, stale, memories = (Memories(config, team, poses) for poses in (team.poses, *2 * [moved(team, size)]))
     for other in (anew, stale):
         other.push(0, blocks // 2)
-        other.use(other.poses)  # with weights from the same estimate
+        other.fit(other.poses)  # with weights from the same estimate
         other.push(blocks // 2, blocks)
     memories.push(0, blocks // 2)
     memories.map_to(team.poses)
