@@ -49,7 +49,7 @@ def sizes(path: Path) -> tuple[int, int]:
 class BareAgent:
     """An agent that answers with what another one said once; has what ``agents.process`` needs of an ``Agent``."""
 
-    def __init__(self, config: AgentConfig, incarnation: int = 0) -> None:
+    def __init__(self, config: AgentConfig, incarnation: int, largest_arrays: int) -> None:
         self._config = config
         self._incarnation = incarnation
         self._said = _read(Path(config.estimator_settings[SETTING]))

@@ -13,7 +13,9 @@ import psutil
 import pytest
 
 from benchmarks.long_run import Life
+from benchmarks.paced_team import paced_team
 from benchmarks.raw_team import RawServer, Sizes, raw_team
+from benchmarks.replay import BLOCKS, record
 from benchmarks.scenarios import team_scenario
 from benchmarks.startup import Run
 from coheft.app.hosts import free_ports
@@ -38,6 +40,15 @@ def test_the_raw_server_ends_with_its_stdin_whatever_it_waits_for() -> None:
     config = RawServer("run", {"r1": f"tcp/127.0.0.1:{free_ports(1)[0]}"}, 4, SIZES)
     line = msgspec.json.encode(config).decode() + "\n"
     subprocess.run([sys.executable, "-m", "benchmarks.raw_team"], input=line, text=True, timeout=LIMIT, check=True)
+
+
+def test_bare_agents_say_again_what_real_ones_said(tmp_path: Path) -> None:
+    scenario = team_scenario(3)
+    files = record(scenario, tmp_path)
+    with paced_team(scenario, tmp_path / "floor", files) as team:
+        team.run_until(0.5)
+        assert team.turn(0.5).blocks > BLOCKS, "they begin anew when all is said"
+        team.stop()
 
 
 def test_a_run_that_does_not_begin_is_told(tmp_path: Path) -> None:
