@@ -71,11 +71,14 @@ class UnknownLoad:
         self._prior_mean = np.array([0.0, phi[1] / phi[0], phi[2] / phi[0], 0.0])
         variances = share * prior.load**2, prior.place**2, prior.place**2, prior.size**4
         self._prior_covariance = np.diag(variances)
-        self._mean, self._covariance = self._prior_mean, self._prior_covariance
+        self._mean, self._law = self._prior_mean, linearised(self._prior_mean, self._prior_covariance)
 
     def start(self) -> tuple[Array, Array]:
         """``phi`` right after the change: mean (4,) and covariance (4, 4), as far as the load is not known by now."""
-        return self._seen_with(linearised(self._mean, self._covariance))
+        law = self._law
+        middle = self._phi + law.middle + law.slope @ (self._prior_mean - self._mean)
+        spread = self._phi_covariance + law.slope @ self._prior_covariance @ law.slope.T + law.rest
+        return middle, 0.5 * (spread + spread.T)
 
     def learn(self, phi: Array, covariance: Array) -> None:
         """Find out about the load from what the cart is now known to be: mean (4,) and covariance (4, 4).
@@ -84,16 +87,11 @@ class UnknownLoad:
             phi: As it follows from the last ``start`` and from all that has been measured since.
             covariance: Of it.
         """
-        law = linearised(self._mean, self._covariance)
-        expected, spread = self._seen_with(law)
+        law = self._law
+        expected, spread = self.start()
         gain = np.linalg.solve(spread, law.slope @ self._prior_covariance).T
         self._mean = self._prior_mean + gain @ (phi - expected)
         unseen = np.eye(_SIZE) - gain @ law.slope
         left = unseen @ self._prior_covariance @ unseen.T
         left += gain @ (self._phi_covariance + law.rest + covariance) @ gain.T
-        self._covariance = 0.5 * (left + left.T)
-
-    def _seen_with(self, law: Law) -> tuple[Array, Array]:
-        middle = self._phi + law.middle + law.slope @ (self._prior_mean - self._mean)
-        spread = self._phi_covariance + law.slope @ self._prior_covariance @ law.slope.T + law.rest
-        return middle, 0.5 * (spread + spread.T)
+        self._law = linearised(self._mean, 0.5 * (left + left.T))
