@@ -41,8 +41,8 @@ class Restarts:
         if not failed:
             return
         if not (all(self._may_try_again(child) for child in failed) and self._goes_on()):
-            has_server = all(child.name != SERVER for child in failed)
-            self.processes.check(self.limit if has_server else None)
+            is_server_there = all(child.name != SERVER for child in failed)
+            self.processes.check(self.limit if is_server_there else None)
         for child in failed:
             text = f"{child.name} {child.how_and_why}; started again ({child.restarts + 1} of {self.limit})"
             self.processes.start_again(child)
