@@ -159,9 +159,8 @@ def _read(folder: Path) -> RunFile | None:
 
 def _answers(endpoint: str) -> bool:
     """Whether somebody listens there. A run that was killed leaves its file behind, so the file alone says nothing."""
-    host, port = split_endpoint(endpoint)
     try:
-        socket.create_connection((host, port), timeout=0.5).close()
+        _dial(endpoint)
     except OSError:
         return False
     return True
@@ -170,12 +169,14 @@ def _answers(endpoint: str) -> bool:
 def has_gone(run_file: RunFile) -> bool:
     """Whether the system where the server of a run was says that nobody listens there; a pulled cable says nothing."""
     try:
-        socket.create_connection(split_endpoint(run_file.server), timeout=0.5).close()
-    except ConnectionRefusedError:
-        return True
-    except OSError:
-        return False
+        _dial(run_file.server)
+    except OSError as error:
+        return isinstance(error, ConnectionRefusedError)
     return False
+
+
+def _dial(endpoint: str) -> None:
+    socket.create_connection(split_endpoint(endpoint), timeout=0.5).close()
 
 
 def split_endpoint(endpoint: str) -> tuple[str, int]:
