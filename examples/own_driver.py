@@ -70,6 +70,8 @@ def main(data: str, *files: str) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 3:
+        sys.exit("usage: python own_driver.py recording.npz agent.json ...")
     try:
         main(*sys.argv[1:])
     except CoheftError as error:

@@ -212,7 +212,9 @@ def test_an_error_that_breaks_a_run_off_stays_of_its_kind(place: Path, monkeypat
         run("ring3", quiet=True, json=str(place / "x.json"))
 
 
-@pytest.mark.parametrize("command", ["run ring3 --report", "study ring3 --report", "cart --jobs 1 --figures"])
+@pytest.mark.parametrize(
+    "command", ["run ring3 --report", "study ring3 --report", "cart --jobs 1 --figures", "identify run.npz --report"]
+)
 def test_what_is_broken_off_leaves_no_empty_folder(command: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
     pytest.importorskip("jinja2")
@@ -221,8 +223,10 @@ def test_what_is_broken_off_leaves_no_empty_folder(command: str, place: Path, mo
         assert Path("some/new").is_dir()
         raise KeyboardInterrupt
 
-    for name in ("launch.launch", "study.campaign.run_study", "cart.campaign.run_cases"):
+    for name in ("launch.launch", "study.campaign.run_study", "cart.campaign.run_cases", "identify.methods.identify"):
         monkeypatch.setattr(f"coheft.app.{name}", interrupted)
+    monkeypatch.setattr("coheft.wire.data_file.read_recording", lambda _: None)
+    monkeypatch.setattr("coheft.app.identify.methods.part_of", lambda *_: None)
     before = sorted(place.rglob("*"))
     assert run_command_line([*command.split(), "some/new"]) == EXIT_INTERRUPTED
     assert sorted(place.rglob("*")) == before

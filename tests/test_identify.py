@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -206,14 +207,17 @@ def test_a_load_that_hardly_moves_is_not_weighed(tmp_path: Path, capsys: pytest.
 def test_the_command_line_reports(miscalibrated: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("matplotlib")
     path, report, folder = tmp_path / "d.npz", tmp_path / "d.json", tmp_path / "report"
-    write_recording(miscalibrated, path)
+    robots = miscalibrated.robots
+    named = replace(miscalibrated, robots={"arm[left]": robots["r1"], "r2": robots["r2"], "r3": robots["r3"]})
+    write_recording(named, path)
     arguments = ["identify", str(path), "--calibrate", "--json", str(report), "--report", str(folder)]
     assert run_command_line(arguments) == EXIT_CONVERGED
     shown = capsys.readouterr().out
     assert "Calibration" in shown
     assert "not seen" in shown
     told = json.loads(report.read_text())
-    assert (told["method"], told["robots"]) == ("pose", ["r1", "r2", "r3"])
+    assert (told["method"], told["robots"]) == ("pose", ["arm[left]", "r2", "r3"])
+    assert shown.count("arm[left]") > 2  # in both tables too, though brackets are style for rich
     principal = np.linalg.eigvalsh(np.array(told["payload"]["inertia"]))
     np.testing.assert_allclose(told["payload"]["principal"], principal)
     assert abs(told["errors"]["mass_kg"]) < 0.5

@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("joblib")
 
 from coheft.app.parallel import side_by_side, workers
+from coheft.errors import CoheftError
 
 
 def threads(number: int) -> tuple[int, str | None, int]:
@@ -31,6 +32,16 @@ def test_ctrl_c_is_left_to_the_process_that_ends_the_others() -> None:
         assert list(side_by_side(signal.getsignal, [(signal.SIGINT,)] * 2)) == [signal.SIG_IGN] * 2
     with workers(1):  # which makes all calls itself
         assert list(side_by_side(signal.getsignal, [(signal.SIGINT,)])) == [signal.getsignal(signal.SIGINT)]
+
+
+def kill_this_process(number: int) -> int:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def test_a_killed_worker_is_an_error_in_words() -> None:
+    with pytest.raises(CoheftError, match="was killed, maybe because memory ran out: fewer processes"), workers(2):
+        list(side_by_side(kill_this_process, ((number,) for number in range(4))))
 
 
 ONE_CORE = """

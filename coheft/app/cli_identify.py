@@ -72,6 +72,7 @@ def identify(
     from coheft.app.identify.methods import part_of
     from coheft.app.identify.report import make_report
     from coheft.app.identify.tables import print_identification
+    from coheft.app.new_folder import gone_if_broken_off
     from coheft.app.report import write_report
     from coheft.wire.data_file import read_recording
 
@@ -82,9 +83,10 @@ def identify(
     recorded = read_recording(recording)
     try:
         recorded = part_of(recorded, from_, to)
-        if report is not None:
-            make_folder(report)
-        found = find(recorded, method, (bounds or Bounds()) if calibrate else None, cutoff)
+        with gone_if_broken_off(report):
+            if report is not None:
+                make_folder(report)
+            found = find(recorded, method, (bounds or Bounds()) if calibrate else None, cutoff)
     except RecordingError as error:
         raise RecordingError(f"{recording}: {error}") from error
     result = make_report(str(recording), recorded, found)

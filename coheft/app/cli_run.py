@@ -93,7 +93,7 @@ def run(
     report:
         Folder for a page with pictures, the pictures, and the data behind them; takes coheft[report].
     quiet:
-        Show nothing but errors.
+        Show nothing but errors, and where the view is.
     save_data:
         Save what all robots measured, for 'coheft identify': an .npz file, or, without suffix, a folder of CSV files.
     record:

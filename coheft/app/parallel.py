@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from importlib.util import find_spec
 from typing import Any, TypeVar
@@ -32,7 +33,7 @@ def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
 
     Raises:
         MissingPackageError: A package for it is not installed.
-        CoheftError: There is no such scheduler.
+        CoheftError: There is no such scheduler, or a worker was killed.
     """
     try:
         import joblib
@@ -43,7 +44,13 @@ def workers(jobs: int | None = None, dask: str | None = None) -> Iterator[None]:
         # as well, is left to this process, which ends them: they would write tracebacks.
         deaf = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN)}
         with joblib.parallel_config("loky", n_jobs=jobs or usual_jobs(), inner_max_num_threads=1, **deaf):
-            yield
+            try:
+                yield
+            except BrokenProcessPool as error:
+                raise CoheftError(
+                    "a process that did part of the work was killed, maybe because memory ran out: fewer processes "
+                    "need less, say how many with --jobs"
+                ) from error
         return
     with _client(dask), joblib.parallel_config("dask", n_jobs=-1):
         yield

@@ -18,6 +18,7 @@ from rich.text import Text
 from coheft.app.digits import value_and_std
 from coheft.app.judge import RobotReport, why_stale
 from coheft.app.record import Record
+from coheft.app.states import STATES, state_of
 from coheft.app.wide_table import needed_width
 from coheft.wire.messages import Estimate, Problem, Truth
 
@@ -188,16 +189,6 @@ def _beliefs(record: Record) -> _Beliefs:
     return {name: (estimate, record.judge.robot([estimate])) for name, estimate in record.beliefs.items()}
 
 
-def _state(estimate: Estimate) -> str:
-    if estimate.status == "stale":
-        return "stale"
-    if estimate.phase == "poses":
-        return "finding neighbours"
-    return "converged" if estimate.is_converged else "weighing"
-
-
-_STATES = ("stale", "finding neighbours", "weighing", "converged")
-"""The worst first."""
 _STATE_STYLES = {"stale": "yellow", "converged": "green"}
 
 
@@ -215,7 +206,7 @@ def _stale_line(reason: str, names: list[str]) -> str:
 
 def _counts(estimates: Sequence[Estimate]) -> str:
     """How many robots are how."""
-    states = [_state(estimate) for estimate in estimates]
+    states = [state_of(estimate) for estimate in estimates]
     return ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
 
 
@@ -257,7 +248,7 @@ def _worst(beliefs: _Beliefs, count: int) -> tuple[_Beliefs, list[Text]]:
     """Those robots for which there are lines, the worst off first, and a line about the others; all if they fit."""
     if len(beliefs) <= count:
         return beliefs, []
-    by_state = sorted(beliefs, key=lambda name: _STATES.index(_state(beliefs[name][0])))
+    by_state = sorted(beliefs, key=lambda name: STATES.index(state_of(beliefs[name][0])))
     shown, others = by_state[: count - 1], by_state[count - 1 :]
     more = Text(f"and {len(others)} more: {_counts([beliefs[name][0] for name in others])}", "dim")
     return {name: beliefs[name] for name in shown}, [more]
@@ -286,7 +277,7 @@ def _live_table(beliefs: _Beliefs) -> Table:
         mass, com, inertia = report.mass, report.com, report.inertia
         table.add_row(
             name,
-            Text(_state(estimate), style=_STATE_STYLES.get(_state(estimate), "dim")),
+            Text(state_of(estimate), style=_STATE_STYLES.get(state_of(estimate), "dim")),
             "" if mass.estimate is None else f"{value_and_std(mass.estimate, mass.std or 0.0)} kg",
             "" if com.error_mm is None else f"off {com.error_mm:.1f} mm",
             "" if inertia.error_pct is None else f"off {inertia.error_pct:.1f} %",

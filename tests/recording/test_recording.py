@@ -287,17 +287,22 @@ def test_without_its_packages_a_recording_is_refused_before_anything_starts(tmp_
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a disk that is full")
-def test_a_full_disk_ends_the_run_with_a_reason(tmp_path: Path) -> None:
+def test_a_run_goes_on_when_its_recording_cannot(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "run.mcap", SCENARIO)
     recorder._file.close()
     recorder._file = open("/dev/full", "wb")  # noqa: SIM115
-    with pytest.raises(RecordingError, match="No space left"):
-        keep_recording(recorder)
+    ended: list[str] = []
+    with pytest.raises(RecordingError, match="could not be written any more: No space left"):
+        run_to_its_end(recorder, ended)
+    assert ended == ["the run"]
 
 
-def keep_recording(recorder: Recorder) -> None:
+def run_to_its_end(recorder: Recorder, ended: list[str]) -> None:
     with recorder:
         recorder.begin(BEGIN)
-        while True:
+        while recorder._thread.is_alive():  # until it has found the disk full
             for news in NEWS:
                 recorder.hear(news)
+        for news in NEWS:
+            recorder.hear(news)
+        ended.append("the run")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from coheft.app.identify.report import IdentifyReport
@@ -51,10 +52,10 @@ def _poses(report: IdentifyReport) -> Table:
         table.add_column("error, mm")
     for name, pose in report.poses.items():
         if pose is None:
-            table.add_row(name, _UNSEEN)
+            table.add_row(escape(name), _UNSEEN)
             continue
         row = [
-            name,
+            escape(name),
             " ".join(f"{x:.3f}" for x in pose.rotation_vector_deg),
             f"{pose.rotation_std_deg:.3f}",
             " ".join(f"{x:.4f}" for x in pose.position_m),
@@ -102,6 +103,6 @@ def _calibration(report: IdentifyReport) -> Table:
     for row in report.calibration:
         told = "" if row.seen else "not seen"
         table.add_row(
-            row.robot, row.what, f"{row.value:.3f} {row.unit}", f"{row.std:.3f}", f"{row.std_before:.3f}", told
+            escape(row.robot), row.what, f"{row.value:.3f} {row.unit}", f"{row.std:.3f}", f"{row.std_before:.3f}", told
         )
     return table

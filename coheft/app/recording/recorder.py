@@ -25,7 +25,8 @@ class Recorder:
 
     It writes in a thread of its own: Ctrl-C ends what the main thread does in the middle, and a message that was
     written by half would spoil the file. Leaving the context finishes the file, however the run has ended; a run that
-    never began leaves none.
+    never began leaves none. When the file cannot be written any more, the run goes on without it: what else it finds is
+    not to be lost with it. The error comes when the context is left.
 
     Args:
         path: Must not be there yet.
@@ -53,33 +54,28 @@ class Recorder:
     ) -> None:
         self._news.put(None)
         self._thread.join()
-        if error is None:
-            self._check()
+        if error is None and self._failure is not None:
+            raise self._told(self._failure)
 
     def begin(self, status: Status) -> None:
         """The run begins."""
         self._news.put(status)
 
     def hear(self, news: News) -> None:
-        """Somebody has said something.
-
-        Raises:
-            RecordingError: The file cannot be written any more.
-        """
-        self._check()
-        self._news.put(news)
+        """Somebody has said something."""
+        if self._failure is None:
+            self._news.put(news)
 
     def end(self, status: Status) -> None:
         """The run has ended."""
 
-    def _check(self) -> None:
-        if isinstance(self._failure, OSError):
-            raise RecordingError(
-                f"{self._path}: cannot be written any more: {self._failure.strerror}. To save what there is: "
-                f"coheft recover {self._path}"
-            )
-        if self._failure is not None:
-            raise self._failure
+    def _told(self, failure: Exception) -> Exception:
+        if not isinstance(failure, OSError):
+            return failure
+        return RecordingError(
+            f"{self._path}: could not be written any more: {failure.strerror}. To save what there is: "
+            f"coheft recover {self._path}"
+        )
 
     def _work(self) -> None:
         try:

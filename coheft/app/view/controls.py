@@ -173,7 +173,7 @@ class Controls:
         if pid is None:
             raise CoheftError(f"{robot} was started by hand, perhaps elsewhere: nobody here knows its process")
         os.kill(pid, signal.SIGKILL)
-        return f"killed {robot}'s agent; it will be started again"
+        return f"killed {robot}'s agent"
 
     def _set_link(self, edge: Edge, cut: bool) -> str:
         set_link(self._run_file, self._model.scene, *edge, cut=cut)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from coheft.app.judge import RobotReport
+from coheft.app.states import state_of
 from coheft.app.view.colours import ACCENT, STATUS, WAITING, Colour, css
 from coheft.app.view.model import ViewModel
 from coheft.wire.messages import Estimate, LoadState
@@ -112,13 +113,10 @@ def team(model: ViewModel, chosen: str) -> str:
         payload = estimate.payload if estimate is not None else None
         mass = f"{payload.mass:.3f}" if payload is not None else "–"
         std = f"{payload.covariance[0, 0] ** 0.5:.3f}" if payload is not None else ""
-        phase = "" if estimate is None else ("finding neighbours" if estimate.phase == "poses" else "weighing")
-        if estimate is not None and estimate.is_converged:
-            phase = "converged"
         colour = f"color:{css(ACCENT)};font-weight:650" if name == chosen else ""
         rows.append(
             f'<tr><td style="width:16px">{_dot(STATUS[status])}</td><td style="{colour}">{escape(name)}</td>'
-            f'<td style="{_DIM}">{phase if status != "stale" else "stale"}</td>'
+            f'<td style="{_DIM}">{"" if estimate is None else state_of(estimate)}</td>'
             f"{_right(mass)}{_right(f'± {std}' if std else '', dim=True)}</tr>"
         )
     return _page(f'<table style="width:100%;border-collapse:collapse">{"".join(rows)}</table>')
