@@ -33,7 +33,8 @@ class Contradictions:
         config: The robot's settings.
         names: Of the team, in its order.
         pose: The own one.
-        deviations: Standard deviations of poses' perturbations in the robots' own frames, shape (6,) [rad, m].
+        deviations: Standard deviations of poses' perturbations in the axes of the body frame, shape (6,): the
+            largest of all robots [rad, m].
 
     Attributes:
         flood: Tells the others how badly the own sensors fit, once they do not, and hears the same of them.
@@ -105,6 +106,11 @@ class Contradictions:
         misfits = self.flood.table[:, 1]
         worst = int(misfits.argmax())
         return self._names[worst] if misfits[worst] > MISFIT else None
+
+    @property
+    def doubt(self) -> str | None:
+        """The same in words."""
+        return None if self.suspect is None else f"what {self.suspect} measures contradicts how the load moves"
 
     @property
     def have_lasted(self) -> bool:

@@ -17,12 +17,12 @@ class Found:
         poses: ``pose_j_in_i`` of the neighbours.
         payload: Mass properties in ``F_i``, None while there are none.
         unseen: What of them is not observable.
-        payload_block: The newest block that is in mass properties.
+        changed_at: First block of that load, -1 if it has not changed.
         learned_block: The newest block that has been looked at: nothing speaks against what is known until there.
     """
 
     poses: Mapping[str, PoseEstimate]
     payload: PayloadEstimate | None
     unseen: tuple[str, ...]
-    payload_block: int
+    changed_at: int
     learned_block: int

@@ -12,10 +12,10 @@ from agents.late_wrenches import LateWrenches
 from agents.load_moments import CROSS_SHAPE, disturbed, gram_map, mapped, number_of_samples, sum_of_squares
 from agents.load_weights import LoadWeights
 from agents.make_memory import make_memory
+from agents.mean_square import MeanSquare
 from agents.seen_payload import SeenPayload, StandingPayload, seen_payload
 from agents.wrench_correction import (
     TOLD_SIZE,
-    MeanSquare,
     WrenchCorrection,
     motion_grams,
     told_forces,
@@ -352,9 +352,9 @@ class LoadMemory:
         As long as nobody can tell whether the load has changed, the covariance counts with both.
         """
         if not self._is_enough():
-            return SeenPayload(None, (), self._last_block)
+            return SeenPayload(None, ())
         if self._late.contradict:
-            return SeenPayload(None, (_MISFIT,), self._last_block)
+            return SeenPayload(None, (_MISFIT,))
         return self._standing.find(
             count=self._growing_count,
             objects=(team, self._weights.model, self._wrenches_by_motion, self._window.former),
@@ -373,7 +373,7 @@ class LoadMemory:
             estimate = maybe_former(estimate, former)
         inflation = self._window.doubt * (1.0 + (_NEW * self._config.rate / self.count) ** 2)
         payload, unseen = seen_payload(estimate, sensitivity, own, team, inflation, self._weights.size)
-        return SeenPayload(payload, unseen if former is None else (*unseen, _MAY_BE_FORMER), self._last_block)
+        return SeenPayload(payload, unseen if former is None else (*unseen, _MAY_BE_FORMER))
 
     def _is_enough(self) -> bool:
         return self.count >= _LEAST * self._config.rate

@@ -64,7 +64,8 @@ _FAR_IN_DEVIATIONS = 15.0
 noise."""
 _LEFT = 0.25
 """Share of a fit's last step that may be left to go, because the fit is not linear."""
-_UNTRIED = 1.5
+STILL_FOUND = "the poses are still being found"
+UNTRIED = 1.5
 """Poses are so much less certain, in variance, as the square of this over the time of samples that they were fitted to
 [s]: what is left out of their covariance is of second order, and matters when they are new."""
 
@@ -108,7 +109,7 @@ class PoseFits:
         self._own = own
         self._hearing = hearing
         self._shortest = config.blocks(_SHORTEST_ROUND)
-        self._longest = 3 * hearing + under_way + 3
+        self._round_takes = 3 * hearing + under_way + 3
         self._tells = self._tell_step = 0  # the first fit comes as soon as there are samples enough
         chunk = max(config.blocks(_CHUNK), 2 * hearing)
         self._unsure = -(-config.blocks(UNNOTICED) // chunk) + 1
@@ -155,7 +156,7 @@ class PoseFits:
             if self.common.is_spoilt:
                 self._look_at_spoilt()
             if self.common.has_forgotten:  # fits pay again as they do at first, however old the team is
-                self._tell_step = min(self._tell_step, self.common.steps + self._longest)
+                self._tell_step = min(self._tell_step, self.common.steps + self._round_takes)
             self._tell_score(version, poses, is_settled and self.carried == version)
         if self._own == 0:
             self._fit(index, version, poses, slope, are_rough, come_again)
@@ -214,9 +215,7 @@ class PoseFits:
         table = self._scores.table
         return Scores.of(table[table[:, 0] == self._used, 1:])
 
-    def known(
-        self, poses: Sequence[Pose], steps: Sequence[Array], slope: Array, untried: float = _UNTRIED
-    ) -> TeamPoses:
+    def known(self, poses: Sequence[Pose], steps: Sequence[Array], slope: Array, untried: float = UNTRIED) -> TeamPoses:
         """How well poses are known that have just come into use: by the samples that they were fitted to.
 
         Args:
@@ -233,7 +232,7 @@ class PoseFits:
         inflation *= min(self._used_scores().squares.max(initial=1.0), _WORST)
         return replace(fitted, covariance=inflation * fitted.covariance + np.outer(left, left))
 
-    def _inflation(self, untried: float = _UNTRIED) -> float:
+    def _inflation(self, untried: float = UNTRIED) -> float:
         """How many times less certain, in variance, poses are than the samples say that they are fitted to."""
         return float(1.0 + (untried * self._config.rate / max(self.told_moments.count, 1.0)) ** 2)
 
@@ -265,7 +264,7 @@ class PoseFits:
         self._tells, self._told_chunk, self._told_count = self._tells + 1, self.common.chunks, count
         self._chunks[self._tells] = self.common.chunks
         grown = min(round(self._config.efficient.refit_share * steps), self._config.blocks(_SELDOM))
-        self._tell_step = steps + max(self._longest, self._shortest, grown)
+        self._tell_step = steps + max(self._round_takes, self._shortest, grown)
         if can_tell:
             moments = self.common.total
             score, information, cost = score_and_information(moments, poses[self._own], self._config.noise)
@@ -278,7 +277,7 @@ class PoseFits:
         """The samples of late do not count any more: poses that were fitted to them have to be fitted again, soon."""
         if self.common.chunks - self._told_chunk <= self._unsure:
             self.spoilt = self._tells
-            self._tell_step = min(self._tell_step, self.common.steps + self._longest)
+            self._tell_step = min(self._tell_step, self.common.steps + self._round_takes)
 
     def _fit(
         self, index: int, version: int, poses: Sequence[Pose], slope: Array, are_rough: bool, come_again: bool
@@ -330,8 +329,3 @@ def _is_far(poses: Sequence[Pose], fitted: TeamPoses) -> bool:
     turns, shifts = np.linalg.norm(steps, axis=2).T
     uncertain = np.linalg.norm(fitted.deviations[1:, 3:], axis=1)
     return bool(np.any((turns > _FAR) | (shifts > np.maximum(_FAR_SHIFT, _FAR_IN_DEVIATIONS * uncertain))))
-
-
-def largest_step(fitted: TeamPoses, steps: Sequence[Array]) -> float:
-    """How far the last fit has moved a pose, in its standard deviations."""
-    return float(np.max(np.abs(steps[1:]) / fitted.deviations[1:]))

@@ -20,12 +20,10 @@ class SeenPayload(NamedTuple):
     Attributes:
         payload: Mass properties in ``F_i``, None while there are none.
         unseen: What of them is not observable, in words.
-        block: The newest block that is in it.
     """
 
     payload: PayloadEstimate | None
     unseen: tuple[str, ...]
-    block: int
 
 
 class StandingPayload:
@@ -62,8 +60,8 @@ class StandingPayload:
 
 def seen_payload(
     estimate: InertiaEstimate, by_poses: Array, own: int, team: TeamPoses, inflation: float, size: float
-) -> tuple[PayloadEstimate | None, tuple[str, ...]]:
-    """Mass properties in ``F_i``; and what is not observable, in words.
+) -> SeenPayload:
+    """Mass properties in ``F_i``; and what is not observable.
 
     Args:
         estimate: In the body frame.
@@ -83,7 +81,7 @@ def seen_payload(
     unseen = unseen_quantities(covariance, estimate.inertia.mass, size)
     inertia = estimate.inertia.carried(pose.inverse())
     sentences = tuple(f"{part.what}: {part.remedy}" for part in unseen)
-    return _published(inertia, covariance, {part.quantity for part in unseen}), sentences
+    return SeenPayload(_published(inertia, covariance, {part.quantity for part in unseen}), sentences)
 
 
 def _published(inertia: Inertia, covariance: Array, unseen: Collection[str]) -> PayloadEstimate | None:

@@ -26,16 +26,14 @@ from agents.legacy import Legacy
 from agents.load_changes import LoadChanges
 from agents.load_memory import LoadMemory
 from agents.load_moments import block_moments
-from agents.pose_fits import UNNOTICED, PoseFits, largest_step
+from agents.pose_fits import STILL_FOUND, UNNOTICED, PoseFits
+from agents.poses_in_use import PosesInUse
 from agents.sums import Entered, TeamSums
-from agents.total_motion import TotalMotion
 from agents.watch import block_misfit
-from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.load_comparison import KnownLoad
-from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import PosePrior, refit_map, seen_from
+from coheft.estimation.team_registration import PosePrior
 from coheft.wire.config import AgentConfig
 from consensus.flood import Flood, Floods
 from consensus.graph import Neighbours, hearing
@@ -80,36 +78,33 @@ class Team:
         self._names = sorted(graph)
         self._own = self._names.index(config.name)
         self._neighbours = graph[config.name]
-        self._poses = tuple(poses[name].pose for name in self._names)
-        self._fitted = known_from_before([poses[name] for name in self._names])
+        members = [poses[name] for name in self._names]
+        known = known_from_before(members)
         schedule = choose_schedule({name: graph[name] for name in self._names})
         self._sums = TeamSums("sums", config.name, self._neighbours, schedule, config.block, config.noise)
         self._early_sums = EarlySums(config, self._neighbours, schedule, start, history)
         self._next = start
         self._hearing = hearing(graph)
 
-        self._motion = TotalMotion(config, self._poses)
-        self._legacy = Legacy()
-        self._found_before: Found | None = None
-        self._neighbours_poses: dict[str, PoseEstimate] = {}
-        self._memory = LoadMemory(config, self._own, self._poses, self._motion.fusion, self._fitted, former)
-
-        members = len(self._names)
         prior, deviations, settling = None, WELL_KNOWN, 0
-        if self._fitted is not None:
-            prior, deviations = PosePrior.of(self._fitted), self._fitted.deviations.max(axis=0)
+        if known is not None:
+            prior, deviations = PosePrior.of(known), known.deviations.max(axis=0)
             settling = config.blocks(UNNOTICED)
-            self._neighbours_poses = seen_from(self._fitted, config.name, self._names, self._neighbours)
         self._fits = PoseFits(
-            config, members, self._own, start, schedule.rounds, self._hearing, regrowth=1.0, prior=prior
+            config, len(members), self._own, start, schedule.rounds, self._hearing, regrowth=1.0, prior=prior
         )
-        # Versions of the poses that the past was mapped to, and corrected for.
-        self._version = self._corrected = 0
+        self._contradictions = Contradictions(config, self._names, members[self._own].pose, deviations)
+        at_first = tuple(member.pose for member in members)
+        self._in_use = PosesInUse(config, self._names, at_first, known, self._fits, self._contradictions)
+        self._memory = LoadMemory(config, self._own, at_first, self._in_use.motion.fusion, known, former)
+        # Version of the poses that wrenches of the past are corrected for.
+        self._corrected = 0
+        self._largest_step = np.inf if known is None else 0.0
         # The last start of the early sums that the memory knows of.
         self._counted_from = start
-        self._largest_step = np.inf if self._fitted is None else 0.0
-        self._wrenches = Flood(members, LoadMemory.told_size)
-        self._contradictions = Contradictions(config, self._names, self._poses[self._own], deviations)
+        self._legacy = Legacy()
+        self._found_before: Found | None = None
+        self._wrenches = Flood(len(members), LoadMemory.told_size)
         self._floods = Floods(
             {
                 **self._fits.floods,
@@ -138,7 +133,7 @@ class Team:
         self._fit_poses(index)
         finished = self._sums.advance(inbox)
         newest = None if finished is None else self._take_in(*finished, index)
-        self._sums.enter(self._entered(index, samples))
+        self._sums.enter(self._in_use.carried(index, samples))
         told = self._sums.channels()
         early = None
         if not self._early_sums.are_over(index):
@@ -149,7 +144,8 @@ class Team:
         self._fits.common.add(index, (newest, early))
         self._contradictions.step(index)
         if not self.doubts():
-            self._legacy.note_poses(self._poses, self._fitted if self._fits.is_sure(self._version) else None)
+            sure = self._in_use.known if self._fits.is_sure(self._in_use.version) else None
+            self._legacy.note_poses(self._in_use.poses, sure)
         told["load_change"] = np.array([float(self._memory.changed_at)])
         return told | self._floods.channels()
 
@@ -166,18 +162,18 @@ class Team:
     @property
     def poses(self) -> dict[str, Pose]:
         """Of all members, in the body frame."""
-        return dict(zip(self._names, self._poses, strict=True))
+        return dict(zip(self._names, self._in_use.poses, strict=True))
 
     def poses_to_keep(self) -> dict[str, KnownPose] | None:
         """Of all members, in the body frame, for the next team; None if they cannot be relied upon."""
-        is_doubtful = self._contradictions.suspect is not None or self._fits.may_be_spoilt(self._version)
-        kept = self._legacy.poses(None if is_doubtful else self._poses)
+        is_doubtful = self._contradictions.suspect is not None or self._in_use.may_be_spoilt
+        kept = self._legacy.poses(None if is_doubtful else self._in_use.poses)
         return None if kept is None else dict(zip(self._names, kept, strict=True))
 
     @property
     def _is_settled(self) -> bool:
         """Whether what is remembered of the load is seen with the poses in use, and nothing may have spoilt these."""
-        return self._corrected == self._version and not self._fits.may_be_spoilt(self._version)
+        return self._corrected == self._in_use.version and not self._in_use.may_be_spoilt
 
     def known_load(self) -> KnownLoad | None:
         """What the load is in the body frame, for the next team; None if that never was known of the present one."""
@@ -194,26 +190,27 @@ class Team:
         While a fit is under way that matters, what was known before: motions are seen with new poses then, wrenches
         with old ones. The first one matters: before, nobody knows what poses do to the wrenches.
         """
-        is_coherent = self._corrected == self._version or (self._corrected > 0 and self._largest_step < _LITTLE)
-        if self._fitted is not None and is_coherent:
-            seen = self._memory.payload(self._own, self._fitted)
-            return Found(self._neighbours_poses, *seen, self._completeness.newest)
-        if self._found_before is not None and self._memory.changed_at > self._found_before.payload_block:
-            return replace(self._found_before, payload=None)
+        known, changed_at = self._in_use.known, self._memory.changed_at
+        is_settled = self._corrected == self._in_use.version
+        if known is not None and (is_settled or (self._corrected > 0 and self._largest_step < _LITTLE)):
+            payload, unseen = self._memory.payload(self._own, known)
+            neighbours = self._in_use.neighbours(self._neighbours)
+            return Found(neighbours, payload, unseen, changed_at, self._completeness.newest)
+        if self._found_before is not None and self._found_before.changed_at != changed_at:
+            return replace(self._found_before, payload=None)  # that was another load
         return self._found_before
 
     def doubts(self) -> tuple[str, ...]:
         """Why what is known of the load may not be true any more."""
         if self._completeness.newest < 0:
             return ("the team's sums have just begun",)
-        suspect = self._contradictions.suspect
-        if suspect is not None:
-            return (f"what {suspect} measures contradicts how the load moves",)
+        if self._contradictions.doubt is not None:
+            return (self._contradictions.doubt,)
         gap = self._completeness.gap(self._next)
         if gap is not None:
             return (gap,)
-        if self._fitted is not None and (self._fits.may_be_spoilt(self._version) or self._memory.is_spoilt):
-            return ("the poses are still being found",)
+        if self._in_use.known is not None and (self._in_use.may_be_spoilt or self._memory.is_spoilt):
+            return (STILL_FOUND,)
         recent_gap = self._completeness.recent_gap
         return () if recent_gap is None else (recent_gap,)
 
@@ -224,7 +221,7 @@ class Team:
         Where poses in use may be spoilt, contradictions may be theirs: everybody is blamed in turn, and there are no
         samples to fit them anew to. Then it is up to the one that is blamed now; the others go on with better poses.
         """
-        is_own_turn = self._fits.may_be_spoilt(self._version) and self._contradictions.is_own_turn
+        is_own_turn = self._in_use.may_be_spoilt and self._contradictions.is_own_turn
         return self._contradictions.have_lasted or is_own_turn or self._fits.are_stuck
 
     def _look_for_contradictions(self, index: int) -> None:
@@ -237,45 +234,35 @@ class Team:
             if not self._early_sums.are_over(index - self._config.blocks(UNNOTICED)):
                 self._memory.forget_early(PACE * UNNOTICED)
             self._early_sums.end()
-            if self._version == 0 and self._fitted is not None:
-                self._forget_what_was_known()
-
-    def _forget_what_was_known(self) -> None:
-        """Poses from a former team may be what contradicts: they are to be found again, as if nobody had known more."""
-        self._fits.forget_prior()
-        self._fitted = None
-        self._neighbours_poses, self._largest_step = {}, np.inf
-        self._contradictions.use_pose(self._poses[self._own], WELL_KNOWN)
-        self._memory.expect_anything()
+            if self._in_use.version == 0 and self._in_use.known is not None:
+                # Poses from a former team may be what contradicts: they are found again, as if nobody had known more.
+                self._in_use.forget_how_well(WELL_KNOWN)
+                self._largest_step = np.inf
+                self._memory.expect_anything()
 
     # --- sums ---
 
-    def _entered(self, block: int, samples: Array | None) -> Entered | None:
-        if samples is None:
-            return None
-        return Entered(block, samples, self._fits.carrying_pose(self._poses), self._fits.carried)
-
     def _catch_up(self, index: int, inbox: Mapping[str, Mapping[str, Array]]) -> RegistrationMoments | None:
         """Blocks from before the start enter the sums, and others leave them."""
-        pose, version = self._fits.carrying_pose(self._poses), self._fits.carried
-        finished = self._early_sums.step(index, pose, version, inbox)
-        if finished is None or self._motion.needs_slope or finished[0].version != self._version:
+        pose, version = self._fits.carrying_pose(self._in_use.poses), self._fits.carried
+        finished, motion = self._early_sums.step(index, pose, version, inbox), self._in_use.motion
+        if finished is None or motion.needs_slope or finished[0].version != self._in_use.version:
             return None
         entered, sums = finished
-        if not self._motion.are_plausible(sums):
+        if not motion.are_plausible(sums):
             return None
-        pose_moments, load = block_moments(entered.samples, self._motion.fusion.motion(sums), sums[:, 0])
+        pose_moments, load = block_moments(entered.samples, motion.fusion.motion(sums), sums[:, 0])
         is_like_others = self._contradictions.add_early(pose_moments)
-        misfit = block_misfit(pose_moments, self._poses[self._own], self._config.noise)
+        misfit = block_misfit(pose_moments, self._in_use.own, self._config.noise)
         is_unlikely = not is_like_others or misfit > _UNLIKELY
-        if self._fitted is not None and is_unlikely:
+        if self._in_use.known is not None and is_unlikely:
             return None
         self._memory.push_early(entered.block, load)
         return pose_moments
 
     def _take_in(self, entered: Entered, sums: Array, index: int) -> RegistrationMoments | None:
         """The team's sums of a block, in the body frame; returns what they say of the own pose."""
-        newest = self._motion.add(entered, sums)
+        newest = self._in_use.motion.add(entered, sums)
         if newest is None:
             return None
         self.total_block, self._total = entered.block, (entered.pose, sums[-1, 0])
@@ -283,13 +270,13 @@ class Team:
 
     def _look_at(self, block: int, index: int) -> RegistrationMoments | None:
         """Learn from the sums of a block, if they can be true; returns what they say of the own pose."""
-        seen = self._motion.look_at(block, self._use_poses)
+        seen = self._in_use.motion.look_at(block, self._use_poses)
         if seen is None:
             return None
         entered, sums, motion = seen
         found = Block(block, *block_moments(entered.samples, motion, sums[:, 0]))
         is_like_others = self._contradictions.add(found.pose)
-        misfit = block_misfit(found.pose, self._poses[self._own], self._config.noise)
+        misfit = block_misfit(found.pose, self._in_use.own, self._config.noise)
         if self._is_contradicted or not is_like_others or misfit > _NONSENSE:
             self._held.drop()
             return None
@@ -316,54 +303,44 @@ class Team:
     # --- poses ---
 
     def _fit_poses(self, index: int) -> None:
-        self._fits.step(
+        version = self._in_use.version
+        self._in_use.fit(
             index,
-            self._version,
-            self._poses,
-            self._motion.slope,
-            is_settled=self._corrected == self._version,
+            is_settled=self._corrected == version,
             is_spoilt=self._is_contradicted,
             are_rough=self._memory.is_spoilt,
-            come_again=not self._motion.needs_slope,
+            come_again=not self._in_use.motion.needs_slope,
         )
-        if self._version == 0 and self._fits.prior is None:
+        if version == 0 and self._fits.prior is None:
             self._legacy.forget_sure_poses()
         if self._fits.again_before > self._early_sums.start:
             if self._fits.may_be_spoilt(self._fits.carried):
                 self._early_sums.forget()
             self._early_sums.begin(self._fits.again_before)
             self._contradictions.forget_early()
-        if self._fitted is None or self._corrected == self._version:
+        if self._in_use.known is None or self._corrected == version:
             return
-        rows = self._wrenches.rows(self._version)
+        rows = self._wrenches.rows(version)
         if rows is not None:
-            self._memory.correct(rows, self._fitted)
-            self._corrected = self._version
+            self._memory.correct(rows, self._in_use.known)
+            self._corrected = version
 
     def _use_poses(self, version: int) -> None:
         """All samples so far count from now on as if they had been carried with the poses of a version."""
-        if version == self._version:
+        if version == self._in_use.version:
             return
         self._found_before = None if self.doubts() else self.found()
         self._held.drop()
         if self._contradictions.suspect is None:
             self._note_load()
-        poses = self._fits.take_poses(version)
-        self._motion.set_poses(poses)
-        feature_map = refit_map(self._poses, poses, self._config.noise, self._motion.slope)
-        self._fits.map(feature_map)
-        self._contradictions.map(feature_map)
-        self._memory.use_poses(feature_map, self._poses, poses, self._motion.fusion)
-        steps = [perturbation_between(old, new) for old, new in zip(self._poses, poses, strict=True)]
-        self._poses, self._version = poses, version
-        self._fitted = self._fits.known(poses, steps, self._motion.slope)
-        self._contradictions.use_pose(poses[self._own], self._fitted.deviations.max(axis=0))
-        self._neighbours_poses = seen_from(self._fitted, self._config.name, self._names, self._neighbours)
-        self._largest_step = largest_step(self._fitted, steps)
+        switch = self._in_use.switch(version)
+        self._largest_step = switch.largest_step
+        motion, known = self._in_use.motion, self._in_use.known
+        self._memory.use_poses(switch.feature_map, switch.old, switch.new, motion.fusion)
         self._wrenches.tell(self._own, version, self._memory.told())
         comes_again = self._fits.again_before > self._counted_from
         self._counted_from = self._fits.again_before
         # What came while poses were too rough may be of several loads, whether it comes again or not.
-        must_begin_again = self._memory.is_spoilt if self._motion.needs_slope else comes_again
-        if must_begin_again:
-            self._memory.begin_again(self._fitted)
+        must_begin_again = self._memory.is_spoilt if motion.needs_slope else comes_again
+        if must_begin_again and known is not None:
+            self._memory.begin_again(known)

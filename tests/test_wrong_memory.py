@@ -97,7 +97,7 @@ def test_a_number_of_the_future_in_a_table_does_not_stop_fits_for_ever(
     for agent, before in zip(everybody.values(), teams, strict=True):
         team = team_of(agent)
         assert team is not before
-        assert team._version > 0
+        assert team._in_use.version > 0
 
 
 def test_a_neighbour_that_seems_to_have_started_again_is_soon_heard(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -120,14 +120,14 @@ class Memories:
 
     def deviations(self) -> Array:
         """Standard deviations of what one robot believes."""
-        payload, _, _ = self.each[OWN].payload(OWN, self.team_poses())
+        payload, _ = self.each[OWN].payload(OWN, self.team_poses())
         assert payload is not None
         result: Array = np.sqrt(np.diag(payload.covariance))
         return result
 
     def estimate(self) -> Array:
         """``(m, m h, I_o)`` as one robot believes it."""
-        payload, unseen, _ = self.each[OWN].payload(OWN, self.team_poses())
+        payload, unseen = self.each[OWN].payload(OWN, self.team_poses())
         assert payload is not None
         assert payload.com is not None
         assert payload.tensor is not None

@@ -241,7 +241,7 @@ def test_a_memory_that_fades_tells_nothing_as_long_as_another_load_fills_it(conf
     assert memories.estimate()[0] == pytest.approx(20.0, rel=1e-3)
     for block in range(30, 60):
         memories.push(block, block + 1, 1.3)
-        payload, why, _ = memories.each[OWN].payload(OWN, memories.team_poses())
+        payload, why = memories.each[OWN].payload(OWN, memories.team_poses())
         assert payload is None
         assert "do not fit" in why[0]
 
@@ -252,7 +252,7 @@ def test_what_is_seen_is_told_though_the_rest_is_not(config: AgentConfig) -> Non
     memories = Memories(config, team, team.poses)
     memories.push(0, 60)
     for own, memory in enumerate(memories.each):
-        payload, unseen, _ = memory.payload(own, memories.team_poses())
+        payload, unseen = memory.payload(own, memories.team_poses())
         assert payload is not None
         assert payload.com is not None
         assert payload.tensor is None
