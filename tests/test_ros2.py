@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from coheft.app.recording import ros
 from coheft.app.ros2.names import Node, Topic, attachment, check_ros_names
+from coheft.app.ros2.readings import AT_ONCE, Readings
 from coheft.app.ros2.samples import STREAMS, BlockBuilder, read
 from coheft.errors import CoheftError, MessageError
 
@@ -129,6 +130,25 @@ def test_messages_that_are_cut_short_are_refused(stream: str) -> None:
     for length in range(len(data)):
         with pytest.raises(MessageError, match="not a geometry_msgs"):
             read(stream, data[:length])
+
+
+def test_no_measurement_is_lost_between_two_readings() -> None:
+    readings = Readings(pytest.fail)
+    for number in range(3 * AT_ONCE):
+        readings.put("r1", "twist", message("twist", EPOCH + number, np.ones(15)))
+    parts = [[reading.stamp - EPOCH for reading in readings.take(0.0)] for _ in range(4)]
+    assert [len(part) for part in parts] == [AT_ONCE, AT_ONCE, AT_ONCE, 0]
+    assert [stamp for part in parts for stamp in part] == list(range(3 * AT_ONCE))
+
+
+def test_what_makes_no_sense_is_told_and_does_not_hide_what_follows() -> None:
+    complaints: list[str] = []
+    readings = Readings(complaints.append)
+    readings.put("r1", "twist", b"rubbish")
+    readings.put("r1", "twist", message("twist", EPOCH, np.ones(15)))
+    assert [reading.stamp for reading in readings.take(0.0)] == [EPOCH]
+    assert len(complaints) == 1
+    assert complaints[0].startswith("refused from /r1/twist: not a geometry_msgs")
 
 
 @given(st.sampled_from(list(STREAMS)), st.binary(max_size=8), st.integers(0, 100), st.integers(0, 120))

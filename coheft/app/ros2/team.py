@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from queue import Empty, SimpleQueue
-from typing import NamedTuple, NoReturn
+from functools import partial
+from typing import NoReturn
 
 import zenoh
 
@@ -13,7 +13,8 @@ from coheft.app.heard import check_estimate
 from coheft.app.recording import ros
 from coheft.app.ros2.bridge import Bridge
 from coheft.app.ros2.node import RosNode
-from coheft.app.ros2.samples import STREAMS, BlockBuilder, read
+from coheft.app.ros2.readings import Reading, Readings
+from coheft.app.ros2.samples import STREAMS, BlockBuilder
 from coheft.errors import MessageError, one_line
 from coheft.estimation.spatial import Array, quaternion_from_rotation, rotation_exp
 from coheft.wire.config import AgentConfig, AgentProcessConfig
@@ -25,21 +26,8 @@ from coheft.wire.transport import Keys
 
 _POLL = 0.02
 _SILENCE = 5.0
-_ROOM = 2**16
-"""Measurements that may wait; where more come than can be read, the newest are lost."""
-_AT_ONCE = 1024
-"""So much is read before agents are heard: somebody may measure faster than can be read."""
 _LINES = 20
 """Different complaints that are told."""
-
-
-class Reading(NamedTuple):
-    """What a robot's sensors have measured, and when [ns]."""
-
-    robot: str
-    stream: str
-    stamp: int
-    values: Array
 
 
 class Team:
@@ -59,7 +47,7 @@ class Team:
         self._links: dict[str, RobotLink] = {}
         self._configs: dict[str, AgentConfig] = {}
         self._next: dict[str, int] = {}
-        self._measured: SimpleQueue[tuple[str, str, bytes]] = SimpleQueue()
+        self._readings = Readings(self._complain)
         self._held: Reading | None = None
         self._epoch = 0
         self._bridge = Bridge(node)
@@ -81,7 +69,7 @@ class Team:
         self._inbox.watch_links(session, name, guard)
         self._inbox.watch_strangers(session, guard)
         for stream, what in STREAMS.items():
-            self._node.listen(f"/{name}/{stream}", what.kind, self._queue(name, stream))
+            self._node.listen(f"/{name}/{stream}", what.kind, partial(self._readings.put, name, stream))
 
     def observe(self, session: zenoh.Session, keys: Keys) -> None:
         """Hear what the agents believe, on a session of an observer."""
@@ -101,12 +89,11 @@ class Team:
 
     def first_stamp(self) -> int:
         """The stamp of the next measurement that comes [ns]; those before are forgotten, that one is not."""
-        while not self._measured.empty():
-            self._measured.get()
+        self._readings.forget()
         topics = ", ".join(f"/{name}/{stream}" for name in self._links for stream in STREAMS)
         self._tell(f"all agents are ready; waiting for measurements on {topics}")
         while True:
-            for reading in self._read(_POLL):
+            for reading in self._readings.take(_POLL):
                 self._held = reading
                 return reading.stamp
             self._hear_agents(0.0)
@@ -135,28 +122,12 @@ class Team:
         for link in self._links.values():
             link.send_stop(reason)
 
-    def _queue(self, robot: str, stream: str) -> Callable[[bytes], None]:
-        def put(cdr: bytes) -> None:
-            if self._measured.qsize() < _ROOM:
-                self._measured.put((robot, stream, cdr))
-
-        return put
-
     def _read(self, seconds: float) -> Iterator[Reading]:
-        """What has been measured and makes sense; if there is nothing, wait that long for it."""
+        """What is held, and what has been measured; if there is nothing, wait that long for it."""
         if self._held is not None:
             held, self._held = self._held, None
             yield held
-        try:
-            robot, stream, cdr = self._measured.get(timeout=seconds)
-            for _ in range(_AT_ONCE):
-                try:
-                    yield Reading(robot, stream, *read(stream, cdr))
-                except MessageError as error:
-                    self._complain(f"refused from /{robot}/{stream}: {error}")
-                robot, stream, cdr = self._measured.get_nowait()
-        except Empty:
-            return
+        yield from self._readings.take(seconds)
 
     def _feed(self, robot: str, block: int, samples: Array) -> None:
         link = self._links[robot]

@@ -1,0 +1,61 @@
+"""What sensors have measured, from Zenoh's threads to the one that reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from queue import Empty, SimpleQueue
+from typing import NamedTuple
+
+from coheft.app.ros2.samples import read
+from coheft.errors import MessageError
+from coheft.estimation.spatial import Array
+
+AT_ONCE = 1024
+"""So much is read before agents are heard: somebody may measure faster than can be read."""
+_ROOM = 2**16
+"""Measurements that may wait; where more come than can be read, the newest are lost."""
+
+
+class Reading(NamedTuple):
+    """What a robot's sensors have measured, and when [ns]."""
+
+    robot: str
+    stream: str
+    stamp: int
+    values: Array
+
+
+class Readings:
+    """Measurements that wait to be read.
+
+    Args:
+        complain: Called with what was refused, and why.
+    """
+
+    def __init__(self, complain: Callable[[str], None]) -> None:
+        self._complain = complain
+        self._waiting: SimpleQueue[tuple[str, str, bytes]] = SimpleQueue()
+
+    def put(self, robot: str, stream: str, cdr: bytes) -> None:
+        """Let a message wait, in any thread."""
+        if self._waiting.qsize() < _ROOM:
+            self._waiting.put((robot, stream, cdr))
+
+    def forget(self) -> None:
+        """Forget all that waits."""
+        while not self._waiting.empty():
+            self._waiting.get()
+
+    def take(self, seconds: float) -> Iterator[Reading]:
+        """What waits and makes sense, so much of it as is read at once; if there is nothing, wait that long for it."""
+        for number in range(AT_ONCE):
+            try:
+                robot, stream, cdr = self._waiting.get_nowait() if number else self._waiting.get(timeout=seconds)
+            except Empty:
+                return
+            try:
+                reading = Reading(robot, stream, *read(stream, cdr))
+            except MessageError as error:
+                self._complain(f"refused from /{robot}/{stream}: {error}")
+                continue
+            yield reading
