@@ -9,11 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from coheft.app.plan import make_plan
 from coheft.app.recording import ros
+from coheft.app.ros2.drive import drive
 from coheft.app.ros2.names import Node, Topic, attachment, check_ros_names
 from coheft.app.ros2.readings import AT_ONCE, Readings
 from coheft.app.ros2.samples import STREAMS, BlockBuilder, read
-from coheft.errors import CoheftError, MessageError
+from coheft.errors import CoheftError, LinkError, MessageError, UsageError
+from coheft.wire.scenario_file import load_scenario
 
 RATE, BLOCK = 500, 4
 EPOCH = 1_790_000_000_000_000_000
@@ -56,6 +59,19 @@ def test_names_that_ros_takes(name: str) -> None:
 def test_names_that_ros_does_not_take(name: str) -> None:
     with pytest.raises(CoheftError, match="cannot be in the name of a ROS topic"):
         check_ros_names(["r1", name])
+
+
+def test_a_part_of_a_team_has_to_be_told_when_the_run_begins() -> None:
+    agents = make_plan(load_scenario("ring6")).agents
+    with pytest.raises(UsageError, match=r"^no --epoch, and r3, r6 not driven here: .* the same --epoch"):
+        drive([agents["r1"], agents["r2"]], "tcp/127.0.0.1:1", 0, None, pytest.fail)
+
+
+@pytest.mark.parametrize(("driven", "epoch"), [(["r1", "r2"], 5.0), (["r1", "r2", "r3"], None)])
+def test_whoever_is_told_or_drives_the_whole_team_may_begin(driven: list[str], epoch: float | None) -> None:
+    agents = make_plan(load_scenario("ring3")).agents
+    with pytest.raises(LinkError, match="no router of ROS 2"):
+        drive([agents[name] for name in driven], "tcp/127.0.0.1:1", 0, epoch, pytest.fail)
 
 
 def message(stream: str, time: int, sample: np.ndarray) -> bytes:

@@ -286,6 +286,7 @@ def test_the_driver_refuses_what_is_no_agent(tmp_path: Path) -> None:
         ([tmp_path / "none.json"], 1, "none.json: cannot be read"),
         ([agents[0], other], 1, f"{agents[0]}, {other} are of different runs: name agents of one"),
         ([agents[0], "--domain", "-1"], 2, "domain"),
+        ([agents[0]], 2, "no --epoch, and r2, r3 not driven here"),
     ):
         with started(["-m", "coheft", "ros2-driver", *arguments], tmp_path / "said.txt") as command:
             assert command.process.wait(LIMIT) == status

@@ -60,11 +60,14 @@ def drive(
         tell: Called with a line for the user, now and then.
 
     Raises:
+        UsageError: There is no epoch, and other processes drive neighbours of these robots.
         LinkError: There is no router there, or something listens where the agents dial already.
         CoheftError: ROS does not take a robot's name, or the run is secure and credentials are missing.
     """
     names = [config.agent.name for config in configs]
     check_ros_names(names)
+    if epoch is None:
+        _check_whole(configs)
     keys, inbox = Keys(configs[0].run), Inbox()
     with ExitStack() as stack:
         node = stack.enter_context(open_node(_NODE, endpoint, domain))
@@ -83,6 +86,20 @@ def drive(
             team.go_on(start)
         finally:
             team.stop("the driver has ended")
+
+
+def _check_whole(configs: Sequence[AgentProcessConfig]) -> None:
+    """Check that these are a whole team: graphs are connected, so it is enough that no neighbour is missing.
+
+    Raises:
+        UsageError: One is.
+    """
+    others = {name for config in configs for name in config.agent.neighbours} - {c.agent.name for c in configs}
+    if others:
+        raise UsageError(
+            f"no --epoch, and {', '.join(sorted(others))} not driven here: give all drivers of the team the same "
+            "--epoch, in seconds of ROS time, such as 'date +%s' says, or name the agents of the whole team here"
+        )
 
 
 def _credentials(config: AgentProcessConfig, name: str) -> Credentials | None:
