@@ -15,6 +15,7 @@ from coheft.app.ros2.drive import drive
 from coheft.app.ros2.names import Node, Topic, attachment, check_ros_names
 from coheft.app.ros2.readings import AT_ONCE, Readings
 from coheft.app.ros2.samples import STREAMS, BlockBuilder, read
+from coheft.app.ros2.stamps import Stamps
 from coheft.errors import CoheftError, LinkError, MessageError, UsageError
 from coheft.wire.scenario_file import load_scenario
 
@@ -80,11 +81,27 @@ def message(stream: str, time: int, sample: np.ndarray) -> bytes:
     return bytes(ros.to_cdr(made))
 
 
-def add(builder: BlockBuilder, number: int, sample: np.ndarray, late: int = 0, streams: tuple[str, ...] = ()) -> list:
-    """Sample ``number``, stamped so much late [ns]; the blocks that it completes."""
+def started() -> BlockBuilder:
+    """Of a robot whose stamp was ``EPOCH`` when our own clock was 0."""
+    stamps = Stamps(1)
+    stamps.hear("r1", EPOCH, 0)
+    assert stamps.settle(patient=True) == EPOCH
+    return BlockBuilder(RATE, BLOCK, EPOCH, stamps)
+
+
+def add(
+    builder: BlockBuilder,
+    number: int,
+    sample: np.ndarray,
+    late: int = 0,
+    streams: tuple[str, ...] = (),
+    speed: float = 1.0,
+) -> list:
+    """Sample ``number``, stamped so much late [ns], from a recording at some speed; the blocks that it completes."""
     found = []
     for stream in streams or STREAMS:
-        block = builder.add(stream, *read(stream, message(stream, EPOCH + number * PERIOD + late, sample)))
+        data = message(stream, EPOCH + number * PERIOD + late, sample)
+        block = builder.add(stream, *read(stream, data), round(number * PERIOD / speed))
         if block is not None:
             found.append(block)
     return found
@@ -93,7 +110,7 @@ def add(builder: BlockBuilder, number: int, sample: np.ndarray, late: int = 0, s
 @given(st.lists(st.integers(-PERIOD // 2 + 1, PERIOD // 2 - 1), min_size=3 * BLOCK, max_size=3 * BLOCK))
 def test_measurements_come_to_lie_where_their_stamps_say(lateness: list[int]) -> None:
     samples = np.random.default_rng(1).normal(size=(len(lateness), 15))
-    builder = BlockBuilder(RATE, BLOCK, EPOCH)
+    builder = started()
     found = [b for number, late in enumerate(lateness) for b in add(builder, number, samples[number], late)]
     assert [number for number, _ in found] == [0, 1, 2]
     np.testing.assert_array_equal(np.concatenate([block for _, block in found]), samples)
@@ -102,7 +119,7 @@ def test_measurements_come_to_lie_where_their_stamps_say(lateness: list[int]) ->
 
 def test_streams_need_not_keep_step() -> None:
     samples = np.random.default_rng(1).normal(size=(2 * BLOCK, 15))
-    builder = BlockBuilder(RATE, BLOCK, EPOCH)
+    builder = started()
     for stream in ("twist", "acceleration"):
         for number, sample in enumerate(samples):
             assert not add(builder, number, sample, streams=(stream,))
@@ -112,7 +129,7 @@ def test_streams_need_not_keep_step() -> None:
 
 def test_a_block_that_misses_a_measurement_is_given_up_and_the_next_is_not() -> None:
     sample = np.ones(15)
-    builder = BlockBuilder(RATE, BLOCK, EPOCH)
+    builder = started()
     found = [b for number in range(3 * BLOCK) if number != 5 for b in add(builder, number, sample)]
     assert [number for number, _ in found] == [0, 2]
     assert builder.given_up == 1
@@ -120,17 +137,94 @@ def test_a_block_that_misses_a_measurement_is_given_up_and_the_next_is_not() -> 
 
 
 def test_what_was_measured_before_the_epoch_is_left_out() -> None:
-    builder = BlockBuilder(RATE, BLOCK, EPOCH)
+    builder = started()
     assert [b for number in range(-BLOCK, 0) for b in add(builder, number, np.ones(15))] == []
     assert len([b for number in range(BLOCK) for b in add(builder, number, np.ones(15))]) == 1
 
 
 def test_wrong_stamps_do_no_lasting_harm() -> None:
-    builder = BlockBuilder(RATE, BLOCK, EPOCH)
+    builder = started()
     for glitch in range(50):
-        add(builder, 10**6 + glitch * BLOCK, np.ones(15))
+        add(builder, 0, np.ones(15), late=10**9 + glitch * 10**8)
     found = [b for number in range(4 * BLOCK) for b in add(builder, number, np.ones(15))]
     assert [number for number, _ in found] == [0, 1, 2, 3]
+
+
+def test_a_whole_block_with_wrong_stamps_is_refused_in_words_and_does_no_lasting_harm() -> None:
+    builder, found = started(), []
+    for number in range(4 * BLOCK):
+        if BLOCK <= number < 2 * BLOCK:
+            with pytest.raises(MessageError, match=r"3600\.0 s ahead of the time that has passed.* check the robot's"):
+                add(builder, number, np.ones(15), late=3600 * 10**9)
+        else:
+            found += add(builder, number, np.ones(15))
+    assert [number for number, _ in found] == [0, 2, 3]
+
+
+@pytest.mark.parametrize("speed", [0.1, 1.0, 50.0])
+def test_recordings_may_be_played_at_any_speed(speed: float) -> None:
+    builder = started()
+    blocks = 30 * RATE // BLOCK
+    count = sum(len(add(builder, number, np.ones(15), speed=speed)) for number in range(blocks * BLOCK))
+    assert count == blocks
+
+
+@pytest.mark.parametrize("pause", [60, 10**5])
+def test_sensors_and_simulations_may_pause(pause: int) -> None:
+    sample = np.ones(15)
+    builder = started()
+    assert len([b for number in range(BLOCK) for b in add(builder, number, sample)]) == 1
+    later = range(pause * RATE, pause * RATE + BLOCK)
+    assert len([b for number in later for b in add(builder, number, sample)]) == 1
+    builder = started()
+    assert len([b for number in range(BLOCK) for b in add(builder, number, sample)]) == 1
+    found = []
+    for number in range(BLOCK, 2 * BLOCK):
+        for stream in STREAMS:
+            found.append(
+                builder.add(stream, *read(stream, message(stream, EPOCH + number * PERIOD, sample)), pause * 10**9)
+            )
+    assert len([block for block in found if block is not None]) == 1
+
+
+def test_it_is_known_how_far_behind_stamps_are() -> None:
+    builder = started()
+    for number in range(BLOCK):
+        add(builder, number, np.ones(15))
+    assert builder.behind == 0.0
+    assert not add(builder, BLOCK, np.ones(15), late=-3600 * 10**9)
+    assert builder.behind == pytest.approx(3600.0)
+
+
+def leads(**seconds: float) -> Stamps:
+    """What is known of three robots when each one's clock was so far ahead of ours [s]."""
+    stamps = Stamps(3)
+    for name, lead in seconds.items():
+        stamps.hear(name, round(lead * 1e9), 0)
+    return stamps
+
+
+@pytest.mark.parametrize("wrong", [3600.0, -3600.0, -1.79e9])
+def test_one_wrong_clock_does_not_decide_when_the_run_begins(wrong: float) -> None:
+    stamps = leads(r1=wrong)
+    assert stamps.settle(patient=True) is None
+    stamps.hear("r2", 10**9, 0)
+    assert stamps.settle(patient=True) is None
+    assert stamps.settle(patient=False) is None
+    assert ("r1" if wrong > 0 else "r2") in stamps.disagreement
+    stamps.hear("r3", 2 * 10**9, 0)
+    assert stamps.settle(patient=True) == 2 * 10**9
+    stamps.check(7 * 10**9, 0)
+    with pytest.raises(MessageError, match="ahead"):
+        stamps.check(3600 * 10**9, 0)
+
+
+def test_robots_that_do_not_measure_are_not_waited_for_for_ever() -> None:
+    stamps = leads(r1=1.0)
+    assert stamps.settle(patient=True) is None
+    assert stamps.settle(patient=False) == 10**9
+    assert leads().settle(patient=False) is None
+    assert leads().disagreement == leads(r1=1.0, r2=9.0).disagreement == ""
 
 
 @pytest.mark.parametrize("stream", STREAMS)

@@ -45,7 +45,7 @@ def ros2_driver(*configs: GivenPath, domain: Domain = 0, endpoint: str = ROUTER,
         Where the router of ROS 2 listens ('ros2 run rmw_zenoh_cpp rmw_zenohd').
     epoch:
         ROS time at which the run begins [s], the same for the whole team. Needed if other processes drive other robots
-        of the team; otherwise it begins with the first measurement.
+        of the team; otherwise it begins when most robots measure.
     """
     from coheft.app.ros2.drive import drive, read_agents
 

@@ -202,7 +202,7 @@ def test_agents_that_are_driven_from_ros_find_out_what_they_hold(tmp_path: Path)
             inertia = robots.estimates[name].inertia
             assert inertia.m == pytest.approx(measured.truths[-1].payload.mass, rel=0.02)
             assert np.isfinite([inertia.com.x, inertia.com.y, inertia.com.z, inertia.ixx]).all()
-        assert f"block 0 begins at {START / 1e9:.3f} s" in command.said()
+        assert f"block 0 begins at {(START + sensors.block * period) / 1e9:.3f} s" in command.said()
         assert command.interrupt() == 130
         for name in names:
             assert team.exit_status(name) == 0, team.log(name)
@@ -229,12 +229,61 @@ def test_the_driver_of_a_secure_team_says_what_it_waits_for_and_what_makes_no_se
         ros.put(f"0/r1/wrench/{WRENCH}", b"\x00\x01\x00\x00rubbish")
         robots.measure("r1", "twist", START, bad)
         robots.measure("r2", "wrench", START, measured.samples[0, 1])
+        wait_until(lambda: "block 0 begins at" in command.said(), "the driver to go on with r2 alone")
+        robots.measure("r2", "wrench", START, measured.samples[0, 1])
         wait_until(lambda: "no complete block for" in command.said(), "its word")
         assert "refused from /r1/wrench: not a geometry_msgs/msg/WrenchStamped" in command.said()
         assert "refused from /r1/twist: twist holds 6 numbers that are not finite" in command.said()
         assert "r2: no complete block for 5 s; since the last one there came 1 of wrench, 0 of twist" in command.said()
         assert command.interrupt() == 130
         assert "Traceback" not in command.said()
+
+
+def test_a_clock_that_is_wrong_for_a_while_does_no_lasting_harm(tmp_path: Path) -> None:
+    plan, measured = measured_team(duration=1.0)
+    plan = make_plan(plan.server.scenario, "realtime")  # agents do not wait long for one that misses blocks
+    names, sensors = list(plan.agents), plan.server.scenario.sensors
+    paths = plan.write(tmp_path)
+    port = free_port()
+    with ExitStack() as stack:
+        ros = stack.enter_context(router(port))
+        robots = Robots(ros, names)
+        arguments = ["-m", "coheft", "ros2-driver", *paths[1:], "--endpoint", f"tcp/127.0.0.1:{port}"]
+        command = stack.enter_context(started(arguments, tmp_path / "driver.txt"))
+        team = Team(plan, Keys(plan.run), tmp_path, ros, {})
+        for name, config in plan.agents.items():
+            team.start(name, AGENT, config)
+            stack.callback(team.end, name)
+        wait_until(lambda: "waiting for measurements" in command.said(), "the driver")
+        numbers = count()
+        period = 10**9 // sensors.rate
+
+        def measure(blocks: int, wrong: str = "") -> int:
+            """Measure so many blocks, one robot with a clock that is an hour ahead; the last stamp."""
+            for number in islice(numbers, blocks * sensors.block):
+                for name, row in zip(names, measured.samples[number % len(measured.samples)], strict=True):
+                    for stream in ("wrench", "twist", "acceleration"):
+                        late = 3600 * 10**9 if name == wrong else 0
+                        robots.measure(name, stream, START + number * period + late, row)
+                time.sleep(1.0 / sensors.rate)
+            return START + number * period
+
+        measure(3, wrong="r1")  # before anybody else: it does not say when the run begins
+        last = measure(10)
+
+        def all_go_on() -> bool:
+            measure(1)
+            return min(robots.wanted.values()) > last
+
+        wait_until(all_go_on, "all robots' references")
+        begins = float(command.said().partition("block 0 begins at ")[2].split()[0])
+        assert START / 1e9 < begins < last / 1e9
+        last = measure(3, wrong="r2")
+        wait_until(all_go_on, "all robots' references after the error")
+        assert max(robots.wanted.values()) < last + 600 * 10**9
+        assert "refused from /r2/" in command.said()
+        assert "s ahead of the time that has passed" in command.said()
+        assert command.interrupt() == 130, command.said()
 
 
 def test_drivers_of_one_team_begin_together_and_say_what_each_arm_shall_do(tmp_path: Path) -> None:

@@ -55,8 +55,8 @@ def drive(
         configs: The agents', all of one run.
         endpoint: Where the router of ROS 2 listens.
         domain: Number of the ROS domain.
-        epoch: ROS time at which block 0 begins [s], the same for the whole team; None: with the first measurement
-            after all agents are ready, if this process drives the whole team.
+        epoch: ROS time at which block 0 begins [s], the same for the whole team; None: soon after robots
+            begin to measure, if this process drives the whole team.
         tell: Called with a line for the user, now and then.
 
     Raises:
@@ -81,9 +81,7 @@ def drive(
         team.observe(observer, keys)
         try:
             team.wait_until_ready()
-            start = round(epoch * 1e9) if epoch is not None else team.first_stamp()
-            tell(f"block 0 begins at {start / 1e9:.3f} s; Ctrl-C ends it")
-            team.go_on(start)
+            team.go_on(team.begin(None if epoch is None else round(epoch * 1e9)))
         finally:
             team.stop("the driver has ended")
 

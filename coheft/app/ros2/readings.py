@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
@@ -17,12 +18,13 @@ _ROOM = 2**16
 
 
 class Reading(NamedTuple):
-    """What a robot's sensors have measured, and when [ns]."""
+    """What a robot's sensors have measured, and when [ns]; when it came [ns], by a clock of our own."""
 
     robot: str
     stream: str
     stamp: int
     values: Array
+    arrival: int
 
 
 class Readings:
@@ -34,12 +36,12 @@ class Readings:
 
     def __init__(self, complain: Callable[[str], None]) -> None:
         self._complain = complain
-        self._waiting: SimpleQueue[tuple[str, str, bytes]] = SimpleQueue()
+        self._waiting: SimpleQueue[tuple[str, str, bytes, int]] = SimpleQueue()
 
     def put(self, robot: str, stream: str, cdr: bytes) -> None:
         """Let a message wait, in any thread."""
         if self._waiting.qsize() < _ROOM:
-            self._waiting.put((robot, stream, cdr))
+            self._waiting.put((robot, stream, cdr, time.monotonic_ns()))
 
     def forget(self) -> None:
         """Forget all that waits."""
@@ -50,11 +52,12 @@ class Readings:
         """What waits and makes sense, so much of it as is read at once; if there is nothing, wait that long for it."""
         for number in range(AT_ONCE):
             try:
-                robot, stream, cdr = self._waiting.get_nowait() if number else self._waiting.get(timeout=seconds)
+                item = self._waiting.get_nowait() if number else self._waiting.get(timeout=seconds)
             except Empty:
                 return
+            robot, stream, cdr, arrival = item
             try:
-                reading = Reading(robot, stream, *read(stream, cdr))
+                reading = Reading(robot, stream, *read(stream, cdr), arrival)
             except MessageError as error:
                 self._complain(f"refused from /{robot}/{stream}: {error}")
                 continue

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.app.recording import ros
+from coheft.app.ros2.stamps import Stamps
 from coheft.errors import MessageError
 from coheft.estimation.measurement import ACCELERATION, SAMPLE_SIZE, TWIST, WRENCH
 from coheft.estimation.spatial import Array
@@ -68,25 +69,42 @@ class BlockBuilder:
         rate: Samples per second.
         block: Samples per block.
         epoch: When sample 0 of block 0 is taken [ns].
+        stamps: Those that can be right, of all robots.
 
     Attributes:
         given_up: Blocks that were never complete.
         counts: Measurements that have come since the last complete block, by stream.
+        behind: How long before the next block that may begin the last of these was stamped [s]; 0: not before.
     """
 
-    def __init__(self, rate: int, block: int, epoch: int) -> None:
+    def __init__(self, rate: int, block: int, epoch: int, stamps: Stamps) -> None:
         self.given_up = 0
         self.counts = dict.fromkeys(STREAMS, 0)
+        self.behind = 0.0
+        self._stamps = stamps
         self._rate, self._block, self._epoch = rate, block, epoch
         self._open: dict[int, Array] = {}
         self._newest = -1
 
-    def add(self, stream: str, time: int, values: Array) -> tuple[int, Array] | None:
-        """Add a measurement, and get the block that it completes: its number, and the samples (B, 15)."""
+    def add(self, stream: str, time: int, values: Array, arrival: int) -> tuple[int, Array] | None:
+        """Add a measurement, and get the block that it completes: its number, and the samples (B, 15).
+
+        Args:
+            stream: Of which it is.
+            time: Its stamp [ns].
+            values: What was measured.
+            arrival: When it came [ns], by our own clock.
+
+        Raises:
+            MessageError: Its stamp is far ahead.
+        """
         self.counts[stream] += 1
+        self.behind = 0.0
+        self._stamps.check(time, arrival)
         sample = (2 * (time - self._epoch) * self._rate + 10**9) // (2 * 10**9)
         number, row = divmod(sample, self._block)
         if number <= self._newest:
+            self.behind = (self._newest + 1) * self._block / self._rate - (time - self._epoch) / 1e9
             return None
         samples = self._open.setdefault(number, np.full((self._block, SAMPLE_SIZE), np.nan))
         samples[row, STREAMS[stream].columns] = values
@@ -94,6 +112,7 @@ class BlockBuilder:
             self._give_up(list(self._open)[:-_OPEN])  # the first to be opened: a wrong stamp may lie far ahead
             return None
         self._newest = number
+        self._stamps.trust(time, arrival)
         self.counts = dict.fromkeys(STREAMS, 0)
         del self._open[number]
         self._give_up([other for other in self._open if other < number])

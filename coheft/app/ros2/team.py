@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from typing import NoReturn
 
@@ -13,8 +14,9 @@ from coheft.app.heard import check_estimate
 from coheft.app.recording import ros
 from coheft.app.ros2.bridge import Bridge
 from coheft.app.ros2.node import RosNode
-from coheft.app.ros2.readings import Reading, Readings
+from coheft.app.ros2.readings import Readings
 from coheft.app.ros2.samples import STREAMS, BlockBuilder
+from coheft.app.ros2.stamps import LIMIT, Stamps
 from coheft.errors import MessageError, one_line
 from coheft.estimation.spatial import Array, quaternion_from_rotation, rotation_exp
 from coheft.wire.config import AgentConfig, AgentProcessConfig
@@ -48,7 +50,6 @@ class Team:
         self._configs: dict[str, AgentConfig] = {}
         self._next: dict[str, int] = {}
         self._readings = Readings(self._complain)
-        self._held: Reading | None = None
         self._epoch = 0
         self._bridge = Bridge(node)
 
@@ -87,26 +88,57 @@ class Team:
                 self._tell(f"waiting for the agents of {', '.join(sorted(waited_for | missing))}")
                 next_word += _SILENCE
 
-    def first_stamp(self) -> int:
-        """The stamp of the next measurement that comes [ns]; those before are forgotten, that one is not."""
+    def begin(self, epoch: int | None) -> Stamps:
+        """Wait until robots measure and agree on the time; nothing measured until then is used.
+
+        Args:
+            epoch: When block 0 begins [ns]; None: one block later than what they have measured then.
+
+        Returns:
+            What stamps can be right from now on.
+        """
         self._readings.forget()
+        stamps = Stamps(len(self._links))
+        if epoch is not None:
+            self._set_epoch(epoch)
         topics = ", ".join(f"/{name}/{stream}" for name in self._links for stream in STREAMS)
         self._tell(f"all agents are ready; waiting for measurements on {topics}")
-        while True:
-            for reading in self._readings.take(_POLL):
-                self._held = reading
-                return reading.stamp
+        first_at, next_word, early = math.inf, time.monotonic() + _SILENCE, ""
+        while (newest := stamps.settle(patient=time.monotonic() < first_at + _SILENCE)) is None:
+            for robot, _, stamp, _, arrival in self._readings.take(_POLL):
+                if epoch is not None and stamp < epoch - LIMIT:
+                    early = f"{robot} measures, but by its stamps block 0 begins in {(epoch - stamp) / 1e9:.1f} s"
+                    continue
+                first_at = min(first_at, time.monotonic())
+                stamps.hear(robot, stamp, arrival)
+                if stamps.settle(patient=True) is not None:
+                    break
             self._hear_agents(0.0)
+            if time.monotonic() > next_word:
+                next_word += _SILENCE
+                if word := stamps.disagreement or early:
+                    self._tell(word)
+                early = ""
+        if epoch is None:
+            self._set_epoch(newest + max(agent.block * 10**9 // agent.rate for agent in self._configs.values()))
+        return stamps
 
-    def go_on(self, epoch: int) -> NoReturn:
-        """Hand everything on, block 0 beginning at ``epoch`` [ns]; say so when an agent gets nothing for a while."""
-        self._epoch = epoch
-        self._bridge = Bridge(self._node, epoch)
-        builders = {name: BlockBuilder(agent.rate, agent.block, epoch) for name, agent in self._configs.items()}
+    def go_on(self, stamps: Stamps) -> NoReturn:
+        """Hand everything on; say so when an agent gets nothing for a while."""
+        builders = {
+            name: BlockBuilder(agent.rate, agent.block, self._epoch, stamps) for name, agent in self._configs.items()
+        }
         fed_at = dict.fromkeys(builders, time.monotonic())
+        refused_at = dict.fromkeys(builders, -math.inf)
         while True:
-            for robot, stream, stamp, values in self._read(_POLL):
-                block = builders[robot].add(stream, stamp, values)
+            for robot, stream, stamp, values, arrival in self._readings.take(_POLL):
+                try:
+                    block = builders[robot].add(stream, stamp, values, arrival)
+                except MessageError as error:
+                    if time.monotonic() > refused_at[robot] + _SILENCE:
+                        refused_at[robot] = time.monotonic()
+                        self._tell(f"refused from /{robot}/{stream}: {error}")
+                    continue
                 if block is not None:
                     self._feed(robot, *block)
                     fed_at[robot] = time.monotonic()
@@ -114,20 +146,18 @@ class Team:
             for name, moment in fed_at.items():
                 if time.monotonic() > moment + _SILENCE:
                     fed_at[name] = time.monotonic()
-                    came = ", ".join(f"{count} of {stream}" for stream, count in builders[name].counts.items())
-                    self._tell(f"{name}: no complete block for {_SILENCE:g} s; since the last one there came {came}")
+                    self._tell(f"{name}: no complete block for {_SILENCE:g} s; {_came(builders[name])}")
 
     def stop(self, reason: str) -> None:
         """Tell all agents that the run is over."""
         for link in self._links.values():
             link.send_stop(reason)
 
-    def _read(self, seconds: float) -> Iterator[Reading]:
-        """What is held, and what has been measured; if there is nothing, wait that long for it."""
-        if self._held is not None:
-            held, self._held = self._held, None
-            yield held
-        yield from self._readings.take(seconds)
+    def _set_epoch(self, epoch: int) -> None:
+        """Block 0 begins then [ns]."""
+        self._epoch = epoch
+        self._bridge = Bridge(self._node, epoch)
+        self._tell(f"block 0 begins at {epoch / 1e9:.3f} s; Ctrl-C ends it")
 
     def _feed(self, robot: str, block: int, samples: Array) -> None:
         link = self._links[robot]
@@ -190,3 +220,12 @@ class Team:
         if text not in self._told and len(self._told) < _LINES:
             self._told.add(text)
             self._tell(text)
+
+
+def _came(builder: BlockBuilder) -> str:
+    """What has come since the last complete block, and why it may have made none."""
+    came = ", ".join(f"{count} of {stream}" for stream, count in builder.counts.items())
+    text = f"since the last one there came {came}"
+    if builder.behind:
+        text += f", stamped {builder.behind:.1f} s before the next block at the end: check its clock if that stays so"
+    return text

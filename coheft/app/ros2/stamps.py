@@ -1,0 +1,80 @@
+"""Which stamps can be right: a clock that is far ahead would have its robot's agent wait for as long."""
+
+from __future__ import annotations
+
+from statistics import median_low
+
+from coheft.errors import MessageError
+
+LIMIT = 10 * 10**9
+"""By so much stamps may run ahead [ns]; delays on the network are shorter."""
+
+
+class Stamps:
+    """How far the clock of the robots' stamps is ahead of our own, that of arrivals.
+
+    How far does not matter, only that it does not grow at once. It may shrink: simulations are paused. It may grow with
+    each block: recordings are played fast.
+
+    Args:
+        robots: How many are driven.
+    """
+
+    def __init__(self, robots: int) -> None:
+        self._robots = robots
+        self._heard: dict[str, tuple[int, int]] = {}
+        self._lead = 0
+
+    def hear(self, robot: str, stamp: int, arrival: int) -> None:
+        """Note a measurement before the beginning: its stamp [ns], and when it came [ns], by our own clock."""
+        self._heard[robot] = stamp - arrival, stamp
+
+    def settle(self, *, patient: bool) -> int | None:
+        """Take the time of those robots that agree on it; their newest stamp [ns], None if they are too few.
+
+        So a robot whose clock is wrong does not decide when the run begins, if there are others to compare with.
+
+        Args:
+            patient: They have to be more than half of all, not only of those heard.
+        """
+        if not self._heard:
+            return None
+        middle = self._middle
+        agreeing = [heard for heard in self._heard.values() if abs(heard[0] - middle) <= LIMIT]
+        if 2 * len(agreeing) <= (self._robots if patient else len(self._heard)):
+            return None
+        self._lead = max(lead for lead, _ in agreeing)
+        return max(stamp for _, stamp in agreeing)
+
+    @property
+    def disagreement(self) -> str:
+        """Whose clocks to check, in words; empty if they agree."""
+        middle = self._middle if self._heard else 0
+        ahead = {name: lead - middle for name, (lead, _) in self._heard.items() if lead - middle > LIMIT}
+        if not ahead:
+            return ""
+        return (
+            f"stamps of {', '.join(ahead)} are up to {max(ahead.values()) / 1e9:.1f} s ahead of others', expected less "
+            f"than {LIMIT / 1e9:g} s: check the robots' clocks"
+        )
+
+    @property
+    def _middle(self) -> int:
+        return median_low(lead for lead, _ in self._heard.values())
+
+    def check(self, stamp: int, arrival: int) -> None:
+        """Check a measurement after the beginning: its stamp [ns], and when it came [ns].
+
+        Raises:
+            MessageError: Its stamp is too far ahead.
+        """
+        ahead = stamp - arrival - self._lead
+        if ahead > LIMIT:
+            raise MessageError(
+                f"the stamp is {ahead / 1e9:.1f} s ahead of the time that has passed, expected at most "
+                f"{LIMIT / 1e9:g} s: check the robot's clock; if it is right, start driver and agents again"
+            )
+
+    def trust(self, stamp: int, arrival: int) -> None:
+        """Take it that the clock is as far ahead as a measurement says, which completes a block."""
+        self._lead = max(self._lead, stamp - arrival)
