@@ -4,8 +4,8 @@
 
 For each graph: how many rounds each schedule takes, which is how many blocks late a sum is, and how many bytes an edge
 carries per block and direction, with 20 samples of 18 numbers in a block. The pipeline's messages hold all blocks under
-way; up and down a tree every block crosses an edge only twice, whatever the depth. Dynamic consensus is never exact:
-its rounds are those to one percent of disagreement, on a load that stands still.
+way, those of a tree one subtotal on its way up and one total on its way down, whatever the depth. Dynamic consensus is
+never exact: its rounds are those to one percent of disagreement, on a load that stands still.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from coheft.estimation.spatial import Array
 from consensus.schedule import TOLERANCE, chebyshev, finite_time, tree
 
 _BLOCK_BYTES = 20 * 18 * 8
+_TREE_BLOCKS = 2
+"""A subtotal up and a total down; robots at the ends of the tree say only one of them."""
 _PERCENT = 0.01
 _SIZES: dict[Effort, tuple[int, ...]] = {"short": (100,), "usual": (100, 1024, 10_000), "full": (25, 100, 1024, 10_000)}
 _CHECKED = 100
@@ -55,9 +57,9 @@ def of_graph(links: Links) -> list[Figure]:
     }
     if links.count <= _CHECKED:
         _check(links, rounds)
-    errors = {"tree": 0.0}
+    errors: dict[str, float] = {}
     if links.count <= DENSE and found.values is not None:
-        errors |= {"finite time": error(links, found.values), "Chebyshev": error(links, nodes)}
+        errors = {"finite time": error(links, found.values), "Chebyshev": error(links, nodes)}
     return [
         Figure(
             name=f"{links.kind} of {links.count:,}, {name}",
@@ -70,12 +72,12 @@ def of_graph(links: Links) -> list[Figure]:
 
 
 def _note(name: str, rounds: int, left: float | None) -> str:
-    parts = [f"{rounds * _BLOCK_BYTES / 1e3:,.0f} kB per edge and block"]
     if name == "tree":
-        parts.append(f"{2 * _BLOCK_BYTES / 1e3:.1f} kB if each block crosses an edge only up and down")
-    elif left is not None:
-        parts.append(f"leaves {left:.0e}" + (": not usable" if left > TOLERANCE else ""))
-    return "; ".join(parts)
+        return f"at most {_TREE_BLOCKS * _BLOCK_BYTES / 1e3:.1f} kB per edge and block"
+    told = f"{rounds * _BLOCK_BYTES / 1e3:,.0f} kB per edge and block"
+    if left is None:
+        return told
+    return f"{told}; leaves {left:.0e}" + (": not usable" if left > TOLERANCE else "")
 
 
 def _check(links: Links, rounds: dict[str, int]) -> None:

@@ -8,9 +8,28 @@ import pytest
 from benchmarks import graphs
 from benchmarks.graphs import Links, grid, radius, random, ring, slowest_mode, spectrum
 from benchmarks.rounds import error, leja_order, of_graph
-from consensus.graph import diameter, laplacian, metropolis_matrix
+from coheft.estimation.spatial import Array
+from consensus.graph import Neighbours, diameter, laplacian, metropolis_matrix
+from consensus.rounds import make_rounds
+from consensus.schedule import Schedule, finite_time, tree
 
+SAMPLES, WIDTH = 20, 18
 GRAPHS = [ring(25), ring(36), grid(36), random(30)]
+
+
+def largest_values(schedule: Schedule, neighbours: Neighbours) -> int:
+    """Bytes of the values that an agent tells after a block, once all rounds are full: of the one that tells most."""
+    agents = {name: make_rounds(schedule, "sums", name, others, SAMPLES, WIDTH) for name, others in neighbours.items()}
+    told: dict[str, dict[str, Array]] = {name: {} for name in neighbours}
+    for _ in range(schedule.rounds + 1):
+        for agent in agents.values():
+            agent.advance(told)
+            agent.enter(np.ones((SAMPLES, WIDTH)))
+        told = {name: agent.channels() for name, agent in agents.items()}
+    return max(
+        sum(array.nbytes for name, array in channels.items() if not name.endswith("versions"))
+        for channels in told.values()
+    )
 
 
 @pytest.mark.parametrize("links", GRAPHS, ids=lambda links: f"{links.kind} {links.count}")
@@ -25,6 +44,14 @@ def test_matrices_are_those_of_the_product(links: Links) -> None:
 def test_rounds_are_those_of_the_product(links: Links) -> None:
     names = [figure.name.split(", ", 1)[1] for figure in of_graph(links)]  # raises if the product makes others
     assert names == ["finite time", "Chebyshev", "tree", "dynamic, to 1 %"]
+
+
+@pytest.mark.parametrize("links", GRAPHS, ids=lambda links: f"{links.kind} {links.count}")
+def test_bytes_are_those_of_the_product(links: Links) -> None:
+    neighbours = links.neighbours()
+    told = {figure.name.split(", ", 1)[1]: figure.note for figure in of_graph(links)}
+    assert f" {largest_values(tree(neighbours), neighbours) / 1e3:.1f} kB" in told["tree"]
+    assert told["finite time"].startswith(f"{largest_values(finite_time(neighbours), neighbours) / 1e3:,.0f} kB")
 
 
 @pytest.mark.parametrize("make", [ring, grid, random])
