@@ -6,16 +6,30 @@ import msgspec
 import numpy as np
 import pytest
 
+from agents.agent import ESTIMATORS
 from coheft.wire.codec import encode
 from coheft.wire.estimator_settings import SeedSettings
-from coheft.wire.message_size import LARGEST, LEAST_LIMIT, PER_MESSAGE, largest_arrays, largest_message, message_limit
+from coheft.wire.message_size import (
+    LARGEST,
+    LEAST_LIMIT,
+    PER_MESSAGE,
+    SUMS,
+    largest_arrays,
+    largest_message,
+    message_limit,
+)
 from coheft.wire.messages import LinkState, NeighbourMessage
+from coheft.wire.plugins import BUILT_IN
 from coheft.wire.scenario import Graph, Scenario
 from tests.in_process import changed, steps
 
 
 def largest_found(scenario: Scenario) -> int:
     return max(len(encode(outbox.message, "key")) for _, outboxes in steps(scenario) for outbox in outboxes.values())
+
+
+def test_it_is_known_of_all_estimators_what_they_send() -> None:
+    assert set(SUMS) == set(BUILT_IN["estimator"]) == set(ESTIMATORS)
 
 
 @pytest.mark.parametrize("name", ["line4", "ring12"])

@@ -7,6 +7,9 @@ neighbours.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 from msgspec import structs
 
 from coheft.wire.plugins import BUILT_IN
@@ -21,10 +24,6 @@ MANY = 64
 PER_MESSAGE = 32
 """Of what all robots tell each other, so many lines at most travel in a message."""
 _NUMBER = 8
-_SEED_NUMBERS = 10
-"""Per sample in the sums of the estimator ``seed``: wrench, angular acceleration, and whether both are measured."""
-_EFFICIENT_NUMBERS = 3 * 18
-"""Per sample in those of ``efficient``: its summands of the present, and of two samples of before the start."""
 _KINEMATICS = 9
 _PER_LINE = 4096
 """For a robot's line in gossip and in the tables that are handed on [B]."""
@@ -33,16 +32,31 @@ _PER_NAME = 40
 _REST = 65536
 
 
-def largest_message(scenario: Scenario) -> int:
-    """No message between neighbours is larger [B].
+class Sums(NamedTuple):
+    """What an estimator's sums put into a message.
 
-    Exact sums over N robots take at most N rounds, whatever the graph.
+    Attributes:
+        numbers: Per sample of a block under way.
+        rounds: How many blocks are under way, at most.
     """
-    if scenario.estimator == "seed":
-        rounds, numbers = scenario.seed_method.rounds, _SEED_NUMBERS
-    else:
-        rounds, numbers = min(scenario.robot_count, MANY), _EFFICIENT_NUMBERS
-    samples = scenario.sensors.block * (rounds * numbers + _KINEMATICS)
+
+    numbers: int
+    rounds: Callable[[Scenario], int]
+
+
+SUMS = {
+    # Summands of the present, and of two samples of before the start. Exact sums take at most N rounds on any graph.
+    "efficient": Sums(3 * 18, lambda scenario: min(scenario.robot_count, MANY)),
+    # Wrench, angular acceleration, and whether both are measured.
+    "seed": Sums(10, lambda scenario: scenario.seed_method.rounds),
+}
+"""By estimator that comes with coheft."""
+
+
+def largest_message(scenario: Scenario) -> int:
+    """No message between neighbours is larger [B]; an estimator of the user's own has as much room as ``efficient``."""
+    sums = SUMS[scenario.estimator if scenario.estimator in BUILT_IN["estimator"] else "efficient"]
+    samples = scenario.sensors.block * (sums.rounds(scenario) * sums.numbers + _KINEMATICS)
     return _NUMBER * samples + _besides_sums(scenario)
 
 

@@ -15,15 +15,13 @@ from coheft.wire.grasps import place_grasps
 from coheft.wire.message_size import LARGEST, largest_message
 from coheft.wire.motion_checks import check_motion
 from coheft.wire.payload_extent import check_load_places
-from coheft.wire.plugins import Kind, available, is_available
+from coheft.wire.plugins import SECTIONS, Kind, available, is_available
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_errors import did_you_mean
 from coheft.wire.toml_value import as_toml
 
 _KEYS: dict[Kind, str] = {"estimator": "estimator", "motion": "motion.own"}
 """Where a scenario names which it uses."""
-_SECTIONS = {"efficient": "efficient", "seed": "seed_method"}
-"""Where settings of the estimators go that come with coheft."""
 _LEAST_NOISE = 1e-3
 """In units of the nominal noise."""
 _LEVEL = 1e-9
@@ -195,10 +193,10 @@ def check_plugins(scenario: Scenario, origin: str) -> None:
                 f"{did_you_mean(name, there)} Your own must be installed first, see docs/own.md"
             )
     for name, table in scenario.settings.items():
-        if name in _SECTIONS and name != scenario.motion.own:
+        if name in SECTIONS and name != scenario.motion.own:
             raise ScenarioError(
                 f"{origin}: key 'settings.{name}': these tables are for estimators and motions of your own; settings "
-                f"of '{name}' go under [{_SECTIONS[name]}]"
+                f"of '{name}' go under [{SECTIONS[name]}]"
             )
         if not (is_available("estimator", name) or is_available("motion", name)):
             there = [*available("estimator"), *available("motion")]
