@@ -86,7 +86,10 @@ class Stop(Message, frozen=True):
 
 
 class Hello(Message, frozen=True):
-    """While there are no measurements, and in answer to a hello: I am here, and these neighbours I have heard.
+    """Agent to each neighbour: I am here, and these neighbours I have heard.
+
+    Twice a second, however long steps take; more often while there are no measurements; and at once when a link comes
+    up, or in answer to one who does not hear the sender yet.
 
     Attributes:
         sender: Who speaks.
