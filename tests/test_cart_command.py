@@ -9,7 +9,7 @@ import pytest
 
 from coheft.app.cart.judge import CartReport
 from coheft.app.cart.table import markdown, missed, rows, sentences
-from coheft.app.cart.table_one import TESTS, table_one
+from coheft.app.cart.table_one import QUIET_TESTS, TESTS, table_one
 from coheft.app.cli import EXIT_USAGE, run_command_line
 
 GOOD = CartReport(
@@ -111,6 +111,7 @@ def test_what_is_known_in_some_runs_only_is_said_beside_the_worst_of_these() -> 
 def test_table_one_is_the_papers() -> None:
     """Initial mass, CoM and noise of some rows, as printed."""
     assert tuple(range(1, 12)) == TESTS
+    assert tuple(range(1, 9)) == QUIET_TESTS
     assert table_one(2).guess.mass == 24.0
     assert table_one(6).cart.com == (0.3, -0.15)
     assert table_one(10).noise == 0.2

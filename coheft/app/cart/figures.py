@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from coheft.app.cart.campaign import Outcome
+from coheft.app.cart.table_one import QUIET_TESTS
 from coheft.app.figures import figure_to, make_folder
 
-_NOISELESS = range(1, 9)
 _SIZE = (7.0, 4.2)
 
 
@@ -25,8 +25,8 @@ def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
     fixed: dict[int, Outcome] = {}
     for outcome in outcomes:
         (learned if outcome.case.learns else fixed).setdefault(outcome.case.test, outcome)
-    quiet = [learned[test] for test in _NOISELESS if test in learned]
-    rest = [outcome for test, outcome in learned.items() if test not in _NOISELESS]
+    quiet = [learned[test] for test in QUIET_TESTS if test in learned]
+    rest = [outcome for test, outcome in learned.items() if test not in QUIET_TESTS]
     paths = [_draw_tracking(learned, fixed, folder / "fig4-tracking.png")]
     if quiet:
         paths.append(_draw_masses(quiet, folder / "fig5-mass.png", (5.0, 32.0)))

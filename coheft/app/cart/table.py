@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import msgspec
 
 from coheft.app.cart.judge import CartReport
-from coheft.app.cart.table_one import TESTS
+from coheft.app.cart.table_one import QUIET_TESTS, TESTS
 
 HEADER = (
     "test",
@@ -29,7 +29,6 @@ _SIDES = {"d_x": "along", "d_y": "across"}
 
 MASS_LIMIT, NOISY_MASS_LIMIT, COM_LIMIT = 0.1, 0.3, 10.0
 TRACKING_LIMIT, WITHOUT_LIMIT = 0.03, 0.20
-_QUIET_TESTS = range(1, 9)
 _WITHOUT_TESTS = (1, 4)
 _RECOVERY_LIMIT = 1.0
 
@@ -57,14 +56,14 @@ def missed(reports: Iterable[CartReport]) -> list[str]:
             if report.test in _WITHOUT_TESTS and report.largest_tracking_error_m < WITHOUT_LIMIT:
                 found.append(f"{name}, without the estimator: {100 * report.largest_tracking_error_m:.1f} cm only")
             continue
-        limit = MASS_LIMIT if report.test in _QUIET_TESTS else NOISY_MASS_LIMIT
+        limit = MASS_LIMIT if report.test in QUIET_TESTS else NOISY_MASS_LIMIT
         if report.diverged:
             found.append(f"{name}: diverged")
         if abs(report.mass_error_kg) > limit:
             found.append(f"{name}: mass off by {report.mass_error_kg:.2f} kg at 10 s")
         if report.com_known and report.com_error_mm > COM_LIMIT:
             found.append(f"{name}: centre of mass off by {report.com_error_mm:.1f} mm, but said to be known")
-        if report.test in _QUIET_TESTS and report.largest_tracking_error_m > TRACKING_LIMIT:
+        if report.test in QUIET_TESTS and report.largest_tracking_error_m > TRACKING_LIMIT:
             found.append(f"{name}: {100 * report.largest_tracking_error_m:.1f} cm off the path")
         for load in report.loads:
             if load.recovered_after_s is None or load.recovered_after_s > _RECOVERY_LIMIT:

@@ -26,6 +26,11 @@ _ROWS: dict[int, _Row] = {
 """Trajectory, first guess of the mass [kg], true centre of mass [m], noise, whether the contact point varies."""
 
 TESTS = tuple(_ROWS)
+_LITTLE_NOISE = 0.005
+_CHANGES = 11
+"""Number of the test in which loads come and go."""
+QUIET_TESTS = tuple(test for test, row in _ROWS.items() if row[3] <= _LITTLE_NOISE and test != _CHANGES)
+"""Those with little noise, and the same load all along."""
 REVERSAL = 12
 """Number of a test that is not in Table I: pushed and pulled with casters that turn round, and 3 N of force noise."""
 
@@ -69,7 +74,7 @@ def table_one(
         casters=number == REVERSAL,
         slides=slides,
         learns=learns,
-        loads=MASS_CHANGES if number == 11 else (),
+        loads=MASS_CHANGES if number == _CHANGES else (),
         seed=seed,
         pushers=pushers,
     )
