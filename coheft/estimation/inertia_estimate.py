@@ -124,11 +124,6 @@ class InertiaSolution:
         )
 
 
-def estimate_inertia(information: InertiaInformation, centre: Array, length: float) -> InertiaEstimate:
-    """The possible body that fits best; arguments as of ``solve_inertia``."""
-    return solve_inertia(information, centre, length).made_possible()
-
-
 def solve_inertia(information: InertiaInformation, centre: Array, length: float) -> InertiaSolution:
     """Weighted least squares with a weak prior, which alone counts in directions that data know less of than it does.
 

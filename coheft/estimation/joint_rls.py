@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.rigid_body import Inertia, inertia_operator, pack_symmetric, unpack_symmetric
+from coheft.estimation.rigid_body import inertia_operator, unpack_symmetric
 from coheft.estimation.spatial import Array, skew
 
 _PRIOR_STD = np.array([10.0] * 6 + [1.0] * 3 + [1.0])
@@ -103,8 +103,3 @@ class JointRls:
         by_noise[3:, 9:] = skew(h)
         covariance: Array = by_noise @ self._noise @ by_noise.T
         return covariance
-
-
-def theta_from_inertia(inertia: Inertia) -> Array:
-    """``(J, h, 1/m)`` of a body, shape (10,)."""
-    return np.concatenate([pack_symmetric(inertia.tensor), inertia.com, [1.0 / inertia.mass]])

@@ -19,7 +19,7 @@ from coheft.estimation.inertia import (
     spatial_inertia,
     symmetric_products,
 )
-from coheft.estimation.inertia_estimate import InertiaEstimate, estimate_inertia, middle_and_size
+from coheft.estimation.inertia_estimate import InertiaEstimate, middle_and_size, solve_inertia
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body import pseudo_inertia
 from coheft.estimation.spatial import Array
@@ -43,6 +43,10 @@ def information_of(team: Team, sample_features: Array, with_offset: bool = False
         information = model.information(gram)
         parameters = np.linalg.solve(information.matrix, information.vector)[:10]
     return information
+
+
+def estimate_inertia(information: InertiaInformation, centre: Array, length: float) -> InertiaEstimate:
+    return solve_inertia(information, centre, length).made_possible()
 
 
 def estimate_of(team: Team, sample_features: Array, with_offset: bool = False) -> InertiaEstimate:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from coheft.estimation.joint_rls import JointRls, joint_regressor, theta_from_inertia
-from coheft.estimation.rigid_body import Inertia, unpack_symmetric
+from coheft.estimation.joint_rls import JointRls, joint_regressor
+from coheft.estimation.rigid_body import Inertia, pack_symmetric
 from coheft.estimation.spatial import Array
 from tests.estimation.team import Team, make_team
 
@@ -16,6 +16,11 @@ Samples = tuple[Array, Array, Array, Array, Array]
 RATE = 100.0
 WRENCH_COVARIANCE = np.diag(np.repeat([0.5, 0.05], 3)) ** 2
 MOTION_COVARIANCE = np.diag(np.repeat([0.05, 0.1], 3)) ** 2
+
+
+def theta_of(inertia: Inertia) -> Array:
+    """``(J, h, 1/m)``."""
+    return np.concatenate([pack_symmetric(inertia.tensor), inertia.com, [1.0 / inertia.mass]])
 
 
 def samples_of(team: Team, inertia: Inertia | None = None) -> Samples:
@@ -50,7 +55,7 @@ def feed(joint_filter: JointRls, samples: Samples, block: int) -> None:
 def test_regressor_is_linear_in_the_unknowns(seed: int) -> None:
     team = make_team(seed, duration=1.0)
     matrix, right_side = joint_regressor(*samples_of(team))
-    np.testing.assert_allclose(matrix @ theta_from_inertia(team.inertia), right_side, atol=1e-10)
+    np.testing.assert_allclose(matrix @ theta_of(team.inertia), right_side, atol=1e-10)
 
 
 @pytest.mark.parametrize("forgetting", [0.99, 1.0])
@@ -60,7 +65,7 @@ def test_exact_data_give_the_exact_payload(seed: int, forgetting: float) -> None
     # Exact data deserve trust: then the prior, which says 1 kg, weighs next to nothing.
     joint_filter = new_filter(forgetting, scale=1e-12)
     feed(joint_filter, samples_of(team), block=10)
-    np.testing.assert_allclose(joint_filter.theta, theta_from_inertia(team.inertia), atol=1e-9)
+    np.testing.assert_allclose(joint_filter.theta, theta_of(team.inertia), atol=1e-9)
 
 
 @pytest.mark.parametrize("forgetting", [0.98, 1.0])
@@ -90,7 +95,7 @@ def test_forgetting_follows_a_change() -> None:
     def error(forgetting: float, until: int) -> float:
         joint_filter = new_filter(forgetting, scale=1e-12)
         feed(joint_filter, tuple(part[:until] for part in samples), block=10)
-        return float(np.abs(joint_filter.theta - theta_from_inertia(heavier)).max())
+        return float(np.abs(joint_filter.theta - theta_of(heavier)).max())
 
     forgetful = [error(1.0 - 1.0 / memory, until) for until in (change, change + 2 * memory, change + 4 * memory, end)]
     assert forgetful[0] > 0.5
@@ -142,12 +147,7 @@ def test_errors_are_as_large_as_the_covariance_says() -> None:
         joint_filter = JointRls(np.zeros(3), wrench_covariance, motion_covariance, 1.0)
         samples = noisy(samples_of(team), np.random.default_rng(run), wrench_covariance, motion_covariance)
         feed(joint_filter, samples, block=20)
-        error = joint_filter.theta - theta_from_inertia(team.inertia)
+        error = joint_filter.theta - theta_of(team.inertia)
         squares.append(error @ np.linalg.solve(joint_filter.covariance, error))
     low, high = chi2.ppf([0.001, 0.999], 10 * runs) / runs
     assert low / 1.1 < np.mean(squares) < 1.1 * high
-
-
-def test_theta_of_an_inertia() -> None:
-    inertia = Inertia(4.0, np.array([1.0, 2.0, 3.0]), unpack_symmetric(np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3])))
-    np.testing.assert_array_equal(theta_from_inertia(inertia), [1.0, 2.0, 3.0, 0.1, 0.2, 0.3, 1.0, 2.0, 3.0, 0.25])
