@@ -82,11 +82,12 @@ class LateWrenches:
         """
         if self._residual_of_features is None or self._sums[0] < 1.0:
             return
-        # Noise averages out, what poses add does not.
         count = self._sums[0]
         mean = self._sums / count
         residual = mean @ self._residual_of_features
-        statistic = float(residual @ np.linalg.solve(model.residual_covariance / count + disturbance, residual))
+        statistic = float(count * (residual @ model.weight @ residual))
+        if statistic >= _CONTRADICTION:  # noise averages out, what poses add does not; it explains only more
+            statistic = float(residual @ np.linalg.solve(model.residual_covariance / count + disturbance, residual))
         self._contradicted = 0 if statistic < _CONTRADICTION else self._contradicted + 1
 
     def surprise(self, model: InertiaModel, gram: Array) -> float:
