@@ -17,6 +17,7 @@ from coheft.errors import SimulationError
 from coheft.estimation.cart_contact import grasp_map
 from coheft.estimation.cart_model import CartBody
 from coheft.estimation.spatial import Array
+from coheft.wire.borders import first_border
 from coheft.wire.cart.messages import CartMeasurement, CartPush, CartTruth
 from coheft.wire.cart.scenario import PHYSICS_RATE, CartGuess, CartLoad, CartScenario
 
@@ -90,7 +91,7 @@ class CartSimulation:
         Raises:
             SimulationError: The cart has gone out of sight.
         """
-        while self._loads and self._loads[0].at * self._scenario.rate <= self.block:
+        while self._loads and first_border(self._loads[0].at, 1.0 / self._scenario.rate) <= self.block:
             self._change(self._loads.pop(0))
         scenario, motion = self._scenario, np.concatenate([self.data.qpos, self.data.qvel])
         if not (np.abs(motion) < _FARTHEST).all():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from coheft.wire.borders import first_border
 from coheft.wire.scenario import LoadChange, Scenario
 from coheft.wire.scenario_checks import check_loads
 
@@ -20,7 +21,6 @@ class LoadSchedule:
 
     def due(self, block: int) -> list[LoadChange]:
         """Hand out the changes whose first block border not before their time is the start of this block."""
-        start = block * self._block_duration + 1e-9  # borders are multiples of a rounded number
-        due = [change for change in self._pending if change.at <= start]
+        due = [change for change in self._pending if first_border(change.at, self._block_duration) <= block]
         self._pending = self._pending[len(due) :]
         return due

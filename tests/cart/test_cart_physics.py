@@ -111,6 +111,13 @@ def test_what_is_dropped_on_it_takes_momentum_and_what_is_taken_off_does_not() -
         before = moving
 
 
+@pytest.mark.parametrize("at", [0.0, 0.28, 0.29, 0.57, 0.575, 1.1, 1.13, 1.15])
+def test_a_load_comes_with_the_first_sample_not_before_its_time(at: float) -> None:
+    simulation = CartSimulation(structs.replace(QUIET, loads=(CartLoad(at=at, mass=8.0, place=(0.5, 0.1)),)))
+    masses = [simulation.advance({}).truth.cart.mass for _ in range(120)]
+    assert masses.index(28.0) == -(-round(1000 * at) // 10)
+
+
 def test_friction_alone_stops_it() -> None:
     """``m v' = -sigma v`` straight ahead."""
     centred = structs.replace(QUIET, cart=structs.replace(QUIET.cart, com=(0.3, 0.0)))

@@ -21,6 +21,7 @@ from coheft.app.faults.schedule import FaultSchedule, Lie, Release
 from coheft.app.judge import Judge
 from coheft.app.quantities import payload_error, payload_exists, pose_error
 from coheft.estimation.spatial import Array, Pose
+from coheft.wire.borders import first_border
 from coheft.wire.messages import Estimate, Scene
 
 DEVIATIONS = 5.0
@@ -60,7 +61,7 @@ class Watch:
         self._seen = 0
         self._block_duration = scenario.block_duration
         self._grace = math.ceil(GRACE / scenario.block_duration)
-        self._changes = [math.ceil(change.at / scenario.block_duration - 1e-9) for change in scenario.load_changes]
+        self._changes = [first_border(change.at, scenario.block_duration) for change in scenario.load_changes]
         self._releases = [fault for fault in schedule.faults if isinstance(fault, Release)]
         lies = sorted((fault for fault in schedule.faults if isinstance(fault, Lie)), key=lambda lie: -lie.start)
         self._lies = {lie.robot: lie.start for lie in lies}  # the first one of each

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -13,6 +12,7 @@ from coheft.app.quantities import UNITS
 from coheft.app.study.report import NoiseResult, StudyReport, summarise
 from coheft.app.study.trial import Moments, Trial, run_trial
 from coheft.errors import ScenarioError
+from coheft.wire.borders import first_border
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_checks import check_noise
 
@@ -75,7 +75,7 @@ def make_plan(
     """
     block = scenario.block_duration
     # A change takes effect at the next border of a block.
-    changes = [(block * math.ceil((change.at - 1e-9) / block), change) for change in scenario.load_changes]
+    changes = [(block * first_border(change.at, block), change) for change in scenario.load_changes]
     change = min((moment for moment, _ in changes), default=None)
     at = block * max(1, round(at / block))
     if change is not None and change < at - 0.5 * block:
