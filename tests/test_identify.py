@@ -105,6 +105,17 @@ def test_calibration_is_estimated_along_and_told(miscalibrated: Recording) -> No
     assert ours[7] < plain[7]
 
 
+def test_calibration_is_estimated_from_little_more_than_a_second_of_motion(miscalibrated: Recording) -> None:
+    found = identify(miscalibrated.between(40.0, 45.5), "pose", Bounds(), cutoff=10.0)
+    assert honest(miscalibrated, found)
+    assert found.payload.is_seen("mass")
+
+
+def test_shorter_motions_are_refused_and_how_long_to_record_is_told(miscalibrated: Recording) -> None:
+    with pytest.raises(RecordingError, match=r"from 20 s to 24\.8 s, .* too little is left .* Record at least 5 s"):
+        identify(miscalibrated.between(20.0, 24.8), "pose", Bounds(), cutoff=10.0)
+
+
 def test_robots_worse_than_their_bounds_are_suspected(miscalibrated: Recording) -> None:
     remark = "No calibration errors within the bounds"
     for bounds, beyond in ((Bounds(), False), (Bounds(force_offset=0.01), True)):

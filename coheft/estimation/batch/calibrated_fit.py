@@ -22,6 +22,7 @@ from coheft.estimation.batch.calibration import Tolerances
 from coheft.estimation.batch.inertia_fit import LinearFit, Prior, instrumental_fit, others, residual_variance
 from coheft.estimation.batch.payload import hidden_covariance
 from coheft.estimation.batch.signals import Signals
+from coheft.estimation.batch.statistics import span_length
 from coheft.estimation.inertia import INERTIA_SIZE
 from coheft.estimation.spatial import Array, Pose
 
@@ -133,7 +134,7 @@ def _force_columns(wrenches: Array, rotations: Array, poses: Sequence[Pose]) -> 
 def _deserved_weight(residual: Array, output: Array, rate: float) -> Array:
     """Weights (6,) of samples that are correlated in time: as many samples as are independent count."""
     variance = residual_variance(residual - residual.mean(axis=0), output)
-    length = max(1, round(rate))
+    length = span_length(len(residual), rate)
     blocks = residual[: len(residual) // length * length].reshape(-1, length, residual.shape[1])
     # A mean of independent samples has a variance smaller by their number.
     repeats = np.maximum(length * blocks.mean(axis=1).var(axis=0) / variance, 1.0)

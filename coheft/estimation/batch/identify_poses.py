@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from coheft.errors import RecordingError
 from coheft.estimation.batch.calibrated_fit import CalibratedFit, fit_calibrated
 from coheft.estimation.batch.calibration import (
     POSITION_SCALE,
@@ -33,7 +34,8 @@ from coheft.estimation.batch.identify import (
 from coheft.estimation.batch.payload import derivative_by_poses, make_payload, of_central_numbers, turned_covariance
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.batch.signals import CUTOFF, Signals, signals_of
+from coheft.estimation.batch.signals import CUTOFF, EDGE, Signals, signals_of
+from coheft.estimation.batch.statistics import SPAN
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.inertia import INERTIA_SIZE
 from coheft.estimation.inertia_derivatives import seen_inertia_derivative
@@ -69,9 +71,11 @@ def identify_poses(
         cutoff: Of the filter for the load's motion [Hz].
 
     Raises:
-        RecordingError: Something is missing.
+        RecordingError: Something is missing, or calibration errors cannot be told from so short a motion.
     """
     signals = plausible_signals(recording, cutoff)
+    if tolerances is not None:
+        _check_duration(recording, signals)
     recording.stacked("wrench")  # better refused before the long fit than after it
     wrists = WristPoses.of(recording.stacked("pose"), recording.rate, at_home=tolerances is not None)
     start, loops = grasps_from_twists(signals, with_instruments=True)
@@ -82,6 +86,16 @@ def identify_poses(
         found = _with_doubts(recording, grasps, tolerances, cutoff)
     suspicions = (*_suspicions(grasps), *unsettled(grasps.team, grasps.is_settled))
     return replace(found, loops=tuple(loops), suspicions=suspicions)
+
+
+def _check_duration(recording: Recording, signals: Signals) -> None:
+    """Refuse motions over which residuals are hardly independent: nothing would say how certain the errors are."""
+    if signals.time[-1] - signals.time[0] < SPAN:
+        raise RecordingError(
+            f"found samples from {recording.span}, of which {EDGE:g} s are dropped at both ends: too little is left to "
+            f"estimate calibration errors along. Record at least {2.0 * EDGE + SPAN:g} s, choose a longer part with "
+            f"--from and --to, or leave --calibrate out"
+        )
 
 
 def _suspicions(grasps: HandEye) -> tuple[str, ...]:

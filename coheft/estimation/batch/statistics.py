@@ -39,11 +39,15 @@ def sandwich_information(derivative: Array, scores: Array, rate: float, least: A
     return information
 
 
+def span_length(count: int, rate: float, unknowns: int = 1) -> int:
+    """Over how many of ``count`` consecutive samples to sum, that sums hardly depend on each other and are enough."""
+    return max(1, min(round(SPAN * rate), count // (_FEWEST_SUMS * unknowns)))
+
+
 def batch_scatter(scores: Array, rate: float) -> Array:
     """Covariance of the sum of consecutive scores (n, u), shape (u, u)."""
     count, unknowns = scores.shape
-    length = max(1, min(round(SPAN * rate), count // (_FEWEST_SUMS * unknowns)))
-    sums = np.add.reduceat(scores, np.arange(0, count, length), axis=0)
+    sums = np.add.reduceat(scores, np.arange(0, count, span_length(count, rate, unknowns)), axis=0)
     # The solution takes up some of the scatter.
     degrees = max(len(sums) - unknowns / 2.0, 1.0)
     scatter: Array = sums.T @ sums * (len(sums) / degrees)
