@@ -19,7 +19,7 @@ from coheft.estimation.acceleration import (
     summands,
 )
 from coheft.estimation.body_motion import perturbation_between
-from coheft.estimation.inertia import INERTIA_SIZE, InertiaModel, features, packed_gram, unpacked_gram
+from coheft.estimation.inertia import InertiaModel, features, packed_gram, unpacked_gram
 from coheft.estimation.inertia_estimate import InertiaEstimate, middle_and_size, solve_inertia, unseen_quantities
 from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, TWIST, WRENCH, SensorNoise
 from coheft.estimation.pose_sensitivity import MOTION_FEATURES, PoseSensitivity, inertia_by_poses
@@ -43,7 +43,8 @@ class CentralisedEstimate:
         team: Poses of all robots in the body frame, which is the first robot's.
         payload: Its mass properties in the body frame, given the poses; only ``unseen`` counts in what the poses add.
         covariance: Of ``(m, h, J)``, ``J`` packed, with what the poses add, shape (10, 10).
-        residual: Of the total wrench, shape (n, 6).
+        rows: Samples that the inertia is from: of ``BodySums``.
+        residual: What body and offset leave of the total wrench of these samples, shape (rows, 6).
         expected: Covariance of the residual that the sensors' noise explains, shape (6, 6).
         is_settled: Whether steps of poses had become small when no more were taken.
     """
@@ -51,6 +52,7 @@ class CentralisedEstimate:
     team: TeamPoses
     payload: InertiaEstimate
     covariance: Array
+    rows: slice
     residual: Array
     expected: Array
     is_settled: bool
@@ -129,8 +131,8 @@ def estimate_centralised(
     team, is_settled = _estimate_poses(samples, noise, rate)
     poses = team.poses
     sums = sum_up(samples, poses, noise, rate)
-    sample_features = features(sums.motion, sums.wrench)
-    gram = packed_gram(sample_features[sums.rows])
+    used = features(sums.motion[sums.rows], sums.wrench[sums.rows])
+    gram = packed_gram(used)
     middle, size = middle_and_size(poses)
     parameters = None
     for _ in range(_REWEIGHTINGS):
@@ -140,24 +142,25 @@ def estimate_centralised(
         information = model.information(gram)
         solution = solve_inertia(information, middle, size)
         parameters = solution.parameters
-    needed = np.tensordot(sample_features, model.regressor_coefficients, axes=1)[..., :INERTIA_SIZE]
-    moving = sample_features[sums.rows, MOTION_FEATURES]
     by_poses = inertia_by_poses(
         model,
         information,
         solution.parameters,
         unpacked_gram(gram),
-        np.einsum("kf,kiw->ifw", moving, samples[sums.rows, :, WRENCH]),
+        np.einsum("kf,kiw->ifw", used[:, MOTION_FEATURES], samples[sums.rows, :, WRENCH]),
         PoseSensitivity.of(poses, noise, sums.fusion.slope_information),
     )
     doubt = by_poses @ team.covariance @ by_poses.T
     estimate = solution.made_possible(doubt)
+    unknowns = np.concatenate([estimate.parameters, [] if estimate.offset is None else estimate.offset])
+    explained = np.tensordot(used, model.regressor_coefficients, axes=1) @ unknowns
     covariance = estimate.to_central @ (solution.covariance + doubt) @ estimate.to_central.T
     return CentralisedEstimate(
         team=team,
         payload=replace(estimate, unseen=unseen_quantities(covariance, estimate.inertia.mass, size)),
         covariance=covariance,
-        residual=sums.wrench - needed @ estimate.parameters,
+        rows=sums.rows,
+        residual=sums.wrench[sums.rows] - explained,
         expected=model.residual_covariance,
         is_settled=is_settled,
     )

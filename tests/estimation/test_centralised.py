@@ -38,7 +38,9 @@ def test_slopes_of_gyros_are_not_guessed_where_the_run_begins_and_ends(seed: int
     found = estimate_centralised(team.exact, PERFECT, rate=100)
     np.testing.assert_allclose(found.inertia.tensor, team.inertia.tensor, atol=2e-5)
     np.testing.assert_allclose(found.inertia.com, team.inertia.com, atol=1e-7)
-    assert found.residual.shape == (200, 6)
+    assert found.rows == slice(2, 198)
+    assert found.residual.shape == (196, 6)
+    assert np.abs(found.residual).max() < 1e-3  # with guessed slopes of the ends, about 1
 
 
 def test_offsets_of_force_and_torque_are_estimated_along() -> None:
@@ -50,6 +52,7 @@ def test_offsets_of_force_and_torque_are_estimated_along() -> None:
     estimated = estimate_centralised(samples, PERFECT, rate=200, with_offset=True)
     assert np.linalg.norm(ignored.inertia.com - truth.com) > 1e-3
     np.testing.assert_allclose(estimated.inertia.com, truth.com, atol=1e-5)
+    np.testing.assert_allclose(estimated.residual, np.zeros((600, 6)), atol=1e-4)
 
 
 def test_robots_nearly_in_a_line_know_how_well_they_know_their_poses() -> None:

@@ -55,6 +55,6 @@ def identify_sensors(recording: Recording) -> Identification:
         ),
         remarks=(remark,),
         suspicions=unsettled(found.team, found.is_settled),
-        time=recording.time,
+        time=recording.time[found.rows],
         residual=found.residual,
     )
