@@ -78,15 +78,16 @@ class Carrier:
         if self._path is None:
             start = max(self._carry.start, self._config.start_of(index + 1 + self._config.lag))
             self._path = CommonPath(self._carry, start)
-        self._weigh(estimate)
+        self._weigh(self._path, index, estimate)
 
-    def _weigh(self, estimate: Estimate) -> None:
-        """Use the load of an estimate, if it is known well enough."""
+    def _weigh(self, path: CommonPath, index: int, estimate: Estimate) -> None:
+        """Use the load of an estimate, if it is known well enough at the attitude at which it would be used first."""
         payload = estimate.payload
         if payload is None or payload.com is None:
             return
+        rotation, _, _, _ = self._middle(path, index + self._config.lag)
         weight = payload.mass * float(np.linalg.norm(self._lift))
-        force, torque = weight_deviations(payload.mass, payload.covariance, self._lift)
+        force, torque = weight_deviations(payload.mass, payload.covariance, rotation.T @ self._lift)
         if weight == 0.0 or max(force, torque / self._size) > _WELL_KNOWN * weight:
             return
         before = np.zeros((3, 3)) if self._load is None else self._load.tensor

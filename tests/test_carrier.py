@@ -89,9 +89,9 @@ def settings(carry: Carry) -> AgentConfig:
 
 
 def estimate(
-    config: AgentConfig, mass: float, deviation: float, status: str, com: tuple[float, float, float]
+    config: AgentConfig, mass: float, deviations: Array, status: str, com: tuple[float, float, float]
 ) -> Estimate:
-    payload = PayloadEstimate(mass, np.array(com), np.eye(3), deviation**2 * np.eye(10))
+    payload = PayloadEstimate(mass, np.array(com), np.eye(3), np.diag(deviations**2))
     return msgspec.convert(
         {
             "robot": config.name, "block": 0, "time": 0.1, "phase": "inertia", "converged": True, "members": 2,
@@ -103,27 +103,28 @@ def estimate(
 
 
 class Arm:
-    """A robot at rest, which is told what it knows before every block."""
+    """A robot at rest, which is told what it knows before every block, from one of them on."""
 
-    def __init__(self, carry: Carry = STILL) -> None:
+    def __init__(self, carry: Carry = STILL, up: Array = UP, index: int = 0) -> None:
         self.config = settings(carry)
         alone = make_motion(self.config)
         self._carrier = Carrier(self.config, carry, alone)
         self._samples = np.zeros((self.config.block, SAMPLE_SIZE))
-        self._samples[:, ACCELERATION] = UP
-        self._index = 0
+        self._samples[:, ACCELERATION] = up
+        self._index = index
 
     def push(
         self,
         mass: float,
-        deviation: float = 1e-3,
+        deviation: float | Array = 1e-3,
         status: str = "valid",
         blocks: int = 100,
         com: tuple[float, float, float] = MIDDLE,
     ) -> Array:
         """The wrench after so many blocks."""
+        deviations = np.broadcast_to(deviation, 10)
         for _ in range(blocks):
-            self._carrier.learn(self._index, estimate(self.config, mass, deviation, status, com), GRASPS)
+            self._carrier.learn(self._index, estimate(self.config, mass, deviations, status, com), GRASPS)
             _, wrench = self._carrier.step(self._index, self._samples)
             self._index += 1
         return wrench
@@ -136,6 +137,18 @@ def test_two_robots_at_a_rod_hold_half_of_it_each() -> None:
 def test_what_is_not_known_well_is_not_used() -> None:
     np.testing.assert_array_equal(Arm().push(8.0, deviation=1.0), 0.0)
     np.testing.assert_array_equal(Arm().push(8.0, status="starting"), 0.0)
+
+
+@pytest.mark.parametrize(("axis", "is_used"), [(1, True), (2, False)])
+def test_what_is_not_known_along_gravity_does_not_matter_however_the_load_lies(axis: int, is_used: bool) -> None:
+    """At a quarter of the path's long period the load lies on its side."""
+    aside = msgspec.structs.replace(STILL, rotation_deg=(90.0, 0.0, 0.0), rotation_period=(100.0, 1.0, 1.0))
+    index = settings(aside).blocks(STILL.start + 25.0)
+    deviations = np.full(10, 1e-3)
+    deviations[1 + axis] = 0.1
+    wrench = Arm(aside, up=np.array([0.0, 9.81, 0.0]), index=index).push(8.0, deviation=deviations)
+    expected = 4.0 * 9.81 if is_used else 0.0
+    np.testing.assert_allclose(wrench[:3], [0.0, expected, 0.0], atol=0.5)
 
 
 def test_the_last_good_estimate_stays() -> None:
