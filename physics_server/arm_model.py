@@ -92,7 +92,9 @@ def add_seven_joint_arm(spec: mujoco.MjSpec, robot: str, home: Pose) -> None:
 
 
 def add_wrist_sensors(spec: mujoco.MjSpec, robot: str) -> None:
-    """Add a wrist's force and torque sensors: what the hand does to the arm, about the hand's site."""
+    """Add a wrist's force and torque sensors: what the arm does to the hand, in the axes of the hand's site and
+    about it. Beyond them nothing weighs, so it is what the arm does to the payload.
+    """
     for kind in (mujoco.mjtSensor.mjSENS_FORCE, mujoco.mjtSensor.mjSENS_TORQUE):
         spec.add_sensor(
             name=f"{robot}_{kind.name}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=hand_name(robot)

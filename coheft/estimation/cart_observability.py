@@ -7,7 +7,7 @@ import numpy as np
 from coheft.estimation.spatial import Array
 
 QUANTITIES = ("mass", "d_x", "d_y", "inertia", "friction")
-"""Of ``CartFilter.body_covariance``."""
+"""Of ``CartLearner.body_covariance``."""
 
 _KNOWN = (0.3, 0.005, 0.005, 0.5, 0.5)
 """Standard deviations above which a quantity counts as not known [kg, m, m, kg·m², N·s/m]."""

@@ -23,7 +23,7 @@ class Stretches:
         resolution: Borders remain at most about ``1 / resolution`` of their age apart.
 
     Attributes:
-        count: Number of blocks that have come, those that were forgotten among them.
+        count: Number of blocks that were pushed, those that were forgotten among them, but not those that came early.
     """
 
     def __init__(self, size: int, resolution: int) -> None:

@@ -78,6 +78,7 @@ def test_early_blocks_count_as_if_they_had_come_in_time() -> None:
     for block in reversed(range(80)):
         assert early.push_early(block, values[block])
     assert early.firsts[0] == 0
+    assert early.count == 80
     np.testing.assert_allclose(early.total, in_time.total, rtol=1e-9)
     assert not Stretches(SIZE, resolution=8).push_early(3, values[0])
 
