@@ -14,8 +14,9 @@ import mujoco
 import numpy as np
 
 from coheft.errors import SimulationError
-from coheft.estimation.cart_contact import grasp_map
-from coheft.estimation.cart_model import CartBody
+from coheft.estimation.cart_contact import MOVING, grasp_map
+from coheft.estimation.cart_load import change_of_phi
+from coheft.estimation.cart_model import UNICYCLE, CartBody, axes, mass_matrix
 from coheft.estimation.spatial import Array
 from coheft.wire.borders import first_border
 from coheft.wire.cart.messages import CartMeasurement, CartPush, CartTruth
@@ -108,7 +109,7 @@ class CartSimulation:
             motion=motion,
             wrench=wrench_b,
             effort=math.sqrt(squares),
-            slip=float(np.cos(motion[2]) * motion[4] - np.sin(motion[2]) * motion[3]),
+            slip=float(UNICYCLE.rows(motion[2])[0] @ motion[3:]),
         )
         measurements = {name: self._measure(name, motion, pushes.get(name)) for name in scenario.names}
         for _ in range(self._steps):
@@ -150,7 +151,7 @@ class CartSimulation:
         theta = float(data.qpos[2])
         x_rate, y_rate, turn_rate = data.qvel.tolist()
         c, s = math.cos(theta), math.sin(theta)
-        speed, slip = c * x_rate + s * y_rate, c * y_rate - s * x_rate
+        speed = c * x_rate + s * y_rate
         ahead, aside, torque = wrench_b.tolist()
         if self._casters is not None:
             ahead += self._casters.drag(speed, model.opt.timestep)
@@ -161,10 +162,10 @@ class CartSimulation:
             torque - friction * turn_rate,
         )
         mujoco.mj_forward(model, data)
-        row = np.array([[-s, c, 0.0]])
+        row = UNICYCLE.rows(theta)
         by_row = np.empty((1, 3))
         mujoco.mj_solveM(model, data, by_row, row)
-        slipping = float(row[0] @ data.qacc) - turn_rate * speed + _STABILISING * slip
+        slipping = float(row[0] @ data.qacc) - turn_rate * speed + _STABILISING * float(row[0] @ data.qvel)
         result: Array = data.qacc - slipping / float(row[0] @ by_row[0]) * by_row[0]
         return result
 
@@ -173,7 +174,7 @@ class CartSimulation:
         old, new = self._cart.body, with_load(self._cart.body, load)
         if load.mass > 0.0:
             theta = float(self.data.qpos[2])
-            to_floor = np.array([[math.cos(theta), 0.0], [math.sin(theta), 0.0], [0.0, 1.0]])
+            to_floor = axes(theta)[:, MOVING]
             motion = to_floor.T @ self.data.qvel
             self.data.qvel[:] = to_floor @ np.linalg.solve(_moving_mass(new), _moving_mass(old) @ motion)
         self._cart = CartGuess.of(new)
@@ -182,14 +183,12 @@ class CartSimulation:
 
 def with_load(body: CartBody, load: CartLoad) -> CartBody:
     """The cart with a point mass more, or less."""
-    x, y = load.place
-    return CartBody.of(body.phi + load.mass * np.array([1.0, x, y, x * x + y * y]), body.friction)
+    return CartBody.of(body.phi + change_of_phi(np.array([load.mass, *load.place, 0.0])), body.friction)
 
 
 def _moving_mass(body: CartBody) -> Array:
     """Mass matrix (2, 2) of going ahead and turning."""
-    m, _, b, j = body.phi.tolist()
-    return np.array([[m, -b], [-b, j]])
+    return mass_matrix(body.phi, 0.0)[np.ix_(MOVING, MOVING)]
 
 
 def _build(cart: CartGuess) -> mujoco.MjModel:
