@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.rigid_body import inertia_operator, unpack_symmetric
+from coheft.estimation.rigid_body import euler_regressor, unpack_symmetric
 from coheft.estimation.spatial import Array, skew
 
 _PRIOR_STD = np.array([10.0] * 6 + [1.0] * 3 + [1.0])
@@ -26,7 +26,7 @@ def joint_regressor(w: Array, a: Array, alpha: Array, force: Array, torque: Arra
     """
     matrix = np.zeros((len(w), 6, 10))
     cross_w = skew(w)
-    matrix[:, :3, :6] = inertia_operator(alpha) + cross_w @ inertia_operator(w)
+    matrix[:, :3, :6] = euler_regressor(w, alpha)
     matrix[:, :3, 6:9] = -skew(force)
     matrix[:, 3:, 6:9] = skew(alpha) + cross_w @ cross_w
     matrix[:, 3:, 9] = -force

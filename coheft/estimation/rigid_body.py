@@ -50,6 +50,19 @@ def inertia_operator(x: npt.ArrayLike) -> Array:
     return matrix
 
 
+def euler_regressor(w: Array, alpha: Array) -> Array:
+    """``Om(alpha) + [w]x Om(w)``: times ``pack_symmetric(J)`` it is Euler's ``J alpha + w x J w`` (Fan et al., eq. 30).
+
+    Args:
+        w: Angular velocity in the axes of ``J``, shape (..., 3) [rad/s].
+        alpha: Angular acceleration, shape (..., 3) [rad/s²].
+
+    Returns:
+        Shape (..., 3, 6).
+    """
+    return inertia_operator(alpha) + skew(w) @ inertia_operator(w)
+
+
 def unit_point(place: Array) -> Array:
     """Inertia about the origin of a mass of 1 kg at ``place`` (3,), packed: ``|p|^2 1 - p p^T``, shape (6,)."""
     products = place[PACKED_ROWS] * place[PACKED_COLUMNS]

@@ -8,6 +8,7 @@ from hypothesis import given
 from coheft.estimation.rigid_body import (
     Inertia,
     combined,
+    euler_regressor,
     inertia_operator,
     pack_symmetric,
     packed_rotation,
@@ -40,6 +41,15 @@ def test_packing_round_trip(packed: Array) -> None:
 @given(vectors(5.0, 6), vectors(3.0))
 def test_inertia_operator(packed: Array, x: Array) -> None:
     np.testing.assert_allclose(inertia_operator(x) @ packed, unpack_symmetric(packed) @ x, atol=1e-12)
+
+
+@given(vectors(5.0, 6), vectors(3.0), vectors(3.0))
+def test_euler_regressor(packed: Array, w: Array, alpha: Array) -> None:
+    tensor = unpack_symmetric(packed)
+    expected = tensor @ alpha + np.cross(w, tensor @ w)
+    np.testing.assert_allclose(euler_regressor(w, alpha) @ packed, expected, atol=1e-12)
+    both = euler_regressor(np.array([w, alpha]), np.array([alpha, w]))
+    np.testing.assert_allclose(both[0] @ packed, expected, atol=1e-12)
 
 
 @given(vectors(5.0, 6), rotations)

@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from coheft.estimation.batch.body import regressor
 from coheft.estimation.batch.statistics import batch_scatter
-from coheft.estimation.rigid_body import inertia_operator
-from coheft.estimation.spatial import Array, skew
+from coheft.estimation.body_motion import BODY_ALPHA, BODY_W
+from coheft.estimation.rigid_body import euler_regressor
+from coheft.estimation.spatial import Array
 
 _REWEIGHTINGS = 3
 _FINEST = 1e-4
@@ -56,8 +57,7 @@ def fit_tensor(motion: Array, wrench: Array, com: Array, rate: float) -> LinearF
     Returns:
         Of ``J`` packed, u = 6.
     """
-    w, alpha = motion[:, :3], motion[:, 9:]
-    matrix = inertia_operator(alpha) + skew(w) @ inertia_operator(w)
+    matrix = euler_regressor(motion[:, BODY_W], motion[:, BODY_ALPHA])
     moment = wrench[:, 3:] - np.cross(com, wrench[:, :3])
     return instrumental_fit(matrix[None], moment, matrix[None], np.ones(3), rate)
 
