@@ -11,6 +11,8 @@ from coheft.estimation.uncertain_pose import UncertainPose
 
 _FLOOR = 1e-6
 """Share of the required information that unseen directions are given, so that covariances stay finite."""
+_DOUBT = 5.0
+"""Standard deviations of the noise in the information by which a direction must exceed it to count as seen."""
 _PURE = 0.1
 """A direction is called a rotation, or a translation, when the other part is below this share of it."""
 
@@ -116,6 +118,17 @@ def seen_information(information: Array, limits: Visibility, doubt: Array | None
         certain = values - (vectors * ((doubt * scales) @ vectors)).sum(axis=0)
     order = np.argsort(certain >= 1.0, kind="stable")
     return SeenInformation(values[order], scale[:, None] * vectors[:, order], int((certain < 1.0).sum()), limits)
+
+
+def doubt_of(noise: Array, count: float) -> Array:
+    """Part of an information that may be noise beside what of it is due to noise on average; shape of ``noise``.
+
+    Args:
+        noise: What of the information is due to noise on average, of any shape.
+        count: Number of samples that it is of; their noise is independent.
+    """
+    result: Array = _DOUBT / np.sqrt(max(count, 1.0)) * noise
+    return result
 
 
 @dataclass(frozen=True, eq=False)

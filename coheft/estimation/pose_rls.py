@@ -14,15 +14,12 @@ from coheft.estimation.dual_quaternion import (
     solve_translation,
 )
 from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.observability import doubt_of
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.uncertain_pose import UncertainPose
 
 _PRIOR_STD = np.repeat([3.0, 10.0], 3)
 """What is known beforehand: next to nothing. Rotation [rad], translation [m]."""
-
-
-_DOUBT = 5.0
-"""Standard deviations of the noise by which motion must exceed it to count as information."""
 
 _UNITS = np.eye(12).reshape(12, 4, 3)
 _OPERATORS = np.concatenate(
@@ -118,16 +115,14 @@ class PoseRls:
         """Covariance (6, 6): first the rotation from its own equation, then the translation that goes with it."""
         prior = _PRIOR_STD**-2.0
         # H(w) holds noise of both gyros: 6 sigma_w^2 per sample on average, weighted with 1 / (2 sigma_w^2).
-        surely_noise = self._count + _DOUBT * np.sqrt(self._count)
-        rotation_information = _positive_part(
-            derivative[:4, :3].T @ (self._rotation_moment - 3.0 * surely_noise * np.eye(4)) @ derivative[:4, :3]
-        )
+        noise = 3.0 * self._count * np.eye(4)
+        surely_motion = self._rotation_moment - noise - doubt_of(noise, self._count)
+        rotation_information = _positive_part(derivative[:4, :3].T @ surely_motion @ derivative[:4, :3])
         rotation_covariance = np.linalg.inv(rotation_information + prior[0] * np.eye(3))
         by_theta, by_translation = derivative[:, :3], derivative[4:, 3:]
-        noise_ww = self._gyro_variance * self._noise_share * surely_noise / max(self._count, 1.0)
-        translation_information = _positive_part(
-            by_translation.T @ (self._translation_moment[:, :4] - noise_ww) @ by_translation
-        )
+        noise = self._gyro_variance * self._noise_share
+        surely_motion = self._translation_moment[:, :4] - noise - doubt_of(noise, self._count)
+        translation_information = _positive_part(by_translation.T @ surely_motion @ by_translation)
         translation_covariance = np.linalg.inv(translation_information + prior[3] * np.eye(3))
         follow = -translation_covariance @ by_translation.T @ (ww @ by_theta[4:] + wv @ by_theta[:4])
         coupling = follow @ rotation_covariance

@@ -25,6 +25,7 @@ from coheft.estimation.observability import (
     SeenInformation,
     Visibility,
     all_seen,
+    doubt_of,
     seen_information,
 )
 from coheft.estimation.registration import ACCELERATION, FEATURES, PRODUCTS, TWIST, RegistrationMoments
@@ -35,8 +36,6 @@ from coheft.estimation.team_sensing import channels
 NO_SLOPE: Array = np.zeros((6, 6))
 """What the gyros' slope says of motions that were found without it."""
 NO_SLOPE.flags.writeable = False
-_DOUBT = 5.0
-"""Standard deviations of the noise in the information by which a direction must exceed it to count as seen."""
 _UNSEEN = 1e-3
 """Directions of which samples say so little, compared with what was known before, cannot contradict it."""
 _SIGMAS = 6.0
@@ -197,7 +196,7 @@ def _seen(
 ) -> SeenInformation | AllSeen:
     """Joint information of all poses but the first's, as far as it is due to motion, or known from before."""
     information, from_noise = team_information(moments, poses, noise, slope)
-    doubt = _DOUBT / np.sqrt(max(moments.count, 1.0)) * from_noise
+    doubt = doubt_of(from_noise, moments.count)
     known, doubt = (information - from_noise)[6:, 6:], doubt[6:, 6:]
     if prior is not None:
         known = known + np.diag(prior.information.ravel())

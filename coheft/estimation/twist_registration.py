@@ -14,7 +14,7 @@ import numpy as np
 
 from coheft.estimation.body_motion import perturbed
 from coheft.estimation.measurement import SensorNoise
-from coheft.estimation.observability import PoseEstimate, Visibility, seen_information
+from coheft.estimation.observability import PoseEstimate, Visibility, doubt_of, seen_information
 from coheft.estimation.spatial import CROSS_OF_AXES, Array, Pose, rotation_from_quaternion, skew
 
 _POSES = 64
@@ -25,8 +25,6 @@ _FAINT = 1e-12
 """Share of one sample's noise, and of all motion, that is rounding: where there is no more, frames are parallel."""
 _CLOSE = 1e-6
 """Steps below this share of the standard deviation's limit end the iteration."""
-_DOUBT = 5.0
-"""Standard deviations of the noise in the information by which a direction must exceed it to count as seen."""
 _IDENTITY, _DIAGONAL = np.eye(6), np.arange(6)
 _W_I, _V_I, _W_J, _V_J = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 
@@ -105,7 +103,7 @@ def register_twists(
     pose = start or closed_form_pose(second, sigma_i, sigma_j)
     for _ in range(_STEPS):
         score, raw, noise = _score_and_information(pose, second, count, sigma_i, sigma_j)
-        seen = seen_information(raw - noise, limits, _DOUBT / np.sqrt(max(count, 1.0)) * noise)
+        seen = seen_information(raw - noise, limits, doubt_of(noise, count))
         step = seen.step(score)
         pose = perturbed(pose, step)
         if np.all(np.abs(step) < _CLOSE * limits.scale()):
