@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agents import kinematics
 from agents.estimator import Channels
 from agents.known_pose import KnownPose
-from coheft.estimation.measurement import KINEMATICS
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.twist_registration import TwistMoments, mean_square, register_twists
@@ -129,9 +129,9 @@ class BodyFrame:
                 self._holds[name], self._pairs[name] = hold, TwistMoments.none()
             if block < max(hold):
                 continue  # told ahead: one of them is still elsewhere
-            kinematics = channels.get("kinematics")
-            if previous is not None and kinematics is not None and kinematics.shape == previous[:, KINEMATICS].shape:
-                self._pairs[name] += TwistMoments.of(previous[:, :6], kinematics[:, :6])
+            rows = channels.get(kinematics.CHANNEL)
+            if previous is not None and rows is not None and kinematics.are_readable(channels, len(previous)):
+                self._pairs[name] += TwistMoments.of(previous[:, :6], rows[:, :6])
 
     def forget_misfits(self, block: int) -> None:
         """What does not fit together was not measured at the same time, or by sensors that work: begin anew."""

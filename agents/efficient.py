@@ -15,6 +15,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from agents import kinematics
 from agents.body_frame import BodyFrame
 from agents.early_sums import EARLY
 from agents.estimator import Belief, Channels, is_converged
@@ -33,7 +34,6 @@ from consensus.gossip import Gossip
 from consensus.graph import hearing
 
 _DIRECTIONS = 6
-_KINEMATICS_SIZE = 9
 _TEAM = "team"
 """Channel that says of which team the others are."""
 _LEFT = 32
@@ -110,7 +110,7 @@ class EfficientEstimator:
         self._announce(index, is_time_to_look)
         told = self._body_frame.channels() | self._kept_load.channels(where)
         if samples is not None:
-            told["kinematics"] = samples[:, KINEMATICS]
+            told[kinematics.CHANNEL] = samples[:, KINEMATICS]
         return told
 
     def _announce(self, index: int, is_time_to_look: bool) -> None:
@@ -191,8 +191,7 @@ class EfficientEstimator:
         at_work = self._team or self._search
         if at_work is not None:
             return not self._is_of_team(channels) or at_work.fits(channels)
-        rows = channels.get("kinematics")
-        return rows is None or rows.shape == (self._config.block, _KINEMATICS_SIZE)
+        return kinematics.are_readable(channels, self._config.block)
 
     def belief(self) -> Belief:
         """See ``Estimator.belief``."""

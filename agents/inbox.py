@@ -28,7 +28,7 @@ _LARGEST_NUMBER = 2**62
 """No number of a record is as large that grows: there have to be larger ones that a message can hold."""
 _LARGEST_CHECKSUM = 2**32
 """Nor any that is a checksum."""
-_POSE_SIZE, _DEVIATIONS_SIZE = 12, 6
+_DEVIATIONS_SIZE = 6
 _LONGEST_NAME = 32
 
 
@@ -132,6 +132,6 @@ def is_possible(record: LinkState) -> bool:
         return False
     if not record.pose:
         return True
-    if len(record.pose) != _POSE_SIZE or not np.all(np.abs(record.pose) < LARGEST_NORM):
+    if len(record.pose) != Pose.SIZE or not np.all(np.abs(record.pose) < LARGEST_NORM):
         return False
     return Pose.of_numbers(record.pose).is_rigid()

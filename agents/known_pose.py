@@ -14,7 +14,7 @@ WELL_KNOWN = np.repeat([8e-3, 20e-3], 3)
 """Poses are known well when all standard deviations are below these [rad, m]."""
 _LEAST = 1e-6
 """No pose is known so well [rad, m], but that of the robot that defines the frame."""
-_POSE_SIZE, _SIZE = 12, 18
+_SIZE = Pose.SIZE + len(WELL_KNOWN)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +39,15 @@ class KnownPose:
         return KnownPose(pose, np.array(deviations) if _are_deviations(deviations) else None)
 
     def numbers(self) -> Array:
-        """All of it, 18 numbers."""
-        deviations = np.full(_SIZE - _POSE_SIZE, -1.0) if self.deviations is None else self.deviations
+        """All of it, shape (18,)."""
+        deviations = np.full(len(WELL_KNOWN), -1.0) if self.deviations is None else self.deviations
         return np.concatenate([self.pose.numbers(), deviations])
 
     @staticmethod
     def of_numbers(numbers: Array) -> KnownPose | None:
         """Inverse of ``numbers``; None if they are no pose."""
-        pose = Pose.of_numbers(numbers[:_POSE_SIZE])
-        return KnownPose.of(pose, numbers[_POSE_SIZE:]) if pose.is_rigid() else None
+        pose = Pose.of_numbers(numbers[: Pose.SIZE])
+        return KnownPose.of(pose, numbers[Pose.SIZE :]) if pose.is_rigid() else None
 
 
 def _are_deviations(numbers: Sequence[float] | Array) -> bool:

@@ -10,8 +10,7 @@ from coheft.estimation.spatial import Array, Pose
 
 SCORE_SIZE = 9
 """Numbers of a row that tells a score."""
-_POSE_SIZE = 12
-FIT_SIZE = 4 + _POSE_SIZE
+FIT_SIZE = 4 + Pose.SIZE
 """Numbers of a row that tells a fit."""
 
 

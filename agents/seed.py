@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from agents import kinematics
 from agents.estimator import Belief, Channels, is_converged
 from agents.load_changes import LoadChanges
 from agents.seed_sums import SeedSums
@@ -27,8 +28,6 @@ _SOLVE_EVERY = 5
 
 _UNSEEN_DEG = 20.0
 """A pose whose rotation is less certain than this is not worth a number [degrees]."""
-
-_KINEMATICS_SIZE = 9
 
 
 class SeedEstimator:
@@ -54,7 +53,7 @@ class SeedEstimator:
     def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
         """See ``Estimator.step``."""
         previous = self._blocks.get(index - 1)
-        heard = {name: channels["kinematics"] for name, channels in inbox.items() if "kinematics" in channels}
+        heard = {name: told[kinematics.CHANNEL] for name, told in inbox.items() if kinematics.CHANNEL in told}
         self._follow_holds()
         if previous is not None:
             for name in heard.keys() & self._filters.keys():
@@ -64,7 +63,7 @@ class SeedEstimator:
             self._blocks[index] = own.samples
         kept = index - self._settings.rounds - 3
         self._blocks = {block: rows for block, rows in self._blocks.items() if block > kept}
-        sent = {} if own is None else {"kinematics": own.samples[:, KINEMATICS]}
+        sent = {} if own is None else {kinematics.CHANNEL: own.samples[:, KINEMATICS]}
 
         if self._gossip.team != self._team:  # one of its members started again, let go, or took hold
             self._team, self._inertial_phase = self._gossip.team, None
@@ -100,8 +99,7 @@ class SeedEstimator:
 
     def fits(self, channels: Channels) -> bool:
         """See ``Estimator.fits``."""
-        rows = channels.get("kinematics")
-        return rows is None or rows.shape == (self._config.block, _KINEMATICS_SIZE)
+        return kinematics.are_readable(channels, self._config.block)
 
     def belief(self) -> Belief:
         """See ``Estimator.belief``."""

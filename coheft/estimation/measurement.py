@@ -18,7 +18,8 @@ ACCELERATION = slice(6, 9)
 FORCE = slice(9, 12)
 TORQUE = slice(12, 15)
 TWIST = slice(0, 6)
-KINEMATICS = slice(0, 9)
+KINEMATICS_SIZE = 9
+KINEMATICS = slice(0, KINEMATICS_SIZE)
 WRENCH = slice(9, 15)
 SAMPLE_SIZE = 15
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -133,6 +134,9 @@ class Pose:
         translation: ``p_ij``, the origin of ``F_j`` in ``F_i``, shape (3,) [m].
     """
 
+    SIZE: ClassVar[int] = 12
+    """Count of ``numbers``."""
+
     rotation: Array
     translation: Array
 
@@ -173,11 +177,11 @@ class Pose:
         """Inverse of ``numbers``.
 
         Raises:
-            ValueError: There are not 12 of them.
+            ValueError: There are not ``SIZE`` of them.
         """
         array = np.array(numbers, dtype=np.float64)
-        if array.shape != (12,):
-            raise ValueError(f"{array.shape=} but expected (12,)")
+        if array.shape != (Pose.SIZE,):
+            raise ValueError(f"{array.shape=} but expected ({Pose.SIZE},)")
         return Pose(array[:9].reshape(3, 3), array[9:])
 
     def is_rigid(self) -> bool:

@@ -107,7 +107,13 @@ def truth_of(arrays: Mapping[str, Array], robots: int) -> Truth | None:
     if not arrays:
         return None
     count = arrays[TIME].size if TIME in arrays else 0
-    shapes = {"poses": (robots, 12), TIME: (count,), "mass": (count,), "com": (count, 3), "inertia": (count, 3, 3)}
+    shapes = {
+        "poses": (robots, Pose.SIZE),
+        TIME: (count,),
+        "mass": (count,),
+        "com": (count, 3),
+        "inertia": (count, 3, 3),
+    }
     missing = [key for key in shapes if key not in arrays]
     if missing:
         raise RecordingError(f"'{TRUTH}': incomplete: '{missing[0]}' is missing; expected {', '.join(shapes)}")
