@@ -16,12 +16,9 @@ from coheft.estimation.batch.body import body_motions, regressor, total_wrench
 from coheft.estimation.batch.holds import Holds, find_holds, orientations, static_estimate
 from coheft.estimation.batch.identify import identify_batch, parameters_fit
 from coheft.estimation.batch.inertia_fit import fit_parameters, fit_tensor
-from coheft.estimation.batch.payload import (
-    PrincipalInertia,
-    derivative_by_poses,
-    make_payload,
-    of_central_numbers,
-)
+from coheft.estimation.batch.payload import make_payload, of_central_numbers
+from coheft.estimation.batch.pose_differences import derivative_by_poses
+from coheft.estimation.batch.principal_axes import PrincipalInertia
 from coheft.estimation.batch.recording import RobotRecord
 from coheft.estimation.rigid_body import Inertia, pack_symmetric
 from coheft.estimation.spatial import Array, Pose, rotation_exp

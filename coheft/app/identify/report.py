@@ -9,7 +9,8 @@ import numpy as np
 
 from coheft.estimation.batch.holds import orientations
 from coheft.estimation.batch.identification import Identification
-from coheft.estimation.batch.payload import Payload, PrincipalInertia
+from coheft.estimation.batch.payload import Payload
+from coheft.estimation.batch.principal_axes import PrincipalInertia
 from coheft.estimation.batch.recording import Recording, Truth
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.rigid_body import Inertia

@@ -15,14 +15,9 @@ from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.inertia_fit import LinearFit, fit_parameters, fit_tensor
 from coheft.estimation.batch.loop_closure import ClosedLoops, LoopError, close_loops, loop_errors
 from coheft.estimation.batch.pairs import kabsch, pair_pose
-from coheft.estimation.batch.payload import (
-    derivative_by_poses,
-    hidden_covariance,
-    make_payload,
-    of_central_numbers,
-    turned_covariance,
-)
+from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
+from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals
 from coheft.estimation.inertia_derivatives import central_derivative

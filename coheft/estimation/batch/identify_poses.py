@@ -31,8 +31,9 @@ from coheft.estimation.batch.identify import (
     grasps_from_twists,
     parameters_fit,
 )
-from coheft.estimation.batch.payload import derivative_by_poses, make_payload, of_central_numbers, turned_covariance
+from coheft.estimation.batch.payload import make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
+from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, EDGE, Signals, signals_of
 from coheft.estimation.batch.statistics import SPAN

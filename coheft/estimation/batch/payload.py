@@ -1,25 +1,18 @@
-"""Mass properties as a batch method states them: possible, with their covariance, and along principal axes."""
+"""Mass properties as a batch method states them: possible, and with their covariance."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.body_motion import perturbed
 from coheft.estimation.consistency import is_possible, nearest_possible
 from coheft.estimation.inertia_derivatives import barycentric_derivative
 from coheft.estimation.inertia_estimate import Quantity, Unseen, middle_and_size, unseen_quantities
-from coheft.estimation.rigid_body import Inertia, pack_symmetric, unpack_symmetric
+from coheft.estimation.rigid_body import Inertia, unpack_symmetric
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import TeamPoses
 
-_ROTATION_STEP, _TRANSLATION_STEP = 1e-4, 1e-4
-_TURNS = (2.0 * np.pi / 3.0, -2.0 * np.pi / 3.0)
-"""What a grasp may be turned by about an axis about which it was not seen [rad]: anything, and these show it."""
-_TURNING = 0.1
-"""Directions with less of a turn in them are translations."""
 _HIDDEN = 100.0
 """Deviation of what the data do not show at all, in units of the mass, times metres or their squares: for infinite."""
 _FINEST = 1e-6
@@ -68,34 +61,6 @@ class Payload:
         return result
 
 
-@dataclass(frozen=True, eq=False)
-class PrincipalInertia:
-    """Moments along principal axes, ascending (Zhang et al., eq. 34).
-
-    Attributes:
-        moments: Shape (3,) [kg·m²].
-        axes: As columns, right-handed, shape (3, 3).
-        std: Of the moments, shape (3,).
-    """
-
-    moments: Array
-    axes: Array
-    std: Array
-
-    @staticmethod
-    def of(tensor: Array, covariance: Array | None = None) -> PrincipalInertia:
-        """Of an inertia (3, 3), the covariance of which, packed, is (6, 6): ``d moment = u^T dJ u`` to first order."""
-        moments, axes = np.linalg.eigh(tensor)
-        # Their signs mean nothing: let the largest components of the first two be positive.
-        axes *= np.sign(axes[np.argmax(np.abs(axes), axis=0), range(3)])
-        axes[:, 2] *= np.sign(np.linalg.det(axes))
-        std = np.zeros(3)
-        if covariance is not None:
-            gradients = pack_symmetric(np.einsum("ik,jk->kij", axes, axes)) * [1, 1, 1, 2, 2, 2]
-            std = np.sqrt(np.einsum("ki,ij,kj->k", gradients, covariance, gradients))
-        return PrincipalInertia(moments, axes, std)
-
-
 def of_central_numbers(numbers: Array) -> Inertia:
     """Inverse of ``Inertia.central``."""
     return Inertia(float(numbers[0]), numbers[1:4], unpack_symmetric(numbers[4:]))
@@ -131,41 +96,3 @@ def _inverse(derivative: Array, covariance: Array, units: Array) -> Array:
     backwards = np.linalg.inv(derivative).T @ (vectors / units[:, None])
     result: Array = (backwards / values) @ backwards.T
     return result
-
-
-def turned_covariance(solve: Callable[[Sequence[Pose]], Array], team: TeamPoses) -> Array:
-    """What a result (u,) gains in covariance (u, u) by turns of grasps that were not seen: they are not small.
-
-    A derivative would not do: at a maximum it is zero, as that of the sum of two forces which were taken for parallel.
-    """
-    result = solve(team.poses)
-    covariance = np.zeros((len(result), len(result)))
-    for robot in range(1, len(team.poses)):
-        for direction in team.relative(0, robot).unseen:
-            size = float(np.linalg.norm(direction.rotation))
-            if size < _TURNING:
-                continue
-            for turn in _TURNS:
-                moved = list(team.poses)
-                moved[robot] = perturbed(moved[robot], np.concatenate([turn / size * direction.rotation, np.zeros(3)]))
-                change = solve(moved) - result
-                covariance += np.outer(change, change)
-    return covariance
-
-
-def derivative_by_poses(solve: Callable[[Sequence[Pose]], Array], poses: Sequence[Pose]) -> Array:
-    """Derivative (u, 6 N) of a result (u,) by the perturbations of all poses, by central differences.
-
-    Those of the first pose, which defines the frame, are left zero.
-    """
-    columns = []
-    steps = np.repeat([_ROTATION_STEP, _TRANSLATION_STEP], 3)
-    for robot in range(1, len(poses)):
-        for axis, step in zip(np.eye(6), steps, strict=True):
-            moved = [
-                solve([perturbed(pose, sign * step * axis) if k == robot else pose for k, pose in enumerate(poses)])
-                for sign in (1.0, -1.0)
-            ]
-            columns.append((moved[0] - moved[1]) / (2.0 * step))
-    result: Array = np.stack(columns, axis=1)
-    return np.hstack([np.zeros((len(result), 6)), result])
