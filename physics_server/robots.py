@@ -79,8 +79,8 @@ class Robots:
     # --- one block ---
 
     @property
-    def late_blocks(self) -> int:
-        """References that came too late."""
+    def late_references(self) -> int:
+        """References that came too late, over all robots: several in a block for which several robots were late."""
         return self._late.count
 
     def take_references(self, block: int, moment: float) -> dict[str, Reference]:

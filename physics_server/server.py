@@ -286,7 +286,7 @@ class Server:
             time=time_simulated,
             duration=self._scenario.duration,
             real_time_factor=time_simulated / wall_time if wall_time > 0.0 else 0.0,
-            late_blocks=robots.late_blocks,
+            late_blocks=robots.late_references,
             loads=self._simulation.loads,
             slots_free=self._simulation.slots_free,
             waiting_for=robots.not_ready if self._state == "waiting" else robots.away + robots.in_debt,

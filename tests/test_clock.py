@@ -90,7 +90,7 @@ def test_answers_that_are_not_there_when_their_block_begins_are_late(capfd: pyte
             for name in names:
                 if (name, block + LAG) != ("r2", 7):
                     robots.take(name, _answer(name, block))
-    assert robots.late_blocks == 1
+    assert robots.late_references == 1
     assert capfd.readouterr().err == "r2 answered too late at 0.14 s; from here on this is counted\n"
 
 

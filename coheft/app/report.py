@@ -129,7 +129,8 @@ class Report(msgspec.Struct, frozen=True):
         messages_per_s: Messages between processes per second of wall time: for each block one measurement and one
             reference per robot, one message each way along each edge, one truth; and the estimates, about one per
             robot every 0.1 s.
-        late_blocks: References that came too late, in real time only, summed over robots.
+        late_blocks: References that came too late, in real time only, over all robots: not blocks, whatever its name
+            says. Of a block for which several robots were late each one counts.
         history: Errors about once a second, if asked for.
         carry: How the load was carried, if the scenario has a common path.
     """

@@ -63,7 +63,7 @@ class Status(Message, frozen=True):
         time: Simulated so far [s].
         duration: Of the whole run [s].
         real_time_factor: Simulated time over the wall time for which the clock ran.
-        late_blocks: References that came too late.
+        late_blocks: References that came too late, over all robots: not blocks, whatever its name says.
         loads: On the payload.
         slots_free: How many more fit.
         waiting_for: Robots that it cannot begin or go on without, or that have not answered the newest block yet.
