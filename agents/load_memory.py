@@ -22,9 +22,9 @@ from agents.wrench_correction import (
     told_start,
     told_wrenches_by_motion,
 )
-from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.inertia import FEATURES, GRAM_SIZE
 from coheft.estimation.load_comparison import KnownLoad, maybe_former
+from coheft.estimation.motion_fusion import MotionFusion
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.config import AgentConfig

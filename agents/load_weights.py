@@ -7,10 +7,10 @@ from dataclasses import replace
 
 from agents.disturbance import Disturbance
 from agents.load_moments import number_of_samples
-from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.inertia import GRAM_SIZE, InertiaInformation, InertiaModel, unpacked_gram
 from coheft.estimation.inertia_estimate import InertiaEstimate, InertiaSolution, middle_and_size, solve_inertia
 from coheft.estimation.load_samples import Memory
+from coheft.estimation.motion_fusion import MotionFusion
 from coheft.estimation.pose_disturbance import wrench_disturbance
 from coheft.estimation.pose_sensitivity import PoseSensitivity, inertia_by_poses
 from coheft.estimation.spatial import Array, Pose

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.acceleration import CHANNELS, summands
 from coheft.estimation.measurement import SAMPLE_SIZE, SensorNoise
+from coheft.estimation.motion_fusion import CHANNELS, summands
 from coheft.estimation.spatial import Array, Pose
 from consensus.rounds import make_rounds
 from consensus.schedule import Schedule

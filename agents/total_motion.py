@@ -8,7 +8,7 @@ import numpy as np
 
 from agents.outliers import outliers
 from agents.sums import Entered
-from coheft.estimation.acceleration import CHANNELS, MotionFusion, derivative, slope_kernel
+from coheft.estimation.motion_fusion import CHANNELS, MotionFusion, derivative, slope_kernel
 from coheft.estimation.spatial import Array, Pose
 from coheft.wire.config import AgentConfig
 

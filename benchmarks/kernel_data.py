@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.acceleration import CHANNELS, MotionFusion, derivative_kernel, summands
 from coheft.estimation.body_motion import grasp_measurements
 from coheft.estimation.inertia import features, regressor_coefficients
 from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.motion_fusion import CHANNELS, MotionFusion, derivative_kernel, summands
 from coheft.estimation.spatial import Array, Pose
 
 ROBOTS = 6

@@ -14,8 +14,8 @@ import msgspec
 import numpy as np
 
 from agents.agent import Agent
-from coheft.estimation.acceleration import CHANNELS
 from coheft.estimation.measurement import MeasurementBlock, SensorNoise
+from coheft.estimation.motion_fusion import CHANNELS
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose, rotation_exp
 from coheft.wire.codec import encode

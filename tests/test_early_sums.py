@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agents.early_sums import EARLY, PACE, EarlySums
-from coheft.estimation.acceleration import summands
+from coheft.estimation.motion_fusion import summands
 from coheft.estimation.spatial import Array, Pose
 from coheft.wire.config import AgentConfig, agent_config
 from consensus.graph import Neighbours

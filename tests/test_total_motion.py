@@ -7,7 +7,7 @@ import pytest
 
 from agents.sums import Entered
 from agents.total_motion import TotalMotion
-from coheft.estimation.acceleration import summands
+from coheft.estimation.motion_fusion import summands
 from coheft.estimation.spatial import Array, Pose
 from tests.estimation.team import Team, make_team
 from tests.memory.memories import BLOCK, own_config

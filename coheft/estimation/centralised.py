@@ -12,16 +12,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from coheft.estimation.acceleration import (
+from coheft.estimation.body_motion import perturbation_between
+from coheft.estimation.inertia import InertiaModel, features, packed_gram, unpacked_gram
+from coheft.estimation.inertia_estimate import InertiaEstimate, middle_and_size, solve_inertia, unseen_quantities
+from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, TWIST, WRENCH, SensorNoise
+from coheft.estimation.motion_fusion import (
     MotionFusion,
     derivative,
     slope_kernel,
     summands,
 )
-from coheft.estimation.body_motion import perturbation_between
-from coheft.estimation.inertia import InertiaModel, features, packed_gram, unpacked_gram
-from coheft.estimation.inertia_estimate import InertiaEstimate, middle_and_size, solve_inertia, unseen_quantities
-from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, TWIST, WRENCH, SensorNoise
 from coheft.estimation.pose_sensitivity import MOTION_FEATURES, PoseSensitivity, inertia_by_poses
 from coheft.estimation.registration import RegistrationMoments, score_and_information
 from coheft.estimation.rigid_body import Inertia

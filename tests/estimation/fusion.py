@@ -4,8 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.acceleration import MotionFusion, carried_constants, derivative_kernel, robot_constants, summands
 from coheft.estimation.inertia import features
+from coheft.estimation.motion_fusion import (
+    MotionFusion,
+    carried_constants,
+    derivative_kernel,
+    robot_constants,
+    summands,
+)
 from coheft.estimation.spatial import Array, Pose
 from tests.estimation.team import Team
 

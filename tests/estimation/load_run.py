@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coheft.estimation.acceleration import MotionFusion
 from coheft.estimation.bounds import wrench_regressor
 from coheft.estimation.inertia import InertiaModel, features, packed_gram
 from coheft.estimation.load_samples import Memory
+from coheft.estimation.motion_fusion import MotionFusion
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
 from tests.estimation.fusion import fusion_of

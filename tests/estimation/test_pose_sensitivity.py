@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from coheft.estimation.acceleration import MotionFusion, derivative_kernel
 from coheft.estimation.body_motion import perturbed
 from coheft.estimation.inertia import InertiaModel, features, packed_gram, unpacked_gram
 from coheft.estimation.measurement import WRENCH
+from coheft.estimation.motion_fusion import MotionFusion, derivative_kernel
 from coheft.estimation.pose_sensitivity import MOTION_FEATURES, PoseSensitivity, inertia_by_poses
 from coheft.estimation.registration import ACCELERATION, PRODUCTS
 from coheft.estimation.spatial import Array, Pose

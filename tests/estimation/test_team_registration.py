@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from coheft.estimation.acceleration import (
+from coheft.estimation.body_motion import BODY_W, perturbation_between, perturbed
+from coheft.estimation.bounds import joint_bound
+from coheft.estimation.inertia import symmetric_products
+from coheft.estimation.measurement import KINEMATICS, SensorNoise
+from coheft.estimation.motion_fusion import (
     MotionFusion,
     carried_constants,
     derivative_kernel,
     robot_constants,
     summands,
 )
-from coheft.estimation.body_motion import BODY_W, perturbation_between, perturbed
-from coheft.estimation.bounds import joint_bound
-from coheft.estimation.inertia import symmetric_products
-from coheft.estimation.measurement import KINEMATICS, SensorNoise
 from coheft.estimation.observability import Visibility, all_seen, seen_information
 from coheft.estimation.registration import RegistrationMoments, score_and_information
 from coheft.estimation.spatial import Array, Pose

@@ -9,10 +9,10 @@ import numpy as np
 
 from agents.load_memory import LoadMemory
 from agents.load_moments import block_moments
-from coheft.estimation.acceleration import MotionFusion, derivative_kernel
 from coheft.estimation.body_motion import perturbed
 from coheft.estimation.inertia import GRAM_SIZE
 from coheft.estimation.measurement import WRENCH
+from coheft.estimation.motion_fusion import MotionFusion, derivative_kernel
 from coheft.estimation.observability import Visibility
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose

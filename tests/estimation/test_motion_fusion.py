@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from coheft.estimation.acceleration import carried_constants, derivative, derivative_kernel, robot_constants
 from coheft.estimation.body_motion import BODY_A, BODY_ALPHA, BODY_V, BODY_W, grasp_measurements
 from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.motion_fusion import carried_constants, derivative, derivative_kernel, robot_constants
 from coheft.estimation.spatial import Array
 from tests.estimation.fusion import fusion_of, summed
 from tests.estimation.team import Team, make_team, random_pose
