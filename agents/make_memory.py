@@ -16,7 +16,7 @@ _TURN, _FEWEST = 0.12, 2
 """Robots take turns of so long, or of so many blocks, in testing whether the load has changed: neighbours tell each
 other [s, blocks];"""
 _LONGEST_TURN = 0.3
-"""and of at most so long where others test meanwhile, after every other block [s]."""
+"""and of so long where two others test meanwhile [s]."""
 _FLOOR = 1e3
 """A memory that fades knows every number of the load within so much, in its unit."""
 
@@ -25,7 +25,7 @@ def make_memory(config: AgentConfig, own: int, members: int) -> Memory:
     """The one that an agent is told to have; ``own`` is the robot's index in its team, of so many members."""
     memory = config.efficient.memory
     if memory == "window":
-        turns = max(_FEWEST, config.blocks(_TURN), min(2 * members, config.blocks(_LONGEST_TURN)))
+        turns = max(_FEWEST, config.blocks(_TURN), min(members // 2, config.blocks(_LONGEST_TURN)))
         # Turns are as far apart as they can be, and no two in a row begin with the same borders.
         turn = own * turns + own * turns // members
         return LoadWindow(riders=RIDERS, coherence=COHERENCE * config.rate, every=turns, turn=turn)

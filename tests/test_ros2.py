@@ -86,7 +86,7 @@ def started() -> BlockBuilder:
     stamps = Stamps(1)
     stamps.hear("r1", EPOCH, 0)
     assert stamps.settle(patient=True) == EPOCH
-    return BlockBuilder(RATE, BLOCK, EPOCH, stamps)
+    return BlockBuilder("r1", RATE, BLOCK, EPOCH, stamps)
 
 
 def add(
@@ -214,9 +214,22 @@ def test_one_wrong_clock_does_not_decide_when_the_run_begins(wrong: float) -> No
     assert ("r1" if wrong > 0 else "r2") in stamps.disagreement
     stamps.hear("r3", 2 * 10**9, 0)
     assert stamps.settle(patient=True) == 2 * 10**9
-    stamps.check(7 * 10**9, 0)
+    stamps.check("r1", 7 * 10**9, 0)
     with pytest.raises(MessageError, match="ahead"):
-        stamps.check(3600 * 10**9, 0)
+        stamps.check("r1", 3600 * 10**9, 0)
+
+
+def test_most_robots_may_jump_but_not_one() -> None:
+    stamps = leads(r1=0.0, r2=0.0, r3=0.0)
+    assert stamps.settle(patient=True) == 0
+    with pytest.raises(MessageError, match="ahead"):
+        stamps.check("r1", 3600 * 10**9, 0)
+    stamps.check("r3", 10**9, 0)
+    with pytest.raises(MessageError, match="ahead"):
+        stamps.check("r2", 1800 * 10**9, 0)  # another time
+    stamps.check("r2", 3601 * 10**9, 0)
+    stamps.check("r1", 3602 * 10**9, 0)
+    stamps.check("r3", 10**9, 0)
 
 
 def test_robots_that_do_not_measure_are_not_waited_for_for_ever() -> None:

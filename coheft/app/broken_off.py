@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from coheft.app.heard import News
 from coheft.wire.messages import Truth
 from coheft.wire.requests import Status
+
+if TYPE_CHECKING:  # it takes an extra
+    from coheft.app.recording.recorder import Recorder
 
 WRITTEN_AT_THE_END = {"json": "report (--json)", "report": "page (--report)", "save_data": "data file (--save-data)"}
 """What a run that ends by itself, or by 'coheft stop', writes."""
@@ -19,15 +23,17 @@ class BrokenOff:
     Args:
         asked: Where things were to be written, by the names in ``WRITTEN_AT_THE_END`` and ``record``; None: not asked.
         logs: Folder with the processes' logs.
+        recorder: Of the recording, None if there is none.
 
     Attributes:
         unsaved: Why the data file is not there though the run has ended; empty if it is, or was not asked for.
     """
 
-    def __init__(self, asked: Mapping[str, str | Path | None], logs: Path) -> None:
+    def __init__(self, asked: Mapping[str, str | Path | None], logs: Path, recorder: Recorder | None = None) -> None:
         self.unsaved = ""
         self._asked = asked
         self._logs = logs
+        self._recorder = recorder
         self._old_data = self._data_written_at()
         self._time: float | None = None
 
@@ -60,10 +66,12 @@ class BrokenOff:
 
     def _clauses(self) -> list[str]:
         """What is there of the files that were asked for, and what not."""
-        kept = [self._asked.get("record")] if self._time is not None else []
+        spoilt = "" if self._recorder is None else self._recorder.problem
+        kept = [self._asked.get("record")] if self._time is not None and not spoilt else []
         if self._has_data:
             kept.append(self._asked.get("save_data"))
         clauses = [f"{path} holds what came until then" for path in kept if path is not None]
+        clauses += [spoilt] if spoilt else []
         if missing := self._missing():
             clauses.append(f"{' and '.join(missing)} {'was' if len(missing) == 1 else 'were'} written")
         return clauses

@@ -175,7 +175,8 @@ def run(
         carried = _carry_record(chosen)
         viewer = stack.enter_context(_view_beside(folder, console)) if view else None
         recorder = stack.enter_context(_recorder(record, chosen)) if record is not None else None
-        broken_off = BrokenOff({"json": json, "report": report, "save_data": save_data, "record": record}, folder)
+        asked = {"json": json, "report": report, "save_data": save_data, "record": record}
+        broken_off = BrokenOff(asked, folder, recorder)
         beside: list[Follower | None] = [page, viewer, recorder, carried, broken_off]
         followers = [follower for follower in beside if follower is not None]
         try:
@@ -203,9 +204,12 @@ def run(
             viewer.wait()
         elif viewer is not None:
             _tell(console, "There was no view, or not until the run had ended; its log", viewer.log)
-    tell("Recording", record)
-    if broken_off.unsaved:
-        raise CoheftError(f"no data file was written: {broken_off.unsaved}")
+    spoilt = "" if recorder is None else recorder.problem
+    if not spoilt:
+        tell("Recording", record)
+    unsaved = f"no data file was written: {broken_off.unsaved}" if broken_off.unsaved else ""
+    if lost := [text for text in (unsaved, spoilt) if text]:
+        raise CoheftError("\n".join(lost))
     return EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED
 
 

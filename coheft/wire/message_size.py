@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from msgspec import structs
 
+from coheft.estimation.measurement import KINEMATICS_SIZE
 from coheft.wire.plugins import BUILT_IN
 from coheft.wire.scenario import Scenario
 
@@ -24,7 +25,6 @@ MANY = 64
 PER_MESSAGE = 32
 """Of what all robots tell each other, so many lines at most travel in a message."""
 _NUMBER = 8
-_KINEMATICS = 9
 _PER_LINE = 4096
 """For a robot's line in gossip and in the tables that are handed on [B]."""
 _PER_NAME = 40
@@ -56,7 +56,7 @@ SUMS = {
 def largest_message(scenario: Scenario) -> int:
     """No message between neighbours is larger [B]; an estimator of the user's own has as much room as ``efficient``."""
     sums = SUMS[scenario.estimator if scenario.estimator in BUILT_IN["estimator"] else "efficient"]
-    samples = scenario.sensors.block * (sums.rounds(scenario) * sums.numbers + _KINEMATICS)
+    samples = scenario.sensors.block * (sums.rounds(scenario) * sums.numbers + KINEMATICS_SIZE)
     return _NUMBER * samples + _besides_sums(scenario)
 
 

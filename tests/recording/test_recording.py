@@ -19,6 +19,7 @@ from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
 import coheft
+from coheft.app.broken_off import BrokenOff
 from coheft.app.cli import EXIT_ERROR, EXIT_USAGE, run_command_line
 from coheft.app.heard import News
 from coheft.app.judge import Judge
@@ -291,13 +292,7 @@ def test_a_run_goes_on_when_its_recording_cannot(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "run.mcap", SCENARIO)
     recorder._file.close()
     recorder._file = open("/dev/full", "wb")  # noqa: SIM115
-    ended: list[str] = []
-    with pytest.raises(RecordingError, match="could not be written any more: No space left"):
-        run_to_its_end(recorder, ended)
-    assert ended == ["the run"]
-
-
-def run_to_its_end(recorder: Recorder, ended: list[str]) -> None:
+    assert recorder.problem == ""
     with recorder:
         recorder.begin(BEGIN)
         while recorder._thread.is_alive():  # until it has found the disk full
@@ -305,4 +300,9 @@ def run_to_its_end(recorder: Recorder, ended: list[str]) -> None:
                 recorder.hear(news)
         for news in NEWS:
             recorder.hear(news)
-        ended.append("the run")
+    assert "run.mcap: could not be written any more: No space left" in recorder.problem
+    broken_off = BrokenOff({"record": tmp_path / "run.mcap"}, tmp_path, recorder)
+    for news in NEWS:
+        broken_off.hear(news)
+    assert "holds what came until then" not in broken_off.sentence()
+    assert "To save what there is: coheft recover" in broken_off.sentence()

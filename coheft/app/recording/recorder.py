@@ -26,7 +26,7 @@ class Recorder:
     It writes in a thread of its own: Ctrl-C ends what the main thread does in the middle, and a message that was
     written by half would spoil the file. Leaving the context finishes the file, however the run has ended; a run that
     never began leaves none. When the file cannot be written any more, the run goes on without it: what else it finds is
-    not to be lost with it. The error comes when the context is left.
+    not to be lost with it.
 
     Args:
         path: Must not be there yet.
@@ -54,8 +54,8 @@ class Recorder:
     ) -> None:
         self._news.put(None)
         self._thread.join()
-        if error is None and self._failure is not None:
-            raise self._told(self._failure)
+        if error is None and self._failure is not None and not self.problem:
+            raise self._failure
 
     def begin(self, status: Status) -> None:
         """The run begins."""
@@ -69,11 +69,13 @@ class Recorder:
     def end(self, status: Status) -> None:
         """The run has ended."""
 
-    def _told(self, failure: Exception) -> Exception:
-        if not isinstance(failure, OSError):
-            return failure
-        return RecordingError(
-            f"{self._path}: could not be written any more: {failure.strerror}. To save what there is: "
+    @property
+    def problem(self) -> str:
+        """Why the file could not be written any more, and what to do; empty if it could."""
+        if not isinstance(self._failure, OSError):
+            return ""
+        return (
+            f"{self._path}: could not be written any more: {self._failure.strerror}. To save what there is: "
             f"coheft recover {self._path}"
         )
 

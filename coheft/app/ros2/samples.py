@@ -66,6 +66,7 @@ class BlockBuilder:
     misses some when a later one is complete is given up: an agent can do without a block, not with half of one.
 
     Args:
+        robot: Its name.
         rate: Samples per second.
         block: Samples per block.
         epoch: When sample 0 of block 0 is taken [ns].
@@ -77,10 +78,11 @@ class BlockBuilder:
         behind: How long before the next block that may begin the last of these was stamped [s]; 0: not before.
     """
 
-    def __init__(self, rate: int, block: int, epoch: int, stamps: Stamps) -> None:
+    def __init__(self, robot: str, rate: int, block: int, epoch: int, stamps: Stamps) -> None:
         self.given_up = 0
         self.counts = dict.fromkeys(STREAMS, 0)
         self.behind = 0.0
+        self._robot = robot
         self._stamps = stamps
         self._rate, self._block, self._epoch = rate, block, epoch
         self._open: dict[int, Array] = {}
@@ -100,7 +102,7 @@ class BlockBuilder:
         """
         self.counts[stream] += 1
         self.behind = 0.0
-        self._stamps.check(time, arrival)
+        self._stamps.check(self._robot, time, arrival)
         sample = (2 * (time - self._epoch) * self._rate + 10**9) // (2 * 10**9)
         number, row = divmod(sample, self._block)
         if number <= self._newest:

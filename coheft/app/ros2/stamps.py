@@ -14,7 +14,7 @@ class Stamps:
     """How far the clock of the robots' stamps is ahead of our own, that of arrivals.
 
     How far does not matter, only that it does not grow at once. It may shrink: simulations are paused. It may grow with
-    each block: recordings are played fast.
+    each block: recordings are played fast. And it may jump, if it does so for most robots, and more than one.
 
     Args:
         robots: How many are driven.
@@ -26,7 +26,7 @@ class Stamps:
         self._lead = 0
 
     def hear(self, robot: str, stamp: int, arrival: int) -> None:
-        """Note a measurement before the beginning: its stamp [ns], and when it came [ns], by our own clock."""
+        """Note a robot's newest measurement: its stamp [ns], and when it came [ns], by our own clock."""
         self._heard[robot] = stamp - arrival, stamp
 
     def settle(self, *, patient: bool) -> int | None:
@@ -62,12 +62,17 @@ class Stamps:
     def _middle(self) -> int:
         return median_low(lead for lead, _ in self._heard.values())
 
-    def check(self, stamp: int, arrival: int) -> None:
-        """Check a measurement after the beginning: its stamp [ns], and when it came [ns].
+    def check(self, robot: str, stamp: int, arrival: int) -> None:
+        """Check a robot's measurement after the beginning: its stamp [ns], and when it came [ns].
 
         Raises:
             MessageError: Its stamp is too far ahead.
         """
+        self.hear(robot, stamp, arrival)
+        lead = self._lead
+        if stamp - arrival - lead > LIMIT and self._robots > 1:
+            self.settle(patient=True)
+            self._lead = max(self._lead, lead)
         ahead = stamp - arrival - self._lead
         if ahead > LIMIT:
             raise MessageError(

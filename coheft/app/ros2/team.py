@@ -103,22 +103,23 @@ class Team:
             self._set_epoch(epoch)
         topics = ", ".join(f"/{name}/{stream}" for name in self._links for stream in STREAMS)
         self._tell(f"all agents are ready; waiting for measurements on {topics}")
-        first_at, next_word, early = math.inf, time.monotonic() + _SILENCE, ""
-        while (newest := stamps.settle(patient=time.monotonic() < first_at + _SILENCE)) is None:
+        first_at, next_word = math.inf, time.monotonic() + _SILENCE
+        soon = -math.inf if epoch is None else epoch - LIMIT
+        while True:
+            newest = stamps.settle(patient=time.monotonic() < first_at + _SILENCE)
+            if newest is not None and newest >= soon:
+                break
             for robot, _, stamp, _, arrival in self._readings.take(_POLL):
-                if epoch is not None and stamp < epoch - LIMIT:
-                    early = f"{robot} measures, but by its stamps block 0 begins in {(epoch - stamp) / 1e9:.1f} s"
-                    continue
-                first_at = min(first_at, time.monotonic())
                 stamps.hear(robot, stamp, arrival)
-                if stamps.settle(patient=True) is not None:
-                    break
+                if stamp >= soon:
+                    first_at = min(first_at, time.monotonic())
             self._hear_agents(0.0)
             if time.monotonic() > next_word:
                 next_word += _SILENCE
-                if word := stamps.disagreement or early:
-                    self._tell(word)
-                early = ""
+                if stamps.disagreement:
+                    self._tell(stamps.disagreement)
+                elif newest is not None and epoch is not None:
+                    self._tell(f"robots measure; by their stamps, block 0 begins in {(epoch - newest) / 1e9:.1f} s")
         if epoch is None:
             self._set_epoch(newest + max(agent.block * 10**9 // agent.rate for agent in self._configs.values()))
         return stamps
@@ -126,7 +127,8 @@ class Team:
     def go_on(self, stamps: Stamps) -> NoReturn:
         """Hand everything on; say so when an agent gets nothing for a while."""
         builders = {
-            name: BlockBuilder(agent.rate, agent.block, self._epoch, stamps) for name, agent in self._configs.items()
+            name: BlockBuilder(name, agent.rate, agent.block, self._epoch, stamps)
+            for name, agent in self._configs.items()
         }
         fed_at = dict.fromkeys(builders, time.monotonic())
         refused_at = dict.fromkeys(builders, -math.inf)

@@ -91,7 +91,7 @@ def identify_poses(
 
 def _check_duration(recording: Recording, signals: Signals) -> None:
     """Refuse motions over which residuals are hardly independent: nothing would say how certain the errors are."""
-    if signals.time[-1] - signals.time[0] < SPAN:
+    if len(signals.time) < SPAN * signals.rate:
         raise RecordingError(
             f"found samples from {recording.span}, of which {EDGE:g} s are dropped at both ends: too little is left to "
             f"estimate calibration errors along. Record at least {2.0 * EDGE + SPAN:g} s, choose a longer part with "
