@@ -42,7 +42,7 @@ class EfficientSettings(Section, frozen=True):
 
     start_rotation_deg: Positive = 1.0
     start_translation_mm: Positive = 20.0
-    refit_share: Positive = 0.1
+    refit_share: Positive = 0.05
     offsets: bool = False
     memory: Literal["window"] | Annotated[float, Meta(ge=0.3)] = "window"
 

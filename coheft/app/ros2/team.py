@@ -105,14 +105,14 @@ class Team:
         self._tell(f"all agents are ready; waiting for measurements on {topics}")
         first_at, next_word = math.inf, time.monotonic() + _SILENCE
         soon = -math.inf if epoch is None else epoch - LIMIT
-        while True:
-            newest = stamps.settle(patient=time.monotonic() < first_at + _SILENCE)
-            if newest is not None and newest >= soon:
-                break
+        while (newest := stamps.settle(patient=time.monotonic() < first_at + _SILENCE)) is None or newest < soon:
             for robot, _, stamp, _, arrival in self._readings.take(_POLL):
                 stamps.hear(robot, stamp, arrival)
                 if stamp >= soon:
                     first_at = min(first_at, time.monotonic())
+                    agreed = stamps.settle(patient=True)
+                    if agreed is not None and agreed >= soon:
+                        break  # the fewer are read, the sooner it begins
             self._hear_agents(0.0)
             if time.monotonic() > next_word:
                 next_word += _SILENCE
