@@ -219,7 +219,7 @@ def test_the_command_line_reports(miscalibrated: Recording, tmp_path: Path, caps
     pytest.importorskip("matplotlib")
     path, report, folder = tmp_path / "d.npz", tmp_path / "d.json", tmp_path / "report"
     robots = miscalibrated.robots
-    named = replace(miscalibrated, robots={"arm[left]": robots["r1"], "r2": robots["r2"], "r3": robots["r3"]})
+    named = replace(miscalibrated, robots={"r1": robots["r1"], "arm[left]": robots["r2"], "r3": robots["r3"]})
     write_recording(named, path)
     arguments = ["identify", str(path), "--calibrate", "--json", str(report), "--report", str(folder)]
     assert run_command_line(arguments) == EXIT_CONVERGED
@@ -227,7 +227,7 @@ def test_the_command_line_reports(miscalibrated: Recording, tmp_path: Path, caps
     assert "Calibration" in shown
     assert "not seen" in shown
     told = json.loads(report.read_text())
-    assert (told["method"], told["robots"]) == ("pose", ["arm[left]", "r2", "r3"])
+    assert (told["method"], told["robots"]) == ("pose", ["r1", "arm[left]", "r3"])
     for table in shown.split("Grasps")[1].split("Calibration"):
         assert "arm[left]" in table  # though brackets are style for rich
     principal = np.linalg.eigvalsh(np.array(told["payload"]["inertia"]))
