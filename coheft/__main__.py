@@ -23,9 +23,14 @@ def main() -> None:
     guard_standard_streams()
     from coheft.app.cli import run_command_line
 
-    for number in heard:
-        signal.signal(number, signal.default_int_handler)
-    sys.exit(run_command_line(sys.argv[1:]))
+    try:
+        for number in heard:
+            signal.signal(number, signal.default_int_handler)
+        status = run_command_line(sys.argv[1:])
+    except KeyboardInterrupt:  # a moment before the command listens to it, or after
+        print("stopped", file=sys.stderr)
+        status = _STATUS
+    sys.exit(status)
 
 
 def _leave(number: int, frame: FrameType | None) -> None:

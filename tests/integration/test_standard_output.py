@@ -127,19 +127,35 @@ def test_letters_that_are_not_in_the_encoding_end_nothing(monkeypatch: pytest.Mo
 @pytest.mark.parametrize("module", ["coheft.app.standard_output", "cyclopts.core", "coheft.app.cli", "numpy", "zenoh"])
 def test_ctrl_c_while_modules_load_is_told_in_a_line(module: str) -> None:
     """Each module that has been loaded is told on standard error, in a line of its own."""
-    process = subprocess.Popen(
+    with subprocess.Popen(
         [sys.executable, "-X", "importtime", "-m", "coheft", "run", "ring3", "--duration", "10000"],
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         text=True,
-    )
-    assert process.stderr is not None
-    for line in process.stderr:
-        if line.rpartition("|")[2].strip() == module:
-            break
-    process.send_signal(signal.SIGINT)
-    said = [line for line in process.stderr if not line.startswith("import time:")]
-    assert process.wait(LIMIT) == 130
-    process.stderr.close()
+    ) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if line.rpartition("|")[2].strip() == module:
+                break
+        process.send_signal(signal.SIGINT)
+        said = [line for line in process.stderr if not line.startswith("import time:")]
+        assert process.wait(LIMIT) == 130
     assert len(said) == 1
     assert said[0].startswith("stopped")
+
+
+INTERRUPTED = """
+import coheft.app.cli
+
+def interrupted(_):
+    raise KeyboardInterrupt
+
+coheft.app.cli.run_command_line = interrupted
+from coheft.__main__ import main
+main()
+"""
+
+
+def test_ctrl_c_a_moment_before_the_command_begins_is_told_in_a_line() -> None:
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "stopped\n")
