@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from itertools import count, islice
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from coheft.wire.config import AgentConfig
 from coheft.wire.scenario_file import load_scenario
 from coheft.wire.transport import Keys
 
-from .ros2_network import ACCEL, INERTIA, TWIST, WRENCH, free_port, router, started
+from .ros2_network import ACCEL, INERTIA, TWIST, WRENCH, Command, free_port, router, started
 from .team import AGENT, LIMIT, Team, wait_until
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")
@@ -164,21 +164,28 @@ def coordinates(part: Any, names: str) -> list[float]:
     return [getattr(part, name) for name in names]
 
 
-def test_agents_that_are_driven_from_ros_find_out_what_they_hold(tmp_path: Path) -> None:
-    plan, measured = measured_team(duration=6.0)
-    names, sensors = list(plan.agents), plan.server.scenario.sensors
-    paths = plan.write(tmp_path)
+@contextmanager
+def driven(plan: Plan, folder: Path) -> Iterator[tuple[Robots, Command, Team]]:
+    """Robots that are all driven by one command, which waits for what they measure."""
+    paths = plan.write(folder)
     port = free_port()
     with ExitStack() as stack:
         ros = stack.enter_context(router(port))
-        robots = Robots(ros, names)
+        robots = Robots(ros, list(plan.agents))
         arguments = ["-m", "coheft", "ros2-driver", *paths[1:], "--endpoint", f"tcp/127.0.0.1:{port}"]
-        command = stack.enter_context(started(arguments, tmp_path / "driver.txt"))
-        team = Team(plan, Keys(plan.run), tmp_path, ros, {})
+        command = stack.enter_context(started(arguments, folder / "driver.txt"))
+        team = Team(plan, Keys(plan.run), folder, ros, {})
         for name, config in plan.agents.items():
             team.start(name, AGENT, config)
             stack.callback(team.end, name)
         wait_until(lambda: "waiting for measurements" in command.said(), "the driver")
+        yield robots, command, team
+
+
+def test_agents_that_are_driven_from_ros_find_out_what_they_hold(tmp_path: Path) -> None:
+    plan, measured = measured_team(duration=6.0)
+    names, sensors = list(plan.agents), plan.server.scenario.sensors
+    with driven(plan, tmp_path) as (robots, command, team):
         period = 10**9 // sensors.rate
         for number, sample in enumerate(measured.samples):
             for name, row in zip(names, sample, strict=True):
@@ -243,18 +250,7 @@ def test_a_clock_that_is_wrong_for_a_while_does_no_lasting_harm(tmp_path: Path) 
     plan, measured = measured_team(duration=1.0)
     plan = make_plan(plan.server.scenario, "realtime")  # agents do not wait long for one that misses blocks
     names, sensors = list(plan.agents), plan.server.scenario.sensors
-    paths = plan.write(tmp_path)
-    port = free_port()
-    with ExitStack() as stack:
-        ros = stack.enter_context(router(port))
-        robots = Robots(ros, names)
-        arguments = ["-m", "coheft", "ros2-driver", *paths[1:], "--endpoint", f"tcp/127.0.0.1:{port}"]
-        command = stack.enter_context(started(arguments, tmp_path / "driver.txt"))
-        team = Team(plan, Keys(plan.run), tmp_path, ros, {})
-        for name, config in plan.agents.items():
-            team.start(name, AGENT, config)
-            stack.callback(team.end, name)
-        wait_until(lambda: "waiting for measurements" in command.said(), "the driver")
+    with driven(plan, tmp_path) as (robots, command, _):
         numbers = count()
         period = 10**9 // sensors.rate
 
