@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agents.carried_sums import EfficientEstimator
 from agents.carrier import Carrier
-from agents.efficient import EfficientEstimator
+from agents.efficient.estimator import MomentsEstimator
 from agents.estimator import Estimator, EstimatorFactory
 from agents.inbox import NeighbourInbox
 from agents.motion import make_motion
@@ -28,7 +29,11 @@ from coheft.wire.message_size import LARGEST
 from coheft.wire.messages import Estimate, NeighbourMessage, Reference
 from consensus.gossip import Gossip
 
-ESTIMATORS: dict[str, EstimatorFactory] = {"efficient": EfficientEstimator, "seed": SeedEstimator}
+ESTIMATORS: dict[str, EstimatorFactory] = {
+    "efficient": EfficientEstimator,
+    "moments": MomentsEstimator,
+    "seed": SeedEstimator,
+}
 """Those that come with coheft; others are found by their entry points, see ``coheft.wire.plugins``."""
 
 _SILENT = 2

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.rigid_body import TIMES_IN_MATRIX
@@ -23,7 +24,7 @@ from coheft.wire.estimator_settings import Converged
 from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
 from consensus.gossip import Gossip
 
-Channels = Mapping[str, Array]
+Channels = Mapping[str, npt.NDArray[Any]]
 """Arrays by name; what an agent measured is in its own grasp frame, what the team sums in a frame of its choice."""
 
 
@@ -52,7 +53,9 @@ class Belief:
 class Estimator(Protocol):
     """One robot's estimator. Deterministic: equal inputs give equal outputs, bit for bit."""
 
-    def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
+    def step(
+        self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]
+    ) -> dict[str, npt.NDArray[Any]]:
         """One block.
 
         Args:

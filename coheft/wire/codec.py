@@ -1,4 +1,4 @@
-"""Messages to bytes and back: a checksum, then MessagePack with arrays as little-endian float64 with their shape.
+"""Messages to bytes and back: a checksum, then MessagePack with arrays as little-endian numbers with their shape.
 
 ``encode`` and ``decode`` are the only way in and out of a process; ``decode`` raises ``MessageError`` for anything that
 is not exactly the message that was expected. The checksum covers the key under which the message is said, too, and a
@@ -15,12 +15,16 @@ from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
+import numpy.typing as npt
 
 from coheft.errors import MessageError
 from coheft.estimation.spatial import Array
 from coheft.wire.messages import PROTOCOL_VERSION, Message
 
-_ARRAY_CODE = 1
+_DTYPES: dict[int, np.dtype[Any]] = {1: np.dtype("<f8"), 2: np.dtype("<f4"), 3: np.dtype("<i4"), 4: np.dtype("<i8")}
+"""Of arrays, by the code of their extension type; numbers of other kinds are sent in double precision."""
+_CODES = {dtype: code for code, dtype in _DTYPES.items()}
+_DOUBLE = 1
 MAX_DIMENSIONS = 4
 """Of an array."""
 _CHECKSUM = struct.Struct("<I")
@@ -32,16 +36,17 @@ def _pack(value: Any) -> msgspec.msgpack.Ext:
     if not isinstance(value, np.ndarray):
         raise NotImplementedError(f"cannot send a {type(value).__name__}")
     header = struct.pack(f"<B{value.ndim}I", value.ndim, *value.shape)
-    return msgspec.msgpack.Ext(_ARRAY_CODE, header + value.astype("<f8", copy=False).tobytes())
+    code = _CODES.get(value.dtype, _DOUBLE)
+    return msgspec.msgpack.Ext(code, header + value.astype(_DTYPES[code], copy=False).tobytes())
 
 
-def _unpack(code: int, data: memoryview) -> Array:
-    if code != _ARRAY_CODE or not data or data[0] > MAX_DIMENSIONS:
+def _unpack(code: int, data: memoryview) -> npt.NDArray[Any]:
+    if code not in _DTYPES or not data or data[0] > MAX_DIMENSIONS:
         raise ValueError("not an array of at most four dimensions")
     dimensions = data[0]
     shape = struct.unpack_from(f"<{dimensions}I", data, 1)
     # A copy, because sums over arrays that begin at odd addresses may differ in their last digit.
-    return np.frombuffer(data, "<f8", offset=1 + 4 * dimensions).reshape(shape).copy()
+    return np.frombuffer(data, dtype=_DTYPES[code], offset=1 + 4 * dimensions).reshape(shape).copy()
 
 
 _encoder = msgspec.msgpack.Encoder(enc_hook=_pack)

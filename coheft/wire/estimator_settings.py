@@ -28,7 +28,7 @@ class SeedSettings(Section, frozen=True):
 
 
 class EfficientSettings(Section, frozen=True):
-    """The method at the Cramér-Rao bound (``agents.efficient``).
+    """The method at the Cramér-Rao bound (``agents.carried_sums``).
 
     Attributes:
         start_rotation_deg: When as many relative poses as connect all robots are known to this [degrees], the team's

@@ -47,6 +47,8 @@ class Sums(NamedTuple):
 SUMS = {
     # Summands of the present, and of two samples of before the start. Exact sums take at most N rounds on any graph.
     "efficient": Sums(3 * 18, lambda scenario: min(scenario.robot_count, MANY)),
+    # Rows of all robots, twice, are fewer numbers than these.
+    "moments": Sums(3 * 18, lambda scenario: min(scenario.robot_count, MANY)),
     # Wrench, angular acceleration, and whether both are measured.
     "seed": Sums(10, lambda scenario: scenario.seed_method.rounds),
 }

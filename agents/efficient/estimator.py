@@ -1,0 +1,224 @@
+"""One robot as the agent sees it: a block and its neighbours' messages in, a message and a belief out.
+
+block -> rows -> exchange -> complete rows -> session -> claims
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from agents.efficient.exchange import Exchange, RowMessage
+from agents.efficient.session import Session, Stage
+from agents.efficient.settings import Guards
+from agents.estimator import Belief, Channels, is_converged
+from coheft.estimation.body_motion import relative_pose_derivative
+from coheft.estimation.measurement import MeasurementBlock
+from coheft.estimation.moments.chapter import Prior
+from coheft.estimation.moments.claims import Claim, claim_of
+from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.rows import RowNoise, row_of_samples, rows_per_block
+from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.uncertain_pose import UncertainPose
+from coheft.wire.config import AgentConfig
+from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
+from consensus.gossip import Gossip
+from consensus.graph import diameter
+
+_FORCE_OFFSET, _TORQUE_OFFSET = 1.2, 0.06
+"""Standard deviations of the offsets of force and torque sensors, where the scenario says that they have any."""
+
+
+class MomentsEstimator:
+    """One robot. See ``agents.estimator.Estimator``."""
+
+    def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
+        self._config, self._gossip, self._guards = config, gossip, Guards()
+        self._parts = rows_per_block(config.block, config.rate)
+        samples = config.block // self._parts
+        has_offsets = config.efficient.offsets
+        self._settings = FitSettings(
+            RowNoise.of_samples(config.noise, samples, config.rate),
+            config.block / self._parts / config.rate,
+            SensorErrors({}),
+            force_offset=_FORCE_OFFSET if has_offsets else 0.0,
+            torque_offset=_TORQUE_OFFSET if has_offsets else 0.0,
+        )
+        self._team: _Team | None = None
+        self._belief = Belief("poses", False, None, {})
+        self._believed: tuple[Estimate, Stage] | None = None
+        self._former_changes: tuple[LoadChangeNotice, ...] = ()
+
+    def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Any]:
+        """See ``Estimator.step``."""
+        membership = self._gossip.membership
+        if self._team is None or membership != self._team.exchange.team:
+            self._join(membership, index)
+        team = self._team
+        if team is None:
+            return {}
+        for channels in inbox.values():
+            message = RowMessage.of_channels(channels)
+            if message is not None:
+                team.exchange.hear(message, index)
+        team.session.hear_of_change(team.exchange.changed_at, index * self._parts)
+        if own is not None:
+            for part, samples in enumerate(np.split(own.samples, self._parts)):
+                row = row_of_samples(samples, self._config.noise.gyro**2, self._config.rate)
+                team.exchange.enter(index * self._parts + part, row)
+        team.take(index)
+        return dict(team.exchange.tell(team.session.changed_at).channels())
+
+    def fits(self, channels: Channels) -> bool:
+        """See ``Estimator.fits``."""
+        return not channels or RowMessage.of_channels(channels) is not None
+
+    def doubts(self) -> tuple[str, ...]:
+        """See ``Estimator.doubts``."""
+        team = self._team
+        if team is None or team.session.estimate is None:
+            return ("the team's rows have just begun",)
+        if team.session.suspect is not None:
+            return (f"the sensors of {team.names[team.session.suspect]} contradict the motion of the team",)
+        missing = team.missing()
+        if missing:
+            since = self._config.start_of(team.newest + 1)
+            return (f"measurements of {', '.join(missing)} are missing since {since:.2f} s",)
+        return ()
+
+    def belief(self) -> Belief:
+        """See ``Estimator.belief``."""
+        team = self._team
+        if team is not None and team.session.estimate is not None:
+            now = (team.session.estimate, team.session.stage)
+            if now != self._believed:
+                self._belief, self._believed = self._said(team, team.session.estimate), now
+        return self._belief
+
+    def _join(self, membership: int, index: int) -> None:
+        """Another team begins, with what was learned in the last one."""
+        graph, last, name = self._gossip.graph, self._team, self._config.name
+        if last is not None:
+            self._former_changes = self._notices(last)
+        if graph is None or name not in graph:
+            self._team = None
+            return
+        names, prior = sorted(graph), None
+        known = None if last is None else last.session.prior()
+        if last is not None and known is not None:
+            places = [last.places.get(each) for each in self._lives(names)]
+            prior = known.for_team(places, self._settings)
+        self._team = _Team(self._lives(names), names.index(name), membership, graph, self, prior, index)
+
+    def _lives(self, names: list[str]) -> list[tuple[str, int, int]]:
+        """Of each robot its name and since when it is what it is."""
+        records = [self._gossip.records[name] for name in names]
+        return [(record.robot, record.incarnation, record.since) for record in records]
+
+    def _notices(self, team: _Team) -> tuple[LoadChangeNotice, ...]:
+        start, parts = self._config.start_of, self._parts
+        new = (
+            LoadChangeNotice(start(noticed + 1), start(first // parts))
+            for noticed, (first, _) in zip(team.noticed, team.session.changes, strict=True)
+        )
+        return (*self._former_changes, *new)
+
+    def _said(self, team: _Team, estimate: Estimate) -> Belief:
+        """What the claims of an estimate are for this robot."""
+        state, unknowns, own = estimate.state, estimate.body.unknowns, team.own
+        claim = claim_of(estimate, own)
+        poses, not_observable = {}, []
+        for name in self._config.neighbours:
+            if name not in team.names:
+                continue
+            other = team.names.index(name)
+            if claim.hidden_poses[own] or claim.hidden_poses[other]:
+                not_observable.append(f"pose of {name}: turn the load about other axes as well")
+                continue
+            derivative = relative_pose_derivative(state.poses[own], state.poses[other])
+            places = np.concatenate([unknowns.poses[own], unknowns.poses[other]])
+            covariance = derivative @ estimate.covariance[np.ix_(places, places)] @ derivative.T
+            poses[name] = UncertainPose(state.poses[own].inverse() @ state.poses[other], covariance)
+        payload = _payload(claim)
+        return Belief(
+            phase="poses" if payload is None else "inertia",
+            converged=payload is not None and is_converged(payload, self._config.converged),
+            payload=payload,
+            poses=poses,
+            total_block=team.newest,
+            not_observable=(*not_observable, *claim.unseen),
+            load_changes=self._notices(team),
+            learned_block=team.newest,
+            grasps={} if claim.hidden_poses.any() else dict(zip(team.names, state.poses, strict=True)),
+        )
+
+
+def _payload(claim: Claim) -> PayloadEstimate | None:
+    """As a message says it."""
+    inertia = claim.inertia
+    if inertia is None:
+        return None
+    return PayloadEstimate(
+        inertia.mass,
+        inertia.com if claim.known > 1 else None,
+        inertia.tensor if claim.known > 4 else None,
+        claim.covariance,
+    )
+
+
+class _Team:
+    """Exchange and session while the team is what it is, and which rows have been taken.
+
+    Attributes:
+        places: Place of each robot by its name and life.
+        names: Of its robots.
+        own: Place of this one.
+        noticed: Block in which each change of the load was noticed.
+        newest: Newest block of which a row was taken, -1 if none.
+    """
+
+    def __init__(
+        self,
+        lives: list[tuple[str, int, int]],
+        own: int,
+        membership: int,
+        graph: Mapping[str, tuple[str, ...]],
+        estimator: MomentsEstimator,
+        prior: Prior | None,
+        index: int,
+    ) -> None:
+        self.places = {life: place for place, life in enumerate(lives)}
+        self.names, self.own = [name for name, _, _ in lives], own
+        self._parts = estimator._parts
+        self._hops = diameter(graph)
+        config, guards = estimator._config, estimator._guards
+        self._waits = self._hops + max(2, config.blocks(guards.waiting))
+        self.exchange = Exchange(membership, len(lives), own, self._hops, self._parts)
+        self.session = Session(len(lives), own, estimator._settings, guards, prior)
+        self._next, self._taken = index * self._parts, set[int]()
+        self.newest, self._index = index - 1, index
+        self.noticed: list[int] = []
+
+    def take(self, index: int) -> None:
+        """All rows that are complete by now, also those behind some that are not."""
+        self._index = index
+        for number in range(self._next, (index + 1) * self._parts):
+            row = None if number in self._taken else self.exchange.complete(number)
+            if row is not None:
+                self.session.take(number, row)
+                self._taken.add(number)
+                self.newest = max(self.newest, number // self._parts)
+        self.noticed += [index] * (len(self.session.changes) - len(self.noticed))
+        oldest = (index - self._waits) * self._parts
+        while self._next in self._taken or self._next < oldest:
+            self._taken.discard(self._next)
+            self._next += 1
+
+    def missing(self) -> list[str]:
+        """Robots of which no rows have come for too long; empty if all is well."""
+        if self._index - self.newest <= self._waits:
+            return []
+        return [self.names[robot] for robot in self.exchange.missing((self.newest + 1) * self._parts)]

@@ -1,0 +1,140 @@
+"""Rows of all robots, handed on from neighbour to neighbour: a robot that hears a row for the first time tells it on.
+
+    after d hops a row is d blocks old; each row is told twice, so that a single lost message does no harm
+
+Rows may come in any order. A row that never comes delays no other. Memory is bounded whatever neighbours send: a table
+of the newest blocks, one place for each robot's row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from coheft.estimation.moments.rows import ROW_SIZE
+from coheft.estimation.spatial import Array
+
+WINDOW = 64
+"""Blocks of which rows may be under way at a time."""
+_TEAM, _LABELS, _ROWS = "team", "labels", "rows"
+_ROBOT, _NUMBER = 0, 1
+
+
+@dataclass(frozen=True, eq=False)
+class RowMessage:
+    """What a robot tells its neighbours after a block.
+
+    Attributes:
+        team: Number of the team that it takes part in, see ``Gossip.membership``.
+        changed_at: Number of the first row with the present load, as far as it knows; -1 if it never changed.
+        labels: Of each row the robot's place in the team and the row's number, shape (k, 2).
+        rows: Shape (k, 24), in single precision: rounding is far below the noise, and is done once, by the robot that
+            measured.
+    """
+
+    team: int
+    changed_at: int
+    labels: npt.NDArray[np.int32]
+    rows: npt.NDArray[np.float32]
+
+    def channels(self) -> dict[str, npt.NDArray[np.generic]]:
+        """As arrays by name."""
+        team = np.array([self.team, self.changed_at], dtype=np.int64)
+        return {_TEAM: team, _LABELS: self.labels, _ROWS: self.rows}
+
+    @staticmethod
+    def of_channels(channels: Mapping[str, npt.NDArray[np.generic]]) -> RowMessage | None:
+        """Inverse of ``channels``; None if it is no such message."""
+        team, labels, rows = (channels.get(name) for name in (_TEAM, _LABELS, _ROWS))
+        if team is None or labels is None or rows is None:
+            return None
+        if team.dtype != np.int64 or labels.dtype != np.int32 or rows.dtype != np.float32:
+            return None
+        if team.shape != (2,) or rows.shape[1:] != (ROW_SIZE,) or labels.shape != (len(rows), 2):
+            return None
+        return RowMessage(int(team[0]), int(team[1]), labels.astype(np.int32), rows.astype(np.float32))
+
+
+class Exchange:
+    """One robot's table of rows that are under way.
+
+    Args:
+        team: Number of the team.
+        count: Robots of the team.
+        own: Place of this one among them.
+        hops: Diameter of the graph: rows that are older than so many blocks have reached everybody.
+        per_block: Rows of a block.
+
+    Attributes:
+        changed_at: Number of the newest first row of a new load that any robot has told of, -1 if none.
+    """
+
+    def __init__(self, team: int, count: int, own: int, hops: int, per_block: int) -> None:
+        self.team, self.changed_at = team, -1
+        self._count, self._own, self._hops, self._per_block = count, own, hops, per_block
+        places = WINDOW * per_block
+        self._rows = np.ones((places, ROW_SIZE * count + 1))
+        self._by_robot = self._rows[:, :-1].reshape(places, count, ROW_SIZE)
+        # Of each place in the table the number of its rows, and whose they are, a bit for each robot.
+        self._numbers, self._whose, self._all = [-1] * places, [0] * places, (1 << count) - 1
+        self._news: list[tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]] = []
+        self._told_once: list[tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]] = []
+
+    def enter(self, number: int, row: Array) -> None:
+        """The robot's own row of this number, shape (24,)."""
+        if self._is_new(self._own, number):
+            rounded = row.astype(np.float32)
+            self._by_robot[number % len(self._numbers), self._own] = rounded
+            self._news.append((np.array([[self._own, number]], dtype=np.int32), rounded[None]))
+
+    def hear(self, message: RowMessage, block: int) -> None:
+        """Take in what a neighbour told before this block."""
+        if message.team != self.team:
+            return
+        if self.changed_at < message.changed_at < self._per_block * block:
+            self.changed_at = message.changed_at
+        news = []
+        for k, (robot, number) in enumerate(message.labels.tolist()):
+            age = block - number // self._per_block
+            if 0 <= robot < self._count and 0 < age < WINDOW and number >= 0 and self._is_new(robot, number):
+                self._by_robot[number % len(self._numbers), robot] = message.rows[k]
+                if age < self._hops:  # else it has reached everybody
+                    news.append(k)
+        if news:
+            self._news.append((message.labels[news], message.rows[news]))
+
+    def tell(self, changed_at: int) -> RowMessage:
+        """What all neighbours should hear now; ``changed_at`` is when this robot found that the load changed."""
+        told = self._told_once + self._news
+        self._told_once, self._news = self._news, []
+        labels = [labels for labels, _ in told] or [np.zeros((0, 2), dtype=np.int32)]
+        rows = [rows for _, rows in told] or [np.zeros((0, ROW_SIZE), dtype=np.float32)]
+        return RowMessage(self.team, changed_at, np.concatenate(labels), np.concatenate(rows))
+
+    def complete(self, number: int) -> Array | None:
+        """The team's row of this number with the constant 1, shape (24 N + 1,); None while a robot's is missing.
+
+        It is overwritten when its place is needed again.
+        """
+        place = number % len(self._numbers)
+        is_complete = self._numbers[place] == number and self._whose[place] == self._all
+        return self._rows[place] if is_complete else None
+
+    def missing(self, number: int) -> list[int]:
+        """Places of the robots whose row of this number has not come."""
+        place = number % len(self._numbers)
+        whose = self._whose[place] if self._numbers[place] == number else 0
+        return [robot for robot in range(self._count) if not whose >> robot & 1]
+
+    def _is_new(self, robot: int, number: int) -> bool:
+        """Whether a robot's row was missing; from now on it is not."""
+        place = number % len(self._numbers)
+        if self._numbers[place] < number:
+            self._numbers[place], self._whose[place] = number, 0
+        if self._numbers[place] > number or self._whose[place] >> robot & 1:
+            return False
+        self._whose[place] |= 1 << robot
+        return True

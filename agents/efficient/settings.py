@@ -1,0 +1,50 @@
+"""What guards and what paces the default estimator: false-alarm probabilities, ratios of information, times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from coheft.estimation.chi_square import chi_square_threshold
+from coheft.estimation.moments.rows import KINEMATICS_SIZE, WRENCH_SIZE
+
+
+@dataclass(frozen=True)
+class Guards:
+    """Of one robot's session.
+
+    Attributes:
+        growth: All is fitted anew when the load has so many times as many rows: its deviations have then shrunk by 7 %.
+        growth_of_errors: The same where sensors' errors are declared, because such fits cost more.
+        first_rows: Time over which rows are gathered before anything is fitted [s]: enough turning to see poses.
+        turn: Each robot looks for a change of the load once in this time, in turn with the others [s].
+        surprise: Probability that the wrench of one row is a surprise without a change; two in a row are looked at.
+        contradiction: Probability that a robot's motion seems to contradict the team's over a window of rows without
+            any fault. There are some 250 windows per second and robot, so this is one in many years.
+        clear_rows: A robot that contradicted the team is believed again after so long without a contradiction [s].
+        lasting: A contradiction that lasts so long may be the poses' own: all begins anew [s].
+        misfit: Probability that rows fit each other as badly as that, over the whole fit, without any fault.
+        waiting: Rows are missed when none of the whole team has come for so long, news of the graph not counted [s].
+        patience: After n second looks in vain there is none for ``2**n`` rows, with n at most this.
+    """
+
+    growth: float = 1.15
+    growth_of_errors: float = 1.3
+    first_rows: float = 0.3
+    turn: float = 0.48
+    surprise: float = 4e-5
+    contradiction: float = 1e-11
+    clear_rows: float = 0.3
+    lasting: float = 1.5
+    misfit: float = 1e-9
+    waiting: float = 0.15
+    patience: int = 4
+
+    @property
+    def largest_surprise(self) -> float:
+        """Chi-square of a row's wrench."""
+        return chi_square_threshold(WRENCH_SIZE, self.surprise)
+
+    @property
+    def largest_contradiction(self) -> float:
+        """Chi-square of a robot's motion over a window."""
+        return chi_square_threshold(KINEMATICS_SIZE, self.contradiction)

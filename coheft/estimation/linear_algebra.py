@@ -1,0 +1,26 @@
+"""Linear algebra of double precision, typed as such."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.estimation.spatial import Array
+
+
+def inverse(matrix: Array) -> Array:
+    """Inverses of matrices (..., k, k).
+
+    Raises:
+        numpy.linalg.LinAlgError: One is singular.
+    """
+    result: Array = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+    return result
+
+
+def is_positive_definite(matrix: Array) -> bool:
+    """Whether a symmetric matrix (k, k) has positive eigenvalues only."""
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True

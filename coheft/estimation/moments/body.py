@@ -1,0 +1,249 @@
+"""What rows of the whole team say of the body's motion and of the total wrench, as matrices at one state.
+
+    psi = see @ x                      motion (1, w, v, a, alpha, products of w), least squares over all robots
+    (w, v, a, slope)_i = predict_i @ psi + noise
+    total wrench = sum_i Ad(g_i) (f, t)_i = wrench @ x
+
+``x = (z, z')``: the rows of all robots one after another, then 1; and, only if some sensor may be late, how fast each
+of these numbers changes. ``psi`` then has the rates of its 19 numbers as well. Everything is in the body frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.inertia import regressor_coefficients, spatial_inertia
+from coheft.estimation.linear_algebra import inverse as inverse_of
+from coheft.estimation.moments import rows
+from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, RowNoise
+from coheft.estimation.moments.sensor_errors import ONE, RATES
+from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA, State, Unknowns
+from coheft.estimation.rigid_body import inertia_operator, pack_symmetric, unpack_symmetric
+from coheft.estimation.spatial import CROSS_OF_AXES, Array, skew
+
+MOTION_SIZE = 19
+W, V, A, ALPHA = slice(1, 4), slice(4, 7), slice(7, 10), slice(10, 13)
+TWIST, ACCELERATIONS, PRODUCTS = slice(1, 7), slice(7, 13), slice(13, 19)
+FORCING = np.r_[0, 7:MOTION_SIZE]
+"""Of the motion, what the wrench depends on: ``(1, a, alpha, products of w)``."""
+FORCING_SIZE = 13
+REGRESSOR: Array = np.ascontiguousarray(
+    regressor_coefficients(with_offset=True)[:FORCING_SIZE, :, [*range(10, LOAD_SIZE), *range(10)]]
+)
+"""The wrench is ``sum_k motion[FORCING][k] REGRESSOR[k] @ load``, shape (13, 6, 16)."""
+
+_AXES = np.eye(3)
+_PACKED = unpack_symmetric(np.eye(6))
+_NO_SENSOR = 1e6
+"""Noise [N, N·m] of a wrench sensor that is not there, in the total wrench."""
+_FAINT = 1e-6
+"""Information on the motion that keeps the fusion solvable where no sensor sees it."""
+
+
+def _centripetal(places: Array) -> Array:
+    """``w x (w x p) == result @ products(w)``, shape (..., 3) to (..., 3, 6)."""
+    operator = inertia_operator(places)
+    operator[..., :3] -= places[..., None]
+    return operator
+
+
+_DYADS = _AXES[:, None, :, None] * _AXES[None, :, None, :]
+_TURNED = CROSS_OF_AXES[:, None] @ _PACKED
+_CENTRIPETAL_OF_AXES = _centripetal(_AXES)
+PRODUCTS_BY_RATE: Array = pack_symmetric(_DYADS + _DYADS.swapaxes(2, 3)).swapaxes(1, 2)
+"""``products(e_k w^T + w e_k^T) == PRODUCTS_BY_RATE[k] @ w``, shape (3, 6, 3)."""
+PRODUCTS_BY_TURN: Array = pack_symmetric(_TURNED + _TURNED.swapaxes(2, 3)).swapaxes(1, 2)
+"""A small rotation about axis k changes the products by ``PRODUCTS_BY_TURN[k] @ products``, shape (3, 6, 6)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fusion:
+    """Least squares of six numbers of the motion from six numbers of each robot's row.
+
+    Attributes:
+        part: Of the motion.
+        sensors: Of a row.
+        weight: Inverse variances, shape (N, 6).
+        weighted: ``W_i B_i`` with ``B_i`` the columns ``part`` of ``predict_i``, shape (N, 6, 6).
+        covariance: ``(sum_i B_i^T W_i B_i)^-1``, shape (6, 6).
+        gain: ``covariance @ (W_i B_i)^T``, shape (N, 6, 6).
+    """
+
+    part: slice
+    sensors: slice
+    weight: Array
+    weighted: Array
+    covariance: Array
+    gain: Array
+
+    @staticmethod
+    def of(part: slice, sensors: slice, weight: Array, predict: Array) -> Fusion:
+        """From weights (N, 12) and predictions (N, 12, 19)."""
+        weight, by_motion = weight[:, sensors], predict[:, sensors, part]
+        weighted = weight[:, :, None] * by_motion
+        information = weighted.reshape(-1, 6).T @ by_motion.reshape(-1, 6)
+        covariance = inverse_of(information + _FAINT * np.eye(6))
+        return Fusion(part, sensors, weight, weighted, covariance, covariance @ weighted.swapaxes(1, 2))
+
+
+class BodyModel:
+    """The matrices at one state.
+
+    Args:
+        state: Poses of all robots, and their sensors' errors.
+        noise: Of rows.
+        unknowns: Their places.
+        period: Of rows [s].
+
+    Attributes:
+        state, unknowns, noise, period: As given.
+        count: Robots.
+        is_moving: Whether rows are extended by their rates.
+        features: Numbers of ``psi``: 19, or 38 with rates.
+        predict: Shape (N, 12, 19).
+        predict_products: Products of a robot's row from those of the motion, shape (N, 6, 6).
+        shares: Of each robot in the mean of products, shape (N,).
+        weight: Inverse variances of ``(w, v, a, slope)``, shape (N, 12).
+        twist, accelerations: How the motion is fused.
+        find: Takes calibrated rows and 1 to the motion, shape (19, 24 N + 1).
+        see: Takes extended rows to ``psi``, shape (features, X).
+        wrench: Takes extended rows to the total wrench, shape (6, X).
+        adjoints: ``Ad(g_i)``, shape (N, 6, 6).
+        motion_noise: Covariance of the noise of ``psi``, shape (features, features).
+        wrench_variance: Of each wrench sensor that is there, else 0, shape (N, 6).
+        wrench_noise: Covariance of the total wrench, lever arms included, shape (6, 6).
+    """
+
+    def __init__(self, state: State, noise: RowNoise, unknowns: Unknowns, period: float) -> None:
+        self.state, self.noise, self.unknowns, self.period = state, noise, unknowns, period
+        self.count, self.is_moving = len(state.poses), unknowns.errors.is_moving
+        self.features = MOTION_SIZE * (1 + self.is_moving)
+        self.rotations = np.array([pose.rotation for pose in state.poses])
+        self.places = np.array([pose.translation for pose in state.poses])
+        self.weight = np.broadcast_to(noise.kinematics**-2.0, (self.count, KINEMATICS_SIZE))
+        self.shares = self.weight[:, 0] / self.weight[:, 0].sum()
+        self._set_motion()
+        self._set_wrench()
+
+    def _set_motion(self) -> None:
+        count, rotations, to_own = self.count, self.rotations, self.rotations.swapaxes(1, 2)
+        lever = skew(self.places)
+        self.predict = predict = np.zeros((count, KINEMATICS_SIZE, MOTION_SIZE))
+        predict[:, rows.W, W] = predict[:, rows.V, V] = predict[:, rows.A, A] = predict[:, rows.SLOPE, ALPHA] = to_own
+        predict[:, rows.V, W] = predict[:, rows.A, ALPHA] = -to_own @ lever
+        predict[:, rows.A, PRODUCTS] = to_own @ _centripetal(self.places)
+        self.predict_products = pack_symmetric(to_own[:, None] @ _PACKED @ rotations[:, None]).swapaxes(1, 2)
+        self.twist = Fusion.of(TWIST, rows.TWIST, self.weight, predict)
+        self.accelerations = Fusion.of(ACCELERATIONS, rows.ACCELERATIONS, self.weight, predict)
+
+        self.find = find = np.zeros((MOTION_SIZE, ROW_SIZE * count + 1))
+        self.motion_noise = np.zeros((self.features, self.features))
+        find[0, -1] = 1.0
+        of_rows = find[:, :-1].reshape(MOTION_SIZE, count, ROW_SIZE)
+        to_body = pack_symmetric(rotations[:, None] @ _PACKED @ to_own[:, None])
+        of_rows[PRODUCTS, :, rows.PRODUCTS] = (self.shares[:, None, None] * to_body).transpose(2, 0, 1)
+        for fusion in (self.twist, self.accelerations):
+            of_rows[fusion.part, :, fusion.sensors] = fusion.gain.transpose(1, 0, 2)
+            self.motion_noise[fusion.part, fusion.part] = fusion.covariance
+        self._take_out_gyro_offset(find)
+        centripetal = (self.accelerations.gain @ predict[:, rows.ACCELERATIONS, PRODUCTS]).sum(axis=0)
+        find[ACCELERATIONS] -= centripetal @ find[PRODUCTS]
+        self.see = self._of_extended(find)
+        if self.is_moving and self.state.calibration is not None:
+            # A rate is the difference of the rows before and after, over twice the period.
+            self.motion_noise[MOTION_SIZE:, MOTION_SIZE:] = self.motion_noise[:MOTION_SIZE, :MOTION_SIZE] / (
+                2.0 * self.period**2
+            )
+            moving = np.zeros_like(self.see)
+            rates = of_rows.swapaxes(0, 1) @ self.state.calibration[:, RATES:, RATES:]
+            moving[:, find.shape[1] :] = rates.swapaxes(0, 1).reshape(MOTION_SIZE, -1)
+            self.see = np.vstack([self.see, moving])
+
+    def _take_out_gyro_offset(self, find: Array) -> None:
+        """What the gyros read in excess is in the angular velocity and in its products."""
+        gyros = self.state.gyros
+        find[W, -1] -= gyros
+        find[PRODUCTS] -= np.tensordot(gyros, PRODUCTS_BY_RATE, axes=1) @ find[W]
+        find[PRODUCTS, -1] -= pack_symmetric(np.outer(gyros, gyros))
+
+    def _set_wrench(self) -> None:
+        count, rotations = self.count, self.rotations
+        self.adjoints = np.zeros((count, 6, 6))
+        self.adjoints[:, :3, :3] = self.adjoints[:, 3:, 3:] = rotations
+        self.adjoints[:, 3:, :3] = skew(self.places) @ rotations
+        wrench = np.zeros((6, ROW_SIZE * count + 1))
+        wrench[:, :-1].reshape(6, count, ROW_SIZE)[:, :, rows.WRENCH] = self.adjoints.transpose(1, 0, 2)
+        self.wrench = self._of_extended(wrench)
+        variance = np.broadcast_to(self.noise.wrench**2.0, (count, 6))
+        is_there = np.isfinite(variance)
+        self.wrench_variance = np.where(is_there, variance, 0.0)
+        in_total = np.where(is_there, variance, _NO_SENSOR**2)
+        self.wrench_noise: Array = (self.adjoints * in_total[:, None] @ self.adjoints.swapaxes(1, 2)).sum(axis=0)
+
+    def _of_extended(self, matrix: Array) -> Array:
+        """The matrix for extended rows as they were measured, from one for calibrated rows (k, 24 N + 1)."""
+        calibration, count, size = self.state.calibration, self.count, ROW_SIZE * self.count
+        if calibration is None:
+            return matrix
+        by_robot = matrix[:, :-1].reshape(len(matrix), count, ROW_SIZE).swapaxes(0, 1) @ calibration[:, :ROW_SIZE]
+        result = np.zeros((len(matrix), size * (1 + self.is_moving) + 1))
+        result[:, :size] = by_robot[:, :, :ROW_SIZE].swapaxes(0, 1).reshape(len(matrix), size)
+        result[:, size] = matrix[:, -1] + by_robot[:, :, ONE].sum(axis=0)
+        if self.is_moving:
+            result[:, size + 1 :] = by_robot[:, :, RATES:].swapaxes(0, 1).reshape(len(matrix), size)
+        return result
+
+    def predicted_rows(self) -> Array:
+        """Calibrated extended rows of each robot from ``psi``, wrenches left out, shape (N, width, features)."""
+        result = np.zeros((self.count, self.unknowns.errors.width, self.features))
+        result[:, rows.KINEMATICS, :MOTION_SIZE] = self.predict
+        result[:, rows.PRODUCTS, PRODUCTS], result[:, ONE, 0] = self.predict_products, 1.0
+        if self.is_moving:
+            result[:, RATES : RATES + KINEMATICS_SIZE, MOTION_SIZE:] = self.predict
+            places = slice(RATES + rows.PRODUCTS.start, None)
+            result[:, places, MOTION_SIZE + PRODUCTS.start :] = self.predict_products
+        return result
+
+    def prediction_derivatives(self) -> Array:
+        """Derivatives of ``predict_i`` by the perturbation of robot i's own pose, shape (N, 6, 12, features)."""
+        count, to_own = self.count, self.rotations.swapaxes(1, 2)
+        to_own_of_turned = to_own[:, None] @ CROSS_OF_AXES  # the axis of the turn second
+        in_body_axes = self.rotations[:, None] @ self.predict.reshape(count, 4, 3, MOTION_SIZE)
+        result = np.zeros((count, 6, KINEMATICS_SIZE, self.features))
+        turned = to_own_of_turned[:, :, None] @ in_body_axes[:, None]
+        result[:, :3, :, :MOTION_SIZE] = -turned.reshape(count, 3, KINEMATICS_SIZE, MOTION_SIZE)
+        result[:, 3:, rows.V, W] = result[:, 3:, rows.A, ALPHA] = -to_own_of_turned
+        result[:, 3:, rows.A, PRODUCTS] = to_own[:, None] @ _CENTRIPETAL_OF_AXES
+        return result
+
+    def adjoint_derivatives(self) -> Array:
+        """Derivatives of ``Ad(g_i)`` by the perturbation of ``g_i``, shape (N, 6, 6, 6), the perturbation second."""
+        turned = CROSS_OF_AXES @ self.rotations[:, None]
+        result = np.zeros((self.count, 6, 6, 6))
+        result[:, :3, :3, :3] = result[:, :3, 3:, 3:] = result[:, 3:, 3:, :3] = turned
+        result[:, :3, 3:, :3] = skew(self.places)[:, None] @ turned
+        return result
+
+    def whitened_residuals(self) -> Array:
+        """Takes extended rows to the residuals of all motion sensors in standard deviations, shape (12 N, X)."""
+        result = -(self.predict @ self.find)
+        for robot in range(self.count):
+            first = ROW_SIZE * robot
+            result[robot, range(KINEMATICS_SIZE), range(first, first + KINEMATICS_SIZE)] += 1.0
+        whitened = np.sqrt(self.weight)[:, :, None] * result
+        return self._of_extended(whitened.reshape(KINEMATICS_SIZE * self.count, -1))
+
+
+def load_operator(load: Array) -> Array:
+    """The wrench that a load (16,) needs and its sensors' offset: ``result @ motion[FORCING]``, shape (6, 13)."""
+    operator: Array = (REGRESSOR @ load).T
+    return operator
+
+
+def residual_covariance(body: BodyModel, load: Array) -> Array:
+    """Covariance (6, 6) of ``wrench - load_operator @ motion``: noise of the motion is felt through the inertia."""
+    spatial = spatial_inertia(load[THETA])
+    covariance: Array = body.wrench_noise + spatial @ body.motion_noise[ACCELERATIONS, ACCELERATIONS] @ spatial.T
+    return covariance

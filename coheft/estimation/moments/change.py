@@ -1,0 +1,162 @@
+"""Whether the load has changed: the newest rows against all rows of the load, by a likelihood ratio.
+
+With ``H`` and ``e`` the information and its vector of all rows of the load, and ``H_k`` and ``e_k`` those of the newest
+``k`` of them, the score and its covariance without a change are
+
+    S_k = e_k - H_k H^-1 e,    V_k = H_k - H_k H^-1 H_k,    S_k^T V_k^-1 S_k ~ chi-square with 10 degrees of freedom
+
+which is the sum of squared residuals of all rows, less those of older and of newer ones fitted separately. The wrench
+offset stays when the load changes: it is among the unknowns of ``H``, but only the part of ``S_k`` that is about theta
+counts. This is the first look, at fixed poses. The second one (``surprise``) tests the newest rows against a fit to all
+older ones, and allows for everything that this fit does not know.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.chi_square import chi_square_threshold
+from coheft.estimation.linear_algebra import inverse as inverse_of
+from coheft.estimation.moments.body import FORCING, FORCING_SIZE, REGRESSOR, BodyModel, residual_covariance
+from coheft.estimation.moments.evidence import Evidence
+from coheft.estimation.moments.likelihood import information_table
+from coheft.estimation.moments.row_buffer import VIEW_SIZE
+from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA, Indices
+from coheft.estimation.spatial import Array
+
+FALSE_ALARM = 1e-12
+"""Probability that a look finds a change where there is none: looks are many, and their windows overlap."""
+_RATIO = 1.5
+_WINDOWS = np.unique(np.round(_RATIO ** np.arange(30)).astype(np.int64))
+"""Numbers of newest rows that are tested, each half as many again as the one before."""
+_SEEN = 0.1
+"""Directions are compared in which at least this share of the information is motion, and not its noise."""
+_FAINT = 1e-10
+"""Share of the information below which all is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """How rows are weighed in the first look.
+
+    Attributes:
+        of_gram: Takes Gram matrices (169,) of ``motion[FORCING]`` to information (256,).
+        of_cross: Takes its moments with the wrench (78,) to the vector of the information (16,).
+        of_noise: What noise of one row's motion adds to the information, shape (16, 16).
+        known: Information (16, 16) on the load from elsewhere.
+        known_vector: And its vector (16,).
+    """
+
+    of_gram: Array
+    of_cross: Array
+    of_noise: Array
+    known: Array
+    known_vector: Array
+
+    @staticmethod
+    def of(body: BodyModel, load: Array, known: Evidence) -> Weights:
+        """At a state, for a load (16,); ``known`` is evidence on all unknowns from before the rows."""
+        weight: Array = inverse_of(residual_covariance(body, load))
+        of_gram = information_table(weight)
+        of_cross = (weight @ REGRESSOR).reshape(-1, LOAD_SIZE)
+        noise = body.motion_noise[FORCING[:, None], FORCING]
+        about = known.of(np.arange(body.unknowns.size)[body.unknowns.load])
+        return Weights(
+            of_gram,
+            of_cross,
+            (noise.ravel() @ of_gram).reshape(LOAD_SIZE, LOAD_SIZE),
+            about.information,
+            about.score + about.information @ load,
+        )
+
+
+def likeliest_change(views: Array, before: Array, weights: Weights) -> tuple[int, float]:
+    """The first look.
+
+    Args:
+        views: ``(motion[FORCING], wrench)`` of rows of the load, oldest first, shape (n, 19).
+        before: Gram matrix (19, 19) of rows of the load that are older.
+        weights: Of rows.
+
+    Returns:
+        The place of the row with which the load has most likely changed, and the statistic over the threshold that it
+        exceeds with the probability ``FALSE_ALARM``.
+    """
+    count = len(views)
+    place, size = _likeliest(count - _WINDOWS[: np.searchsorted(_WINDOWS, count)], views, before, weights)
+    if size > 1.0:  # now exactly which row
+        newest = count - place
+        near = np.arange(max(1, int(newest / _RATIO)), min(count, int(newest * _RATIO) + 2))
+        place, size = _likeliest(count - near, views, before, weights)
+    return place, size
+
+
+def surprise(newest: Evidence, covariance: Array, theta: slice) -> float:
+    """The second look: the statistic over its threshold if nothing is taken for granted.
+
+    Args:
+        newest: What the newest rows say, around a fit to all others.
+        covariance: Of all unknowns in that fit, shape (u, u).
+        theta: Place of theta among the unknowns.
+    """
+    of_noise, of_all = newest.noise[theta, theta], newest.information[theta]
+    tested, _ = _seen(of_all[:, theta] + of_noise, of_noise)
+    if len(tested) == 0:
+        return 0.0
+    score = tested @ newest.score[theta]
+    spread = tested @ (of_all[:, theta] + of_noise + of_all @ covariance @ of_all.T) @ tested.T
+    return float(score @ np.linalg.solve(spread, score)) / chi_square_threshold(len(tested), FALSE_ALARM)
+
+
+def _likeliest(places: Indices, views: Array, before: Array, weights: Weights) -> tuple[int, float]:
+    """Among the places of rows (k,), newest first."""
+    if len(places) == 0:
+        return 0, 0.0
+    grams, end = np.empty((len(places) + 1, VIEW_SIZE, VIEW_SIZE)), len(views)
+    for k, place in enumerate([*places.tolist(), 0]):
+        stretch = views[place:end]
+        np.matmul(stretch.T, stretch, out=grams[k])
+        end = place
+    grams[-1] += before
+    np.cumsum(grams, axis=0, out=grams)
+    counts = grams[:, 0, 0]  # the first number of a view is 1
+    matrices = grams[:, :FORCING_SIZE, :FORCING_SIZE].reshape(-1, FORCING_SIZE**2) @ weights.of_gram
+    matrices = matrices.reshape(-1, LOAD_SIZE, LOAD_SIZE)
+    crossed = grams[:, :FORCING_SIZE, FORCING_SIZE:]
+    vectors = crossed.reshape(-1, crossed.shape[1] * crossed.shape[2]) @ weights.of_cross
+    matrices[-1] += weights.known
+    vectors[-1] += weights.known_vector
+
+    of_noise = counts[-1] * weights.of_noise
+    basis, shares = _seen(matrices[-1], of_noise)
+    load = basis.T @ ((basis @ vectors[-1]) / shares)
+    tested, _ = _seen(matrices[-1, THETA, THETA], of_noise[THETA, THETA])
+    freedom = len(tested)
+    if freedom == 0:
+        return 0, 0.0
+    part = tested @ matrices[:-1, THETA]
+    part_of_noise = counts[:-1, None, None] * (tested @ weights.of_noise[THETA])
+    score = vectors[:-1, THETA] @ tested.T - (part - part_of_noise) @ load
+    spread = (part + part_of_noise)[..., THETA] @ tested.T
+    part = part @ basis.T
+    spread -= part @ part.swapaxes(1, 2)
+    spread[:, range(freedom), range(freedom)] += 1e-9
+    statistics = (score * np.linalg.solve(spread, score[..., None])[..., 0]).sum(axis=1)
+    best = int(statistics.argmax())
+    return int(places[best]), float(statistics[best]) / chi_square_threshold(freedom, FALSE_ALARM)
+
+
+def _seen(matrix: Array, noise: Array) -> tuple[Array, Array]:
+    """Directions, as rows, in which motion is seen, and its share of the information there.
+
+    ``matrix``, information with noise, is the identity in these directions.
+    """
+    scale = np.maximum(matrix.diagonal(), 1e-300) ** -0.5
+    values, vectors = np.linalg.eigh(scale[:, None] * matrix * scale)
+    is_real = values > _FAINT * values[-1]
+    white = (vectors[:, is_real] / np.sqrt(values[is_real])).T * scale
+    shares, directions = np.linalg.eigh(np.eye(len(white)) - white @ noise @ white.T)
+    is_seen = shares > _SEEN
+    return directions[:, is_seen].T @ white, shares[is_seen]

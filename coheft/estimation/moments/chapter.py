@@ -1,0 +1,176 @@
+"""A chapter: moments of rows while nothing has changed, and a Gaussian prior that says what was learned before.
+
+    prior of the next chapter = (evidence of this one's rows + its prior), with what has changed loosened by Q
+
+A new load is ``Q_theta = infinity``, and then only the moments of wrenches end, because the poses stay what they are.
+A grasp that slipped is ``Q_pose = infinity``, drift is ``q dt``. Robots that leave are eliminated, robots that join are
+not known. Quadratics stay around the state of their time, and are moved to the present one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.moments.body import BodyModel
+from coheft.estimation.moments.derivatives import MotionDerivatives
+from coheft.estimation.moments.evidence import Evidence
+from coheft.estimation.moments.fit import Estimate, Look
+from coheft.estimation.moments.fit_settings import FitSettings, Guess
+from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidence
+from coheft.estimation.moments.moments import SeenMoments, seen_moments, wrench_moments
+from coheft.estimation.moments.row_buffer import RowBuffer
+from coheft.estimation.moments.unknowns import Indices, State, Unknowns
+from coheft.estimation.spatial import Array, Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What was learned from rows that are not kept.
+
+    Attributes:
+        state: The state around which it is a quadratic.
+        guess: Of theta.
+        evidence: The quadratic.
+        has_expectations: Whether what is expected of sensors' errors is in it already.
+    """
+
+    state: State
+    guess: Guess
+    evidence: Evidence
+    has_expectations: bool = False
+
+    def at(self, body: BodyModel) -> Evidence:
+        """Around another state nearby."""
+        return self.evidence.moved(body.state.since(self.state, body.unknowns))
+
+    def without(self, places: Indices, limits: Array) -> Prior:
+        """Whatever these unknowns are now."""
+        return Prior(self.state, self.guess, self.evidence.without(places, limits), self.has_expectations)
+
+    def loosened(self, places: slice | Indices, covariance: Array) -> Prior:
+        """These unknowns have changed by a step with this covariance."""
+        return Prior(self.state, self.guess, self.evidence.loosened(places, covariance), self.has_expectations)
+
+    def for_team(self, members: Sequence[int | None], settings: FitSettings) -> Prior:
+        """For another team.
+
+        What is known of robots that have left does not matter any more. Their offsets have left the sums of the team,
+        and those of robots that joined are in them.
+
+        Args:
+            members: Place of each robot of the new team in the old one, None if it was not in it.
+            settings: Of fits.
+        """
+        state, count = self.state, len(self.state.poses)
+        old, new = Unknowns(count, settings.errors), Unknowns(len(members), settings.errors)
+        stayed = [(now, then) for now, then in enumerate(members) if then is not None]
+        left = sorted(set(range(count)) - {then for _, then in stayed})
+        evidence = self.evidence
+        if left:
+            if settings.errors.count and not self.has_expectations:
+                deviations = np.tile(settings.errors.deviations, len(left))
+                expected = Evidence.prior(deviations, -state.eta[left].ravel())
+                evidence += expected.placed(old.size, old.eta[left].ravel())
+            places = np.concatenate([old.of_robot(robot) for robot in left])
+            evidence = evidence.without(places, settings.limits(count, self.guess)[places])
+        kept = np.concatenate([*(old.of_robot(then) for _, then in stayed), old.common])
+        places = np.concatenate([*(new.of_robot(now) for now, _ in stayed), new.common])
+        evidence = evidence.of(kept).placed(new.size, places)
+        others = len(left) + len(members) - len(stayed)
+        if settings.has_offset and others:
+            force, torque = (
+                settings.force_offset,
+                settings.torque_offset + 2.0 * self.guess.size * settings.force_offset,
+            )
+            evidence = evidence.loosened(new.offset, np.diag(np.repeat([others * force**2, others * torque**2], 3)))
+        if settings.gyro_offset > 0.0 and others:
+            change = settings.gyro_offset * others / len(members)
+            evidence = evidence.loosened(new.gyros, change**2 * np.eye(3))
+        fresh = State.first([Pose.identity()] * len(members), settings.errors)
+        poses, eta, calibration = list(fresh.poses), fresh.eta, fresh.calibration
+        for now, then in stayed:
+            poses[now], eta[now] = state.poses[then], state.eta[then]
+            if calibration is not None and state.calibration is not None:
+                calibration[now] = state.calibration[then]
+        carried = State(tuple(poses), eta, calibration, state.gyros, state.load)
+        return Prior(carried, self.guess, evidence, self.has_expectations)
+
+
+class Chapter:
+    """The present chapter of one robot.
+
+    Args:
+        buffer: Its rows.
+        settings: Of fits.
+        prior: From chapters before, None if there were none.
+    """
+
+    def __init__(self, buffer: RowBuffer, settings: FitSettings, prior: Prior | None = None) -> None:
+        self.buffer, self.prior, self._settings = buffer, prior, settings
+
+    def said_before(self, body: BodyModel) -> Evidence:
+        """What former chapters and expectations of sensors' errors say at a state."""
+        if self.prior is None:
+            return self._settings.expected(body)
+        before = self.prior.at(body)
+        return before if self.prior.has_expectations else before + self._settings.expected(body)
+
+    def look(self, before: int | None = None) -> Look:
+        """How to see the chapter's moments at a state; ``before`` leaves out the rows from this place on."""
+        of_all, of_load = self.buffer.moments()
+        if before is not None:
+            spanned = 2 * self._settings.errors.is_moving  # rows whose rates may span the change
+            newest = self.buffer.moments_since(max(0, before - spanned))
+            is_only_load = of_all is of_load
+            of_load = of_load - newest
+            of_all = of_load if is_only_load else of_all - newest
+        return lambda body: seen_moments(body, of_all, of_load)
+
+    def evidence(self, body: BodyModel, moments: SeenMoments) -> Evidence:
+        """What moments say at a state with a load."""
+        derivatives, load = MotionDerivatives.at(body), _load(body)
+        is_fitted = self._settings.is_level_fitted
+        by_motion = motion_evidence(body, derivatives, moments.motion, is_fitted=is_fitted)
+        return by_motion + wrench_evidence(body, derivatives, moments.wrench, load, is_fitted=is_fitted)
+
+    def end_of_load(self, estimate: Estimate, guess: Guess, place: int, keeps_poses: bool) -> None:
+        """From this place on the load is another one. What wrenches said of poses counts on only if these are known."""
+        of_load, body = self.buffer.begin_load(place), estimate.body
+        if keeps_poses:
+            moments = wrench_moments(body, of_load)
+            evidence = wrench_evidence(
+                body, MotionDerivatives.at(body), moments, _load(body), is_fitted=self._settings.is_level_fitted
+            )
+            self._become(estimate, guess, evidence, False)
+        if self.prior is not None:
+            self.prior = self.prior.without(np.arange(body.unknowns.size)[body.unknowns.theta], guess.limits)
+
+    def end(self, estimate: Estimate, guess: Guess, place: int, is_cut: bool) -> None:
+        """All rows before this place become part of the prior; ``is_cut`` says that something has happened there."""
+        of_all, of_load = self.buffer.begin_chapter(place, is_cut)
+        evidence = self.evidence(estimate.body, seen_moments(estimate.body, of_all, of_load))
+        self._become(estimate, guess, evidence, self.prior is not None and self.prior.has_expectations)
+
+    def summed_up(self, estimate: Estimate, guess: Guess) -> Prior:
+        """All that is known, for another robot or another team."""
+        evidence = self.evidence(estimate.body, self.look()(estimate.body))
+        if self.prior is not None:
+            evidence += self.prior.at(estimate.body)
+        return Prior(estimate.state, guess, evidence, self.prior is not None and self.prior.has_expectations)
+
+    def _become(self, estimate: Estimate, guess: Guess, evidence: Evidence, has_expectations: bool) -> None:
+        if self.prior is not None:
+            evidence += self.prior.at(estimate.body)
+            has_expectations = has_expectations or self.prior.has_expectations
+        self.prior = Prior(estimate.state, guess, evidence, has_expectations)
+
+
+def _load(body: BodyModel) -> Array:
+    """The load at a state that has one."""
+    load = body.state.load
+    if load is None:
+        raise ValueError("the state has no load, but wrenches say something of a load only; fit one first")
+    return load

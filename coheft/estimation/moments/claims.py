@@ -1,0 +1,60 @@
+"""What may be said of the load and of poses: what is known, in the robot's own frame, and nothing of what is hidden.
+
+(m, h, J) in F_i,    covariance = D P D^T,    said as far as every direction of it is seen: 0, 1, 4 or 10 numbers
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.consistency import is_possible, nearest_possible
+from coheft.estimation.inertia_derivatives import central_derivative, seen_inertia_derivative
+from coheft.estimation.inertia_estimate import unseen_quantities
+from coheft.estimation.linear_algebra import inverse as inverse_of
+from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.moments.unknowns import THETA, Flags
+from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.spatial import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Claim:
+    """What one robot may say.
+
+    Attributes:
+        inertia: Of the load in ``F_i``, None if not even its mass is known; of its quantities only ``known`` count.
+        known: How many numbers of ``(m, h, J)`` are known: 0, 1, 4 or 10.
+        covariance: Of these, shape (known, known).
+        unseen: What is not known, and which motion would show it, in words.
+        hidden_poses: Whose poses are not known, shape (N,).
+    """
+
+    inertia: Inertia | None
+    known: int
+    covariance: Array
+    unseen: tuple[str, ...]
+    hidden_poses: Flags
+
+
+def claim_of(estimate: Estimate, robot: int) -> Claim:
+    """What a robot of the team may say of an estimate, in its own frame."""
+    state, unknowns = estimate.state, estimate.body.unknowns
+    hidden = estimate.hidden_poses()
+    if state.load is None:
+        return Claim(None, 0, np.zeros((0, 0)), (), hidden)
+    covariance, theta = estimate.covariance, state.load[THETA]
+    if not is_possible(theta):
+        information = inverse_of(covariance[unknowns.theta, unknowns.theta])
+        theta = nearest_possible(theta, information, estimate.size)
+    inertia, pose = Inertia.from_barycentric(theta), state.poses[robot]
+    derivative = seen_inertia_derivative(pose, inertia)
+    derivative[:, 6:] = derivative[:, 6:] @ central_derivative(inertia)
+    places = np.concatenate([unknowns.poses[robot], np.arange(unknowns.size)[unknowns.theta]])
+    covariance = derivative @ covariance[np.ix_(places, places)] @ derivative.T
+    unseen = unseen_quantities(covariance, inertia.mass, estimate.size)
+    quantities = {each.quantity for each in unseen}
+    known = 0 if "mass" in quantities else 1 if "com" in quantities else 4 if "inertia" in quantities else 10
+    words = tuple(f"{each.what}: {each.remedy}" for each in unseen)
+    return Claim(inertia.carried(pose.inverse()) if known else None, known, covariance[:known, :known], words, hidden)

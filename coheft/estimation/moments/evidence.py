@@ -1,0 +1,160 @@
+"""A quadratic log likelihood that knows what noise in its regressors makes it believe.
+
+    log L(step) = score . step - step . information . step / 2
+
+``information`` is free of what noise in the regressors adds on the average; that is ``noise``. The covariance of the
+score is the sum of both, so that of a fit is ``H^-1 (H + N) H^-1`` with ``H`` the information and ``N`` the noise, in
+directions in which ``H`` is more than what is uncertain about ``N`` (``doubt``) and more than a prior's information.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from coheft.estimation.linear_algebra import inverse as inverse_of
+from coheft.estimation.linear_algebra import is_positive_definite
+from coheft.estimation.moments.unknowns import Indices
+from coheft.estimation.spatial import Array
+
+_DOUBT, _LEAST_DOUBT = 5.0, 0.3
+"""The noise's sum is trusted to so many of its standard deviations, and to this share at most: tolerances of noise."""
+_LEAST_DOUBT_IF_FITTED = 0.03
+"""The share where the level of the noise is fitted."""
+_HIDDEN = 400.0
+"""A hidden direction's variance, over that with which it would just be seen: 20 times the deviation."""
+
+
+class Solution(NamedTuple):
+    """Of a quadratic.
+
+    Attributes:
+        inverse: Of the information, in the directions that are seen, shape (u, u).
+        seen: Covariance of a fit in these directions.
+        hidden: Assumed covariance in all others, in which nothing moves.
+    """
+
+    inverse: Array
+    seen: Array
+    hidden: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """The quadratic, around some value of u unknowns.
+
+    Attributes:
+        score: Gradient of the log likelihood, shape (u,).
+        information: Shape (u, u).
+        noise: What noise of regressors would add to it, shape (u, u).
+        doubt: ``noise`` times the share of it that may have been taken out wrongly, shape (u, u).
+    """
+
+    score: Array
+    information: Array
+    noise: Array
+    doubt: Array
+
+    @staticmethod
+    def of_rows(score: Array, information: Array, noise: Array, count: float, is_fitted: bool = False) -> Evidence:
+        """From so many rows; ``is_fitted`` says that the level of their noise is estimated."""
+        least = _LEAST_DOUBT_IF_FITTED if is_fitted else _LEAST_DOUBT
+        return Evidence(score, information, noise, max(least, _DOUBT / math.sqrt(max(count, 1.0))) * noise)
+
+    @staticmethod
+    def prior(deviations: Array, error: Array | None = None) -> Evidence:
+        """Independent Gaussians.
+
+        Args:
+            deviations: Standard deviations (u,); infinite ones say nothing.
+            error: Their means less the present value, shape (u,); None for zeros.
+        """
+        return Evidence.of_information(np.diag(deviations**-2.0), error)
+
+    @staticmethod
+    def of_information(information: Array, error: Array | None = None) -> Evidence:
+        """A Gaussian with this information (u, u), its mean ``error`` (u,) away from the present value."""
+        nothing = np.zeros_like(information)
+        score = np.zeros(len(information)) if error is None else information @ error
+        return Evidence(score, information, nothing, nothing)
+
+    def __add__(self, other: Evidence) -> Evidence:
+        return Evidence(
+            self.score + other.score,
+            self.information + other.information,
+            self.noise + other.noise,
+            self.doubt + other.doubt,
+        )
+
+    def placed(self, size: int, places: slice | Indices) -> Evidence:
+        """The same about ``size`` unknowns, of which these are a part."""
+        places = np.arange(size)[places]
+        square, score = np.ix_(places, places), np.zeros(size)
+        score[places] = self.score
+        information, noise, doubt = np.zeros((3, size, size))
+        information[square], noise[square], doubt[square] = self.information, self.noise, self.doubt
+        return Evidence(score, information, noise, doubt)
+
+    def of(self, places: Indices) -> Evidence:
+        """About these unknowns if all others are what they are assumed to be."""
+        square = np.ix_(places, places)
+        return Evidence(self.score[places], self.information[square], self.noise[square], self.doubt[square])
+
+    def moved(self, step: Array) -> Evidence:
+        """Around another value, a step (u,) away."""
+        return Evidence(self.score - self.information @ step, self.information, self.noise, self.doubt)
+
+    def without(self, places: Indices, limits: Array) -> Evidence:
+        """Whatever these unknowns are: they are eliminated, keep their places, and nothing is said there.
+
+        Args:
+            places: Shape (k,).
+            limits: Shape (k,), as of ``solve``.
+        """
+        others = np.setdiff1d(np.arange(len(self.score)), places)
+        inverse = self.of(places).solve(limits).inverse
+        take = np.eye(len(self.score))
+        take[np.ix_(others, places)] = -self.information[np.ix_(others, places)] @ inverse
+        take[places] = 0.0
+        information = take @ self.information
+        information[:, places] = 0.0
+        return Evidence(
+            take @ self.score,
+            0.5 * (information + information.T),
+            take @ self.noise @ take.T,
+            take @ self.doubt @ take.T,
+        )
+
+    def loosened(self, places: slice | Indices, covariance: Array) -> Evidence:
+        """These unknowns have changed since, by a step with this covariance (k, k): process noise."""
+        size, changed = len(self.score), len(covariance)
+        before = np.hstack([np.eye(size), -np.eye(size)[:, places]])  # the old value is the new one less the change
+        both = Evidence(
+            before.T @ self.score, *(before.T @ each @ before for each in (self.information, self.noise, self.doubt))
+        )
+        change = slice(size, size + changed)
+        both += Evidence.of_information(inverse_of(covariance)).placed(size + changed, change)
+        eliminated = both.without(np.arange(size, size + changed), 2.0 * np.sqrt(covariance.diagonal()))
+        return eliminated.of(np.arange(size))
+
+    def solve(self, limits: Array) -> Solution:
+        """Invert the information where something is seen.
+
+        A direction is seen if its information, less what is in doubt of it, is more than that of independent Gaussians
+        with the standard deviations ``limits`` (u,).
+        """
+        scale, one = np.outer(limits, limits), np.eye(len(limits))
+        if is_positive_definite(scale * (self.information - self.doubt) - one):
+            inverse = inverse_of(self.information)
+            return Solution(inverse, inverse + inverse @ self.noise @ inverse, np.zeros_like(inverse))
+        values, vectors = np.linalg.eigh(scale * (self.information + self.noise) + one)
+        white = vectors.T / np.sqrt(np.maximum(values, 1.0))[:, None]
+        values, vectors = np.linalg.eigh(white @ (scale * (self.information - self.doubt) - one) @ white.T)
+        basis = vectors.T @ white * limits  # neither information nor noise couples these directions
+        seen, hidden = basis[values > 0.0], basis[values <= 0.0]
+        inverse = seen.T @ inverse_of(seen @ self.information @ seen.T) @ seen
+        of_hidden = _HIDDEN * hidden.T @ inverse_of(hidden / limits**2 @ hidden.T) @ hidden
+        return Solution(inverse, inverse + inverse @ self.noise @ inverse, of_hidden)

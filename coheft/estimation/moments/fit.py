@@ -1,0 +1,154 @@
+"""The likeliest state: damped Gauss-Newton steps on poses, sensors' errors, wrench offset and load together.
+
+step = (sum of informations)^-1 (sum of scores),    sum over motion, wrench, chapters before, expected errors
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from coheft.estimation.moments.body import FORCING, BodyModel, load_operator, residual_covariance
+from coheft.estimation.moments.derivatives import MotionDerivatives
+from coheft.estimation.moments.evidence import Evidence
+from coheft.estimation.moments.fit_settings import POSE_LIMITS, FitSettings, Guess
+from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidence
+from coheft.estimation.moments.moments import SeenMoments, WrenchMoments
+from coheft.estimation.moments.unknowns import Flags, State
+from coheft.estimation.spatial import Array
+
+_FARTHEST = 6.0
+"""No error of a sensor becomes larger, in prior deviations: a gain of zero would explain everything."""
+_LONGEST = 0.3
+"""A step is shortened until it moves no pose by more [rad, m]."""
+_FAR = 3.0
+"""After a step of so many standard deviations the noise of regressors is worked out anew."""
+_LEAST_FOR_LEVEL = 50.0
+"""Rows from which on the level of the noise is estimated: its relative deviation is ``1 / sqrt(3 n)``, 8 %."""
+_SAME_LEVEL = 0.01
+MOST_STEPS, SMALL_STEP = 10, 0.5
+"""Steps of a fit at most; a step that is smaller, in standard deviations of what it moves, is the last one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """A state and how well it is known.
+
+    Attributes:
+        body: The matrices at the state.
+        seen: Covariance (u, u) of all unknowns in the directions that are seen.
+        hidden: In those that are not.
+        step: How far the last step moved a pose, in its standard deviations.
+        size: Rough size of the load [m].
+        level: Of the noise of wrenches, 1 if it is as told.
+    """
+
+    body: BodyModel
+    seen: Array
+    hidden: Array
+    step: float
+    size: float
+    level: float = 1.0
+
+    @property
+    def state(self) -> State:
+        """Of the body."""
+        return self.body.state
+
+    @property
+    def covariance(self) -> Array:
+        """Of all unknowns, shape (u, u)."""
+        return self.seen + self.hidden
+
+    def hidden_poses(self) -> Flags:
+        """Whether any part of a robot's pose is hidden or badly known, shape (N,)."""
+        variances = (self.seen + self.hidden).diagonal()[self.body.unknowns.poses]
+        return np.asarray((variances > np.square(POSE_LIMITS)).any(axis=1))
+
+
+Look = Callable[[BodyModel], SeenMoments]
+"""Gives the moments at a state."""
+
+
+def fitted(
+    state: State,
+    look: Look,
+    before: Callable[[BodyModel], Evidence],
+    guess: Guess,
+    settings: FitSettings,
+    anchor: int,
+    most_steps: int = MOST_STEPS,
+    level: float = 1.0,
+) -> Estimate:
+    """Step until nothing moves any more.
+
+    Args:
+        state: Where to begin; without a load, poses are fitted to the motion alone.
+        look: Moments at a state.
+        before: What former chapters and expectations say at a state.
+        guess: Of theta.
+        settings: Of the fit.
+        anchor: The robot whose pose stays what it is.
+        most_steps: At most so many.
+        level: Of the noise of wrenches, to begin with.
+    """
+    motion_noise: Array | None = None
+    wrench_noise: Array | None = None
+    for _ in range(most_steps):
+        body, level_before, load = settings.body(state, level), level, state.load
+        moments = look(body)
+        if settings.is_level_fitted and load is not None and moments.wrench.number > _LEAST_FOR_LEVEL:
+            level *= noise_level(body, moments.wrench, load)
+            body = settings.body(state, level)
+        derivatives = MotionDerivatives.at(body)
+        is_fitted = settings.is_level_fitted
+        total = motion_evidence(body, derivatives, moments.motion, motion_noise, is_fitted)
+        if load is not None:
+            motion_noise = total.noise
+            if moments.wrench.number > 0.0:
+                by_wrench = wrench_evidence(body, derivatives, moments.wrench, load, wrench_noise, is_fitted)
+                total, wrench_noise = total + by_wrench, by_wrench.noise
+            total += before(body)
+        state, seen, hidden, size = _stepped(body, total, settings, guess, anchor)
+        if size > _FAR:
+            motion_noise = wrench_noise = None
+        if size < SMALL_STEP and abs(level / level_before - 1.0) < _SAME_LEVEL:
+            break
+    return Estimate(settings.body(state, level), seen, hidden, size, guess.size, level)
+
+
+def _stepped(
+    body: BodyModel, total: Evidence, settings: FitSettings, guess: Guess, anchor: int
+) -> tuple[State, Array, Array, float]:
+    """One step: the new state, its covariances where it is seen and hidden, and the step's size in deviations."""
+    unknowns = body.unknowns
+    free = settings.free(unknowns, anchor, body.state.load is not None)
+    part = total.of(free)
+    solution = part.solve(settings.limits(unknowns.count, guess)[free])
+    step, square = np.zeros(unknowns.size), np.ix_(free, free)
+    seen, hidden = np.zeros((2, unknowns.size, unknowns.size))
+    step[free] = solution.inverse @ part.score
+    seen[square], hidden[square] = solution.seen, solution.hidden
+    deviations = np.sqrt(np.maximum(seen.diagonal()[unknowns.poses], 1e-30))
+    of_poses = step[unknowns.poses]
+    size = float(np.abs(of_poses / deviations).max())
+    if settings.errors.count:
+        step = step / max(1.0, float(np.abs(of_poses).max()) / _LONGEST)
+    return body.state.moved(step, unknowns, _FARTHEST), seen, hidden, size
+
+
+def noise_level(body: BodyModel, moments: WrenchMoments, load: Array) -> float:
+    """Mean square of the residual of the total wrench over its variance, less what was fitted to it."""
+    count, number = body.count, moments.number
+    of_wrenches = np.zeros((6, count, len(moments.of_wrenches) // count))
+    of_wrenches[:, :, :6] = body.adjoints.swapaxes(0, 1)
+    by_wrench, by_motion = of_wrenches.reshape(6, -1), np.zeros((6, body.features))
+    by_motion[:, FORCING] = -load_operator(load)
+    crossed = by_wrench @ moments.with_motion @ by_motion.T
+    square: Any = by_wrench @ moments.of_wrenches @ by_wrench.T + crossed + crossed.T
+    square = square + by_motion @ moments.of_motion @ by_motion.T
+    white = np.linalg.solve(residual_covariance(body, load), square)
+    return float(np.trace(white) / (6.0 * max(number - 4.0, 1.0)))

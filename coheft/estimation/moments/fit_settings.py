@@ -1,0 +1,132 @@
+"""What a fit takes for granted: noise of rows, declared errors of sensors, and how far unknowns may be off.
+
+offset of the total wrench = sum_i Ad(g_i) offset_i,    gyro offset of the fused motion = mean of the robots' offsets
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from coheft.estimation.inertia_estimate import middle_and_size
+from coheft.estimation.linear_algebra import inverse as inverse_of
+from coheft.estimation.moments.body import FORCING, BodyModel
+from coheft.estimation.moments.evidence import Evidence
+from coheft.estimation.moments.moments import Moments
+from coheft.estimation.moments.rows import ROW_SIZE, RowNoise
+from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.moments.unknowns import OFFSET, Indices, State, Unknowns
+from coheft.estimation.rigid_body import unit_point
+from coheft.estimation.spatial import Array
+
+POSE_LIMITS: Array = np.repeat([np.radians(5.0), 0.1], 3)
+"""A pose is hidden in directions in which its standard deviation is larger [rad, m]: so far steps are nearly linear."""
+_EXACT = 1e-9
+"""Standard deviation of an error that is not declared."""
+_WIDE = 2.0
+"""An error of a sensor is hidden where it is known less well than so many of its prior deviations: it never is."""
+_LIGHTEST = 1e-3
+"""Least mass of a guess [kg]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """A body that the load may roughly be, each part of it wrong by 100 %.
+
+    Attributes:
+        theta: ``(m, m h, I_o)`` in the body frame, shape (10,).
+        limits: Its standard deviations, shape (10,).
+        size: Rough size of the load [m].
+    """
+
+    theta: Array
+    limits: Array
+    size: float
+
+    @staticmethod
+    def of(body: BodyModel, moments: Moments) -> Guess:
+        """As heavy as the mean wrench and the mean acceleration say, in the middle of the grasps."""
+        one = ROW_SIZE * body.count
+        middle, size = middle_and_size(body.state.poses)
+        sums = moments.sums(one)
+        force, acceleration = body.wrench[:3] @ sums / sums[one], body.see[FORCING[1:4]] @ sums / sums[one]
+        mass = max(_LIGHTEST, float(np.linalg.norm(force)) / max(float(np.linalg.norm(acceleration)), 1e-9))
+        theta = mass * np.concatenate([[1.0], middle, unit_point(middle)])
+        theta[4:7] += mass * size**2 / 3.0
+        return Guess(theta, mass * np.repeat([1.0, size, size**2], [1, 3, 6]), size)
+
+
+@dataclass(frozen=True, eq=False)
+class FitSettings:
+    """Of all fits of one robot.
+
+    Attributes:
+        noise: Of rows.
+        period: Of rows [s].
+        errors: Declared errors of sensors.
+        force_offset, torque_offset: Standard deviations of the constant offsets of one robot's sensors, per axis
+            [N, N·m]; 0 if they have none.
+        gyro_offset: And of its gyro [rad/s].
+        is_level_fitted: Whether the level of the noise of wrenches is estimated.
+        memory: Time constant over which the load is forgotten [s]; None: never.
+    """
+
+    noise: RowNoise
+    period: float
+    errors: SensorErrors = field(default_factory=lambda: SensorErrors({}))
+    force_offset: float = 0.0
+    torque_offset: float = 0.0
+    gyro_offset: float = 0.0
+    is_level_fitted: bool = False
+    memory: float | None = None
+
+    @cached_property
+    def has_offset(self) -> bool:
+        """Whether force and torque sensors may have offsets."""
+        return max(self.force_offset, self.torque_offset) > 0.0
+
+    def body(self, state: State, level: float = 1.0) -> BodyModel:
+        """The matrices at a state, for noise of wrenches of this level."""
+        return BodyModel(state, self.noise.at_level(level), Unknowns(len(state.poses), self.errors), self.period)
+
+    def limits(self, count: int, guess: Guess) -> Array:
+        """Standard deviations (u,) beyond which an unknown is hidden, for so many robots."""
+        force = max(self.force_offset, _EXACT) * np.sqrt(count)
+        torque = max(self.torque_offset, _EXACT) * np.sqrt(count) + 2.0 * guess.size * force
+        own = np.concatenate([POSE_LIMITS, _WIDE * self.errors.deviations])
+        gyros = np.full(3, _WIDE * max(self.gyro_offset, _EXACT))
+        return np.concatenate([np.tile(own, count), gyros, _WIDE * np.repeat([force, torque], 3), guess.limits])
+
+    def free(self, unknowns: Unknowns, anchor: int, with_load: bool) -> Indices:
+        """Places of the unknowns that a fit moves."""
+        is_free = np.ones(unknowns.size, dtype=bool)
+        is_free[unknowns.poses[anchor]] = False
+        is_clock = [name == "clock" for name in self.errors.names]
+        is_free[unknowns.eta[anchor, is_clock]] = False  # all clocks together show nothing
+        is_free[unknowns.offset], is_free[unknowns.gyros] = self.has_offset, self.gyro_offset > 0.0
+        if not with_load:
+            is_free[unknowns.gyros.start :] = False
+            is_free[unknowns.eta] = False
+        return np.flatnonzero(is_free)
+
+    def expected(self, body: BodyModel) -> Evidence:
+        """What is known of sensors' errors before anything is measured."""
+        unknowns, state = body.unknowns, body.state
+        offset = np.zeros(6) if state.load is None else state.load[OFFSET]
+        total = Evidence.of_information(inverse_of(self.offset_covariance(body)), -offset)
+        total = total.placed(unknowns.size, unknowns.offset)
+        gyros = np.full(3, max(self.gyro_offset, _EXACT) / np.sqrt(unknowns.count))
+        total += Evidence.prior(gyros, -state.gyros).placed(unknowns.size, unknowns.gyros)
+        if self.errors.count:
+            deviations = np.tile(self.errors.deviations, unknowns.count)
+            total += Evidence.prior(deviations, -state.eta.ravel()).placed(unknowns.size, unknowns.eta.ravel())
+        return total
+
+    def offset_covariance(self, body: BodyModel) -> Array:
+        """Prior covariance (6, 6) of the total wrench's offset: each robot's is carried to the body frame."""
+        deviations = np.maximum([self.force_offset, self.torque_offset], _EXACT)
+        spread = np.repeat(np.square(deviations), 3)
+        covariance: Array = (body.adjoints * spread @ body.adjoints.swapaxes(1, 2)).sum(axis=0)
+        return covariance

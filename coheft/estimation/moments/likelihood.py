@@ -1,0 +1,190 @@
+"""What moments of rows say of all unknowns: two least-squares problems with all motion eliminated.
+
+    motion:  r_i = y_i - predict_i psi,    information = sum D^T (W - W B (B^T W B)^-1 B^T W) D
+    wrench:  rho = sum_i Ad(g_i) u_i - X(psi) theta - offset,    information = sum D^T Sigma^-1 D
+
+The sums over rows are never made: they are products of derivatives with moments. What the noise of ``psi`` and of the
+wrenches adds to the moments is taken out, as it is known.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.estimation.linear_algebra import inverse as inverse_of
+from coheft.estimation.moments import rows
+from coheft.estimation.moments.body import PRODUCTS, REGRESSOR, BodyModel, residual_covariance
+from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives, forcing_features
+from coheft.estimation.moments.evidence import Evidence
+from coheft.estimation.moments.moments import MotionMoments, WrenchMoments
+from coheft.estimation.moments.unknowns import LOAD_SIZE, Indices
+from coheft.estimation.spatial import Array
+
+
+def motion_evidence(
+    body: BodyModel,
+    derivatives: MotionDerivatives,
+    moments: MotionMoments,
+    noise: Array | None = None,
+    is_fitted: bool = False,
+) -> Evidence:
+    """What motion sensors say of all unknowns.
+
+    Means of twists are removed, so constant errors of gyros and velocities do not matter.
+
+    Args:
+        body: At the state.
+        derivatives: There.
+        moments: There.
+        noise: What noise of regressors adds to the information (u, u), if it is known from a state nearby.
+        is_fitted: Whether the level of the noise of wrenches is estimated.
+    """
+    unknowns, count, own, number = body.unknowns, body.count, body.unknowns.own, moments.number
+    of_motion = moments.of_motion
+    means = of_motion[0] / max(number, 1.0)
+    residual = moments.with_motion - body.predict @ of_motion[: body.predict.shape[2]]
+    residual[:, rows.TWIST] -= residual[:, rows.TWIST, :1] * means
+    weighted = body.weight[:, :, None] * residual
+    score = np.zeros(unknowns.size)
+    score[: count * own] = (derivatives.own.reshape(count, own, -1) @ weighted.reshape(count, -1, 1)).ravel()
+    on_products = body.predict[:, rows.ACCELERATIONS, PRODUCTS].swapaxes(1, 2)
+    of_products = (on_products @ weighted[:, rows.ACCELERATIONS]).sum(axis=0)
+    motion = unknowns.motion_size
+    score[:motion] += (derivatives.common * of_products).reshape(motion, -1).sum(axis=1)
+
+    of_noise = number * body.motion_noise
+    clean = of_motion - of_noise
+    if noise is None:
+        noise = _motion_information(body, derivatives, of_noise, of_noise)
+    information = _motion_information(body, derivatives, clean - of_motion[:, :1] * means, clean)
+    return Evidence.of_rows(score, information, noise, number, is_fitted)
+
+
+def _motion_information(
+    body: BodyModel, derivatives: MotionDerivatives, of_twist: Array, of_accelerations: Array
+) -> Array:
+    """Information (u, u) of motion sensors by moments of ``psi``, each (features, features), for both fusions."""
+    unknowns, count, own = body.unknowns, body.count, body.unknowns.own
+    of_robots, motion = count * own, unknowns.motion_size
+    result, alone = np.zeros((unknowns.size, unknowns.size)), np.zeros((count, own, own))
+    twist, fusion = body.twist, body.accelerations
+    for each, gram in ((twist, of_twist), (fusion, of_accelerations)):
+        part = derivatives.own[:, :, each.sensors]
+        used = np.flatnonzero(part.any(axis=(0, 1, 2)))
+        part = part[..., used]
+        by_gram = each.weight[:, None, :, None] * (part @ gram[used[:, None], used])
+        alone += by_gram.reshape(count, own, -1) @ part.reshape(count, own, -1).swapaxes(1, 2)
+
+    found = (twist.weighted.swapaxes(1, 2)[:, None] @ derivatives.own[:, :, twist.sensors]).reshape(of_robots, 6, -1)
+    used = np.arange(1, body.features)
+    result[:of_robots, :of_robots] -= _summed_product(twist.covariance @ found, of_twist, found, used)
+    used, found = forcing_features(body.features), derivatives.found
+    result[:motion, :motion] -= _summed_product(fusion.covariance @ found, of_accelerations, found, used)
+
+    # Predictions change by the products as well: own times common, and half of common times common.
+    weighted = (fusion.weight[:, :, None] * body.predict[:, rows.ACCELERATIONS, PRODUCTS]).swapaxes(1, 2)
+    felt = np.zeros_like(derivatives.common)
+    felt[:of_robots] = (weighted[:, None] @ derivatives.own[:, :, fusion.sensors]).reshape(of_robots, 6, -1)
+    felt += 0.5 * (weighted @ body.predict[:, rows.ACCELERATIONS, PRODUCTS]).sum(axis=0) @ derivatives.common
+    across = _summed_product(derivatives.common, of_accelerations, felt, used)
+    result[:motion, :motion] += across + across.T
+    result[:of_robots, :of_robots].reshape(count, own, count, own)[range(count), :, range(count)] += alone
+    symmetric: Array = 0.5 * (result + result.T)
+    return symmetric
+
+
+def _summed_product(left: Array, gram: Array, right: Array, used: Indices) -> Array:
+    """``sum tr(left_k gram right_l^T)`` over the features that are used: (k, 6, f), (l, 6, f) to (k, l)."""
+    by_gram = left[..., used] @ gram[used[:, None], used]
+    result: Array = by_gram.reshape(len(left), -1) @ right[..., used].reshape(len(right), -1).T
+    return result
+
+
+def wrench_evidence(
+    body: BodyModel,
+    motion: MotionDerivatives,
+    moments: WrenchMoments,
+    load: Array,
+    noise: Array | None = None,
+    is_fitted: bool = False,
+) -> Evidence:
+    """What the total wrench says of all unknowns, poses too: robots that push against each other show where they are.
+
+    Args:
+        body: At the state.
+        motion: Derivatives there.
+        moments: There.
+        load: Wrench offset and theta there, shape (16,).
+        noise: What noise of regressors adds to the information (u, u), if it is known from a state nearby.
+        is_fitted: Whether the level of the noise of wrenches is estimated.
+    """
+    unknowns, count, own, number = body.unknowns, body.count, body.unknowns.own, moments.number
+    root: Array = np.asarray(np.linalg.cholesky(inverse_of(residual_covariance(body, load)))).T.astype(np.float64)
+    derivatives = WrenchDerivatives.at(body, motion, load, root)
+    local, common = derivatives.local, derivatives.common
+    of_robots, size = count * own, local.shape[-1]
+    of_noise, variance = number * body.motion_noise, _wrench_variance(body, size)
+    of_wrenches, of_motion = moments.of_wrenches.copy(), moments.of_motion - of_noise
+    diagonal = np.arange(count * size)
+    of_wrenches[diagonal, diagonal] -= number * variance.ravel()
+
+    with_wrenches = derivatives.of_wrenches @ of_wrenches + derivatives.of_motion @ moments.with_motion.T
+    with_motion = derivatives.of_wrenches @ moments.with_motion + derivatives.of_motion @ of_motion
+    score = -(common.reshape(unknowns.size, -1) @ with_motion.ravel())
+    by_robot = with_wrenches.reshape(6, count, size).transpose(1, 0, 2).reshape(count, -1, 1)
+    score[:of_robots] -= (local.reshape(count, own, -1) @ by_robot).ravel()
+
+    half = local.reshape(count, own * 6, size) @ of_wrenches.reshape(count, size, -1)
+    half = half.reshape(of_robots, 6, count, size).transpose(2, 0, 1, 3).reshape(count, of_robots, 6 * size)
+    pairs = half @ local.reshape(count, own, 6 * size).swapaxes(1, 2)
+    pairs = pairs.transpose(1, 0, 2).reshape(of_robots, of_robots)
+    used = forcing_features(body.features)
+    flat = common[..., used].reshape(unknowns.size, -1)
+    across = np.zeros((unknowns.size, 6, len(used)))
+    own_with_motion = local.reshape(count, own * 6, size) @ moments.with_motion[:, used].reshape(count, size, -1)
+    across[:of_robots] = own_with_motion.reshape(of_robots, 6, -1)
+    across += 0.5 * (common[..., used] @ of_motion[used[:, None], used])
+    information = across.reshape(unknowns.size, -1) @ flat.T
+    information = information + information.T
+    information[:of_robots, :of_robots] += 0.5 * (pairs + pairs.T)
+    if noise is None:
+        noise = _wrench_noise(body, derivatives, number, is_fitted)
+    return Evidence.of_rows(score, information, noise, number, is_fitted)
+
+
+def _wrench_variance(body: BodyModel, size: int) -> Array:
+    """Variance of each robot's wrench and of its rates, shape (N, w)."""
+    variance: Array = np.hstack([body.wrench_variance, body.wrench_variance / (2.0 * body.period**2)])[:, :size]
+    return variance
+
+
+def _wrench_noise(body: BodyModel, derivatives: WrenchDerivatives, number: float, is_fitted: bool) -> Array:
+    """What noise of motion and wrenches adds to the information of so many rows, shape (u, u)."""
+    unknowns, count, own = body.unknowns, body.count, body.unknowns.own
+    local, common, used = derivatives.local, derivatives.common, forcing_features(body.features)
+    of_robots, size, of_noise = count * own, local.shape[-1], number * body.motion_noise
+    variance = number * _wrench_variance(body, size)
+    noise = _summed_product(common, of_noise, common, used)
+    weighted = (local * variance[:, None, None]).reshape(count, own, -1)
+    by_own = weighted @ local.reshape(count, own, -1).swapaxes(1, 2)
+    noise[:of_robots, :of_robots].reshape(count, own, count, own)[range(count), :, range(count)] += by_own
+    if is_fitted:  # what the level of all noise together would explain is taken out of the score exactly
+        together = common.reshape(unknowns.size, -1) @ (derivatives.of_motion @ of_noise).ravel()
+        on_wrenches = (derivatives.of_wrenches * variance.ravel()).reshape(6, count, size)
+        by_robot = on_wrenches.transpose(1, 0, 2).reshape(count, -1, 1)
+        together[:of_robots] += (local.reshape(count, own, -1) @ by_robot).ravel()
+        noise -= np.outer(together, together) / (6.0 * max(number, 1.0))
+    symmetric: Array = 0.5 * (noise + noise.T)
+    return symmetric
+
+
+def information_table(weight: Array) -> Array:
+    """Takes Gram matrices (..., 169) of ``motion[FORCING]`` to the load's information (..., 256), shape (169, 256).
+
+    Args:
+        weight: Of the residual of the total wrench, shape (6, 6).
+    """
+    size = len(REGRESSOR)
+    flat = REGRESSOR.transpose(1, 0, 2).reshape(6, -1)
+    table = (flat.T @ weight @ flat).reshape(size, LOAD_SIZE, size, LOAD_SIZE)
+    return np.ascontiguousarray(table.transpose(0, 2, 1, 3)).reshape(size * size, -1)

@@ -1,0 +1,199 @@
+"""Second moments of rows, exact for every state that is assumed later.
+
+    G = sum x x^T,    at a state:  sum psi psi^T = see G see^T,    sum x psi^T = G see^T
+
+A robot keeps ``G`` and no poses in it, so nothing has to be summed again when poses become better. ``RowMoments`` keeps
+all of it; for large teams ``coheft.estimation.moments.projected`` keeps what is seen from one state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, Self
+
+import numpy as np
+
+from coheft.estimation.moments import rows
+from coheft.estimation.moments.body import FORCING, FORCING_SIZE, BodyModel
+from coheft.estimation.moments.rows import KINEMATICS, ROW_SIZE, WRENCH
+from coheft.estimation.moments.sensor_errors import ONE, RATES
+from coheft.estimation.moments.unknowns import Indices
+from coheft.estimation.spatial import Array
+
+
+class Moments(Protocol):
+    """Second moments of extended rows of the team, as far as likelihoods need them."""
+
+    def with_motion(self, body: BodyModel) -> Array:
+        """``sum x psi^T`` at a state, shape (X, features)."""
+        ...
+
+    def of_wrenches(self, places: Indices) -> Array:
+        """``sum u u^T`` of all robots' wrenches and their rates, at these places of a row, shape (w N, w N)."""
+        ...
+
+    def sums(self, one: int) -> Array:
+        """``sum x``, shape (X,); ``one`` is the place of the constant, where the number of rows stands."""
+        ...
+
+    def __add__(self, other: Self) -> Self: ...
+
+    def __sub__(self, other: Self) -> Self: ...
+
+
+@dataclass(frozen=True, eq=False)
+class RowMoments:
+    """``G`` itself.
+
+    Attributes:
+        matrix: Shape (X, X).
+    """
+
+    matrix: Array
+
+    @staticmethod
+    def of(extended_rows: Array) -> RowMoments:
+        """Of extended rows, shape (n, X)."""
+        return RowMoments(extended_rows.T @ extended_rows)
+
+    def with_motion(self, body: BodyModel) -> Array:
+        """See ``Moments``."""
+        result: Array = self.matrix @ body.see.T
+        return result
+
+    def of_wrenches(self, places: Indices) -> Array:
+        """See ``Moments``."""
+        result: Array = self.matrix[places[:, None], places]
+        return result
+
+    def sums(self, one: int) -> Array:
+        """See ``Moments``."""
+        result: Array = self.matrix[one]
+        return result
+
+    def __add__(self, other: RowMoments) -> RowMoments:
+        return RowMoments(self.matrix + other.matrix)
+
+    def __sub__(self, other: RowMoments) -> RowMoments:
+        return RowMoments(self.matrix - other.matrix)
+
+
+def wrench_places(count: int, is_moving: bool) -> Indices:
+    """Places of all robots' wrenches, robot by robot, each followed by its rates if there are any, shape (w N,)."""
+    own = ROW_SIZE * np.arange(count)[:, None] + np.arange(WRENCH.start, WRENCH.stop)
+    places: Indices = np.hstack([own, ROW_SIZE * count + 1 + own]) if is_moving else own
+    return places.ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class MotionMoments:
+    """Moments of what motion sensors read, calibrated at a state.
+
+    Attributes:
+        with_motion: ``sum (w, v, a, slope)_i psi^T``, shape (N, 12, features).
+        of_motion: ``sum psi psi^T``, shape (features, features); its first entry is the number of rows.
+    """
+
+    with_motion: Array
+    of_motion: Array
+
+    @property
+    def number(self) -> float:
+        """Of rows."""
+        return float(self.of_motion[0, 0])
+
+
+@dataclass(frozen=True, eq=False)
+class WrenchMoments:
+    """Moments of what force and torque sensors read, calibrated at a state.
+
+    Attributes:
+        of_wrenches: ``sum u u^T`` of all robots' wrenches (w = 6, or 12 with their rates), shape (w N, w N).
+        with_motion: ``sum u psi^T``, shape (w N, features).
+        of_motion: ``sum psi psi^T`` of the same rows, shape (features, features).
+    """
+
+    of_wrenches: Array
+    with_motion: Array
+    of_motion: Array
+
+    @property
+    def number(self) -> float:
+        """Of rows."""
+        return float(self.of_motion[0, 0])
+
+
+@dataclass(frozen=True, eq=False)
+class SeenMoments:
+    """Of all rows, and of those that are of the present load."""
+
+    motion: MotionMoments
+    wrench: WrenchMoments
+
+
+def seen_moments(body: BodyModel, of_all: Moments, of_load: Moments) -> SeenMoments:
+    """Moments at a state, of all rows and of those of the present load."""
+    crossed = of_all.with_motion(body)
+    motion = _motion_moments(body, crossed)
+    if of_load is of_all:
+        return SeenMoments(motion, _wrench_moments(body, of_load, crossed, motion.of_motion))
+    return SeenMoments(motion, wrench_moments(body, of_load))
+
+
+def wrench_moments(body: BodyModel, moments: Moments) -> WrenchMoments:
+    """Moments of wrenches at a state."""
+    crossed = moments.with_motion(body)
+    return _wrench_moments(body, moments, crossed, body.see @ crossed)
+
+
+def view_moments(body: BodyModel, moments: Moments) -> Array:
+    """``sum v v^T`` of views ``v = (motion[FORCING], total wrench)`` of rows at a state, shape (19, 19)."""
+    crossed, places = moments.with_motion(body), wrench_places(body.count, body.is_moving)
+    of_forcing, wrench = crossed[:, FORCING], body.wrench[:, places]
+    one, size = ROW_SIZE * body.count, FORCING_SIZE
+    result = np.zeros((size + 6, size + 6))
+    result[:size, :size] = body.see[FORCING] @ of_forcing
+    result[size:, :size] = body.wrench @ of_forcing
+    result[:size, size:] = result[size:, :size].T
+    constant = body.wrench[:, one]
+    across = np.outer(wrench @ of_forcing[places, 0], constant)
+    square = wrench @ moments.of_wrenches(places) @ wrench.T
+    result[size:, size:] = square + across + across.T + crossed[one, 0] * np.outer(constant, constant)
+    return result
+
+
+def _motion_moments(body: BodyModel, crossed: Array) -> MotionMoments:
+    count, calibration, one = body.count, body.state.calibration, ROW_SIZE * body.count
+    own = crossed[:one].reshape(count, ROW_SIZE, body.features)
+    with_motion = own[:, KINEMATICS]
+    if calibration is not None:
+        with_motion = calibration[:, KINEMATICS, :ROW_SIZE] @ own
+        with_motion = with_motion + calibration[:, KINEMATICS, ONE, None] * crossed[one]
+        if body.is_moving:
+            rates = crossed[one + 1 :].reshape(count, ROW_SIZE, body.features)
+            with_motion = with_motion + calibration[:, KINEMATICS, RATES:] @ rates
+    return MotionMoments(with_motion, body.see @ crossed)
+
+
+def _wrench_moments(body: BodyModel, moments: Moments, crossed: Array, of_motion: Array) -> WrenchMoments:
+    places, count = wrench_places(body.count, body.is_moving), body.count
+    with_motion, of_wrenches = crossed[places], moments.of_wrenches(places)
+    if body.state.calibration is None:
+        return WrenchMoments(of_wrenches, with_motion, of_motion)
+    own = np.arange(rows.WRENCH.start, rows.WRENCH.stop)
+    own = np.concatenate([own, RATES + own]) if body.is_moving else own
+    turn, constant = body.state.calibration[:, own[:, None], own], body.state.calibration[:, own, ONE].ravel()
+    size = len(own)
+
+    def calibrated(left: Array) -> Array:
+        result: Array = (turn @ left.reshape(count, size, -1)).reshape(count * size, -1)
+        return result
+
+    of_wrenches = calibrated(calibrated(of_wrenches).T)
+    sums, with_motion = calibrated(with_motion[:, :1]).ravel(), calibrated(with_motion)
+    if constant.any():
+        one = ROW_SIZE * count
+        across = np.outer(constant, sums)
+        of_wrenches = of_wrenches + across + across.T + crossed[one, 0] * np.outer(constant, constant)
+        with_motion = with_motion + np.outer(constant, crossed[one])
+    return WrenchMoments(of_wrenches, with_motion, of_motion)

@@ -1,0 +1,95 @@
+"""Moments for large teams: of extended rows with ``psi`` as seen at one state, and of wrenches with each other.
+
+    X * features + (6 N)^2 numbers instead of X^2,    psi(now) = (see_then @ predicted_now)^-1 psi(then)
+
+Rows obey ``T x = predicted @ psi`` up to their noise, so what was seen at one state is turned to another one by a
+constant matrix, without the data. The matrix is close to the identity where poses were known when rows were seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.linear_algebra import inverse as inverse_of
+from coheft.estimation.moments import rows
+from coheft.estimation.moments.body import MOTION_SIZE, PRODUCTS, PRODUCTS_BY_RATE, BodyModel, W
+from coheft.estimation.moments.moments import wrench_places
+from coheft.estimation.moments.rows import ROW_SIZE
+from coheft.estimation.moments.sensor_errors import ONE, RATES
+from coheft.estimation.moments.unknowns import Indices
+from coheft.estimation.rigid_body import pack_symmetric
+from coheft.estimation.spatial import Array
+
+
+def motion_then_to_now(then: BodyModel, now: BodyModel) -> Array:
+    """Takes ``psi`` as seen at one state to ``psi`` at another one, shape (features, features)."""
+    predicted, count, gyros = now.predicted_rows(), now.count, now.state.gyros
+    read = np.eye(now.features)  # what gyros read in excess is in the rows
+    read[W, 0] = gyros
+    read[PRODUCTS, W] = np.tensordot(gyros, PRODUCTS_BY_RATE, axes=1)
+    read[PRODUCTS, 0] = pack_symmetric(np.outer(gyros, gyros))
+    if now.is_moving:
+        read[MOTION_SIZE:, MOTION_SIZE:] = read[:MOTION_SIZE, :MOTION_SIZE]
+        read[MOTION_SIZE:, MOTION_SIZE] = 0.0
+    parts = [rows.TWIST, rows.PRODUCTS]
+    parts += [slice(RATES, RATES + 6), slice(RATES + rows.PRODUCTS.start, None)]
+    for part in parts:
+        predicted[:, part] = predicted[:, part] @ read
+    if now.state.calibration is not None:
+        predicted = inverse_of(now.state.calibration) @ predicted
+    extended = [predicted[:, :ROW_SIZE].reshape(-1, now.features), predicted[:1, ONE]]
+    if now.is_moving:
+        extended.append(predicted[:, RATES:].reshape(count * ROW_SIZE, -1))
+    found = then.see @ np.concatenate(extended)
+    if now.is_moving:
+        found[MOTION_SIZE, MOTION_SIZE] = 1.0  # the rate of the constant, which is always 0
+    return inverse_of(found)
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectedMoments:
+    """Moments as seen at the state of ``body``.
+
+    Attributes:
+        body: Where they were seen from.
+        crossed: ``sum x psi^T``, shape (X, features).
+        wrenches: ``sum u u^T``, shape (w N, w N).
+    """
+
+    body: BodyModel
+    crossed: Array
+    wrenches: Array
+
+    @staticmethod
+    def of(extended_rows: Array, body: BodyModel) -> ProjectedMoments:
+        """Of extended rows (n, X), seen at a state."""
+        wrenches = extended_rows[:, wrench_places(body.count, body.is_moving)]
+        return ProjectedMoments(body, extended_rows.T @ (extended_rows @ body.see.T), wrenches.T @ wrenches)
+
+    def seen_from(self, body: BodyModel) -> ProjectedMoments:
+        """The same, turned to another state."""
+        return ProjectedMoments(body, self.with_motion(body), self.wrenches)
+
+    def with_motion(self, body: BodyModel) -> Array:
+        """See ``Moments``."""
+        if body is self.body:
+            return self.crossed
+        result: Array = self.crossed @ motion_then_to_now(self.body, body).T
+        return result
+
+    def of_wrenches(self, places: Indices) -> Array:
+        """See ``Moments``."""
+        return self.wrenches
+
+    def sums(self, one: int) -> Array:
+        """See ``Moments``."""
+        result: Array = self.crossed[:, 0]
+        return result
+
+    def __add__(self, other: ProjectedMoments) -> ProjectedMoments:
+        return ProjectedMoments(self.body, self.crossed + other.crossed, self.wrenches + other.wrenches)
+
+    def __sub__(self, other: ProjectedMoments) -> ProjectedMoments:
+        return ProjectedMoments(self.body, self.crossed - other.crossed, self.wrenches - other.wrenches)

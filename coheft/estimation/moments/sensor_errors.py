@@ -1,0 +1,121 @@
+"""Constant errors of a robot's sensors, as a linear map from what they read to what is true.
+
+    true row = T x,    x = (row, 1, rates of the row),    T <- exp(sum_k eta_k E_k) T
+
+Every generator ``E_k`` has a few entries ``(to, from, factor)``. A new kind of error is one line in ``_generators``.
+Constant errors of gyros, forces and torques are not among ``eta``. Only their sums over the team matter, and these are
+unknowns of the team. Constant errors of velocities do not matter at all, because means of twists are removed.
+
+An error that is not declared is zero: it costs nothing and is not estimated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from coheft.estimation.moments.rows import PRODUCTS, ROW_SIZE, WRENCH, A
+from coheft.estimation.spatial import CROSS_OF_AXES, Array
+
+ONE, RATES = ROW_SIZE, ROW_SIZE + 1
+"""Places of the constant and of the rates in an extended row."""
+_FIRST = {"gyro": 0, "velocity": 3, "acceleration": 6, "force": 12, "torque": 15}
+_SLOPE_AFTER_GYRO = 9
+_AXES = np.eye(3)
+_MATRICES = {
+    "gain": _AXES[None],
+    "scale": _AXES[:, :, None] * _AXES[:, None],
+    "mount": CROSS_OF_AXES,
+    "shear": np.abs(CROSS_OF_AXES),
+}
+_PLACE_OF_PRODUCT = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]]) + PRODUCTS.start
+
+KINDS = (
+    "acceleration_bias",
+    *(f"{sensor}_{what}" for what in _MATRICES for sensor in _FIRST),
+    "clock",
+    "wrench_delay",
+)
+"""Kinds of errors: a bias [m/s²]; a gain of all axes and a scale of each, relative; a small rotation of the mount
+[rad]; cross-talk, relative; delays [s]."""
+
+Entry = tuple[int, int, float]
+
+
+class SensorErrors:
+    """Which constant errors are declared, alike for all robots.
+
+    Args:
+        tolerance: Standard deviation of each kind that is declared; a kind that is missing or 0 is exact.
+
+    Raises:
+        ValueError: A kind is not known.
+
+    Attributes:
+        names: Kind of each parameter.
+        deviations: Prior standard deviation of each parameter, shape (q,).
+        is_moving: Whether an error depends on how fast rows change.
+        width: Numbers of an extended row of one robot.
+        generators: ``E_k``, shape (q, width, width).
+    """
+
+    def __init__(self, tolerance: Mapping[str, float]) -> None:
+        unknown = sorted(set(tolerance) - set(KINDS))
+        if unknown:
+            raise ValueError(f"errors of kind {unknown[0]!r} are not known; there are {', '.join(KINDS)}")
+        kinds = [kind for kind in KINDS if tolerance.get(kind)]
+        generators = [(kind, entries) for kind in kinds for entries in _generators(kind)]
+        self.is_moving = "clock" in kinds or "wrench_delay" in kinds
+        self.width = ROW_SIZE + 1 + (ROW_SIZE if self.is_moving else 0)
+        self.names = tuple(kind for kind, _ in generators)
+        # Clocks count from the anchor's, so the difference of two of them is what is unknown.
+        self.deviations = np.array([tolerance[kind] * (2.0**0.5 if kind == "clock" else 1.0) for kind in self.names])
+        self.generators = np.zeros((len(generators), self.width, self.width))
+        for matrix, (_, entries) in zip(self.generators, generators, strict=True):
+            for to, source, factor in entries:
+                matrix[to, source] += factor
+                if self.is_moving and source < ROW_SIZE:
+                    matrix[RATES + to, RATES + source] += factor
+
+    @property
+    def count(self) -> int:
+        """``q``, parameters of one robot."""
+        return len(self.names)
+
+    def step(self, eta: Array) -> Array:
+        """``exp(sum_k eta_k E_k)`` to third order, of each robot: (N, q) to (N, width, width)."""
+        total = np.tensordot(eta, self.generators, axes=1)
+        square = total @ total
+        result: Array = np.eye(self.width) + total + 0.5 * square + square @ total / 6.0
+        return result
+
+
+def _generators(kind: str) -> list[list[Entry]]:
+    """Entries of each parameter of a kind."""
+    if kind == "acceleration_bias":
+        return [[(A.start + axis, ONE, 1.0)] for axis in range(3)]
+    if kind in ("clock", "wrench_delay"):
+        delayed = range(ROW_SIZE) if kind == "clock" else range(WRENCH.start, WRENCH.stop)
+        return [[(place, RATES + place, 1.0) for place in delayed]]
+    sensor, what = kind.rsplit("_", 1)
+    return [_of_matrix(_FIRST[sensor], matrix) for matrix in _MATRICES[what]]
+
+
+def _of_matrix(first: int, matrix: Array) -> list[Entry]:
+    """``y += matrix @ y`` for the sensor whose three numbers begin at ``first``."""
+    entries: list[Entry] = []
+    for to, source in np.argwhere(matrix).tolist():
+        factor = float(matrix[to, source])
+        entries.append((first + to, first + source, factor))
+        if first == _FIRST["gyro"]:  # its slope and its products are of the same sensor
+            entries.append((_SLOPE_AFTER_GYRO + to, _SLOPE_AFTER_GYRO + source, factor))
+            entries += [
+                (
+                    int(_PLACE_OF_PRODUCT[to, axis]),
+                    int(_PLACE_OF_PRODUCT[source, axis]),
+                    factor * (2.0 if to == axis else 1.0),
+                )
+                for axis in range(3)
+            ]
+    return entries

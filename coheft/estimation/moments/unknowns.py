@@ -1,0 +1,121 @@
+"""What is estimated, and a value of all of it.
+
+    unknowns = (pose 6, eta q) of each robot, one robot after another, then gyro offset 3, wrench offset 6, theta 10
+
+All poses are in one body frame of the estimating robot's own choice, in which the pose of one robot, the anchor, never
+changes. A pose is perturbed by ``(rotation, translation)`` in the axes of the body frame: ``R <- exp(rotation) R``,
+``p <- p + translation``. ``theta = (m, m h, I_o)`` is about the origin of the body frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from coheft.estimation.body_motion import perturbation_between
+from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.spatial import Array, Pose, rotation_exp
+
+Indices = npt.NDArray[np.intp]
+Flags = npt.NDArray[np.bool_]
+POSE_SIZE = 6
+OFFSET, THETA, LOAD_SIZE = slice(0, 6), slice(6, 16), 16
+"""Places within a load ``(wrench offset, theta)``."""
+
+
+class Unknowns:
+    """Places of all unknowns of a team.
+
+    Args:
+        count: Robots.
+        errors: Declared errors of their sensors.
+
+    Attributes:
+        own: Unknowns of one robot.
+        size: All of them.
+        poses: Places of each robot's pose, shape (N, 6).
+        eta: Places of each robot's errors, shape (N, q).
+        gyros, offset, theta, load: Of the team; ``load`` is ``offset`` and ``theta``.
+    """
+
+    def __init__(self, count: int, errors: SensorErrors) -> None:
+        self.count, self.errors, self.own = count, errors, POSE_SIZE + errors.count
+        ends = (count * self.own + np.cumsum([0, 3, 6, 10])).tolist()
+        self.gyros, self.offset, self.theta = (slice(first, end) for first, end in pairwise(ends))
+        self.load, self.size = slice(self.offset.start, self.theta.stop), int(ends[-1])
+        by_robot: Indices = np.arange(count * self.own).reshape(count, self.own)
+        self.poses, self.eta = by_robot[:, :POSE_SIZE], by_robot[:, POSE_SIZE:]
+
+    def of_robot(self, robot: int) -> Indices:
+        """Places of a robot's pose and of its sensors' errors."""
+        return np.arange(self.own * robot, self.own * (robot + 1))
+
+    @cached_property
+    def common(self) -> Indices:
+        """Places of all that belongs to no single robot."""
+        return np.arange(self.gyros.start, self.size)
+
+    @cached_property
+    def motion_size(self) -> int:
+        """How many unknowns come before the load: those of which the motion depends."""
+        return int(self.gyros.stop)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A value of all unknowns.
+
+    Attributes:
+        poses: Of all grasp frames in the body frame.
+        eta: Sums of all steps, shape (N, q).
+        calibration: ``T`` of each robot, shape (N, width, width); None if no errors are declared.
+        gyros: What the fused angular velocity reads in excess, shape (3,) [rad/s].
+        load: ``(wrench offset, theta)``, shape (16,); None while it is unknown.
+    """
+
+    poses: tuple[Pose, ...]
+    eta: Array
+    calibration: Array | None
+    gyros: Array
+    load: Array | None
+
+    @staticmethod
+    def first(poses: Sequence[Pose], errors: SensorErrors) -> State:
+        """A state with exact sensors and without a load."""
+        eta = np.zeros((len(poses), errors.count))
+        return State(tuple(poses), eta, errors.step(eta) if errors.count else None, np.zeros(3), None)
+
+    def moved(self, step: Array, unknowns: Unknowns, farthest: float) -> State:
+        """The state after a step (u,); no sensor's error becomes larger than ``farthest`` standard deviations."""
+        turns, shifts = np.split(step[unknowns.poses], 2, axis=1)
+        poses = tuple(
+            Pose(turn @ pose.rotation, shift + pose.translation)
+            for turn, shift, pose in zip(rotation_exp(turns), shifts, self.poses, strict=True)
+        )
+        eta, calibration = self.eta, self.calibration
+        if calibration is not None:
+            limit = farthest * unknowns.errors.deviations
+            eta = np.clip(eta + step[unknowns.eta], -limit, limit)
+            calibration = unknowns.errors.step(eta - self.eta) @ calibration
+        load = None if self.load is None else self.load + step[unknowns.load]
+        return State(poses, eta, calibration, self.gyros + step[unknowns.gyros], load)
+
+    def since(self, other: State, unknowns: Unknowns) -> Array:
+        """The step (u,) from another state with a load to this one, to first order."""
+        step = np.zeros(unknowns.size)
+        step[unknowns.poses] = [
+            perturbation_between(then, now) for then, now in zip(other.poses, self.poses, strict=True)
+        ]
+        step[unknowns.eta], step[unknowns.gyros] = self.eta - other.eta, self.gyros - other.gyros
+        if self.load is not None and other.load is not None:
+            step[unknowns.load] = self.load - other.load
+        return step
+
+    def with_load(self, load: Array | None) -> State:
+        """The same poses and sensors with another load, or with none."""
+        return replace(self, load=load)
