@@ -83,6 +83,9 @@ class MomentsEstimator:
             return ("the team's rows have just begun",)
         if team.session.suspect is not None:
             return (f"the sensors of {team.names[team.session.suspect]} contradict the motion of the team",)
+        if team.session.rival is not None:
+            robot, sensor = team.session.rival
+            return (f"either the load has changed or the {sensor} sensor of {team.names[robot]} reads too much",)
         missing = team.missing()
         if missing:
             since = self._config.start_of(team.newest + 1)

@@ -77,7 +77,6 @@ class Exchange:
         self._count, self._own, self._hops, self._per_block = count, own, hops, per_block
         places = WINDOW * per_block
         self._rows = np.ones((places, ROW_SIZE * count + 1))
-        self._by_robot = self._rows[:, :-1].reshape(places, count, ROW_SIZE)
         # Of each place in the table the number of its rows, and whose they are, a bit for each robot.
         self._numbers, self._whose, self._all = [-1] * places, [0] * places, (1 << count) - 1
         self._news: list[tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]] = []
@@ -87,7 +86,7 @@ class Exchange:
         """The robot's own row of this number, shape (24,)."""
         if self._is_new(self._own, number):
             rounded = row.astype(np.float32)
-            self._by_robot[number % len(self._numbers), self._own] = rounded
+            self._by_robot()[number % len(self._numbers), self._own] = rounded
             self._news.append((np.array([[self._own, number]], dtype=np.int32), rounded[None]))
 
     def hear(self, message: RowMessage, block: int) -> None:
@@ -96,11 +95,11 @@ class Exchange:
             return
         if self.changed_at < message.changed_at < self._per_block * block:
             self.changed_at = message.changed_at
-        news = []
+        news, by_robot = [], self._by_robot()
         for k, (robot, number) in enumerate(message.labels.tolist()):
             age = block - number // self._per_block
             if 0 <= robot < self._count and 0 < age < WINDOW and number >= 0 and self._is_new(robot, number):
-                self._by_robot[number % len(self._numbers), robot] = message.rows[k]
+                by_robot[number % len(self._numbers), robot] = message.rows[k]
                 if age < self._hops:  # else it has reached everybody
                     news.append(k)
         if news:
@@ -128,6 +127,10 @@ class Exchange:
         place = number % len(self._numbers)
         whose = self._whose[place] if self._numbers[place] == number else 0
         return [robot for robot in range(self._count) if not whose >> robot & 1]
+
+    def _by_robot(self) -> Array:
+        """A view of the table, shape (places, N, 24)."""
+        return self._rows[:, :-1].reshape(len(self._rows), self._count, ROW_SIZE)
 
     def _is_new(self, robot: int, number: int) -> bool:
         """Whether a robot's row was missing; from now on it is not."""

@@ -2,7 +2,7 @@
 
 row -> does its motion contradict the team?   drop it, and those that came with the contradiction
     -> is its wrench a surprise, or is it this robot's turn?   look -> fit to older rows -> look again -> new load
-    -> 15 % more rows than at the last fit?   fit
+    -> 15 % more rows than at the last fit?   fit -> do all rows fit? could it be a sensor instead of a load?
 """
 
 from __future__ import annotations
@@ -13,16 +13,17 @@ import numpy as np
 
 from agents.efficient.monitor import Monitor
 from agents.efficient.settings import Guards
-from coheft.estimation.moments.body import FORCING, load_operator, residual_covariance
-from coheft.estimation.moments.change import Weights, likeliest_change, surprise
+from agents.efficient.sight import Sight
+from coheft.estimation.moments.change import surprise
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.fit import MOST_STEPS, Estimate, Look, fitted
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.likelihood import wrench_evidence
-from coheft.estimation.moments.moments import RowMoments, view_moments, wrench_moments
-from coheft.estimation.moments.row_buffer import VIEW_SIZE, RowBuffer
-from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE
+from coheft.estimation.moments.misfit import explanations, worst_misfit
+from coheft.estimation.moments.moments import RowMoments, wrench_moments
+from coheft.estimation.moments.row_buffer import RowBuffer
+from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.start import first_load, first_poses
 from coheft.estimation.moments.unknowns import Flags, State
 from coheft.estimation.spatial import Array, Pose
@@ -32,36 +33,37 @@ _EXACT_UP_TO = 12
 
 
 class Stage(Enum):
-    """What a session is doing."""
+    """What a session knows of the load."""
 
     GATHERING = "gathering rows of a load that is not known yet"
+    UNDECIDED = "either the load has changed or a sensor reads something in excess"
     ESTIMATING = "the load is known"
-    DOUBTING = "a robot's sensors contradict the team's motion"
 
 
 class Event(Enum):
     """What takes it from one stage to another."""
 
     FITTED = "a load has been fitted"
+    UNDECIDED = "a load has been fitted, but a sensor that reads something in excess explains wrenches as well"
     LOAD_CHANGED = "the load is another one"
-    CONTRADICTED = "a robot's sensors contradict the others"
-    CLEARED = "they have not done so for a while, and the load is known"
-    CLEARED_UNKNOWN = "they have not done so for a while, and the load is not known"
-    STARTED_OVER = "all is forgotten, because poses may be wrong"
+    MISFIT = "wrenches do not fit the load that was fitted to them"
+    STARTED_OVER = "all is forgotten, because motions do not fit the poses that were fitted to them"
 
 
 TRANSITIONS = {
     (Stage.GATHERING, Event.FITTED): Stage.ESTIMATING,
+    (Stage.GATHERING, Event.UNDECIDED): Stage.UNDECIDED,
+    (Stage.GATHERING, Event.MISFIT): Stage.GATHERING,
+    (Stage.GATHERING, Event.STARTED_OVER): Stage.GATHERING,
+    (Stage.UNDECIDED, Event.FITTED): Stage.ESTIMATING,
+    (Stage.UNDECIDED, Event.UNDECIDED): Stage.UNDECIDED,
+    (Stage.UNDECIDED, Event.LOAD_CHANGED): Stage.GATHERING,
+    (Stage.UNDECIDED, Event.MISFIT): Stage.GATHERING,
+    (Stage.UNDECIDED, Event.STARTED_OVER): Stage.GATHERING,
     (Stage.ESTIMATING, Event.FITTED): Stage.ESTIMATING,
     (Stage.ESTIMATING, Event.LOAD_CHANGED): Stage.GATHERING,
-    (Stage.GATHERING, Event.CONTRADICTED): Stage.DOUBTING,
-    (Stage.ESTIMATING, Event.CONTRADICTED): Stage.DOUBTING,
-    (Stage.DOUBTING, Event.CONTRADICTED): Stage.DOUBTING,
-    (Stage.DOUBTING, Event.CLEARED): Stage.ESTIMATING,
-    (Stage.DOUBTING, Event.CLEARED_UNKNOWN): Stage.GATHERING,
-    (Stage.GATHERING, Event.STARTED_OVER): Stage.GATHERING,
+    (Stage.ESTIMATING, Event.MISFIT): Stage.GATHERING,
     (Stage.ESTIMATING, Event.STARTED_OVER): Stage.GATHERING,
-    (Stage.DOUBTING, Event.STARTED_OVER): Stage.GATHERING,
 }
 """All that can happen; anything else is an error in this file."""
 
@@ -77,41 +79,44 @@ class Session:
         prior: What was learned in a former team.
 
     Attributes:
-        stage: What it is doing.
-        estimate: What is known, None at first.
+        stage: What it knows of the load.
+        estimate: Of poses and load, None at first.
         changes: Of the load: number of its first row, and of the row at which that was noticed.
-        suspect: Place of the robot whose sensors contradict the others, while the stage is ``DOUBTING``.
+        suspect: Place of a robot whose motion sensors contradict the others at present, or None.
+        rival: Robot and sensor that may read something in excess, while the stage is ``UNDECIDED``.
     """
 
     def __init__(self, count: int, own: int, settings: FitSettings, guards: Guards, prior: Prior | None = None) -> None:
         self._count, self._own, self._settings, self._guards = count, own, settings, guards
         self._growth = guards.growth_of_errors if settings.errors.count else guards.growth
-        self._least = max(4, round(guards.first_rows / settings.period))
-        self._turn = max(1, round(guards.turn / settings.period))
-        self._clear = max(4, round(guards.clear_rows / settings.period))
-        self._lasting = round(guards.lasting / settings.period)
+
+        def rows(seconds: float, least: int = 1) -> int:
+            return max(least, round(seconds / settings.period))
+
+        self._least, self._clear = rows(guards.first_rows, 4), rows(guards.clear_rows, 4)
+        self._turn, self._lasting, self._longest = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
+        self.stage = Stage.GATHERING
         self.estimate: Estimate | None = None
         self.suspect: int | None = None
         self.changes: list[tuple[int, int]] = []
-        self._told_of = -1  # the newest change that another robot has told of
-        self.stage = Stage.GATHERING
+        self.rival: tuple[int, str] | None = None
+        self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(prior)
         if prior is not None:
             self._guess = prior.guess
-            self.estimate = fitted(
-                prior.state, self._chapter.look(), self._chapter.said_before, prior.guess, settings, own, most_steps=1
-            )
+            look, before = self._chapter.look(), self._chapter.said_before
+            self._know(fitted(prior.state, look, before, prior.guess, settings, own, most_steps=1))
             self.stage = TRANSITIONS[self.stage, Event.FITTED]
-            self._see_with(self.estimate)
 
     def _begin(self, prior: Prior | None = None) -> None:
         """With an empty buffer."""
-        size = ROW_SIZE * self._count + 1
-        settings, count = self._settings, self._count
-        self._buffer = RowBuffer(size, settings.errors.is_moving, settings.period, count > _EXACT_UP_TO)
+        settings, size = self._settings, ROW_SIZE * self._count + 1
+        is_large = self._count > _EXACT_UP_TO
+        self._buffer = RowBuffer(size, settings.errors.is_moving, settings.period, is_large)
         self._chapter = Chapter(self._buffer, settings, prior)
-        self._monitor = Monitor(count, self._guards)
+        self._monitor = Monitor(self._count, self._guards)
         self.estimate, self.suspect = None, None
+        self._settled: Array | None = None  # the load before the last change, while that is undecided
         self._next_fit, self._surprises, self._look_until = self._least, 0, -1
         self._in_vain, self._pause, self._level = 0, -1, 1.0
         self._doubted_at = self._contradicted_at = -1
@@ -135,30 +140,29 @@ class Session:
 
     def take(self, number: int, row: Array) -> None:
         """One more row of the whole team, shape (24 N + 1,); any may be missing or late."""
-        row = self._buffer.extended(number, row)
+        buffer, row = self._buffer, self._buffer.extended(number, row)
+        self._newest = max(self._newest, number)
         if self.estimate is None:
-            self._buffer.add(number, row)
-            if self._buffer.load_rows >= self._next_fit:
-                self._fit()
-            return
-        looked = self._matrices @ row
-        view, wrench, motion = np.split(looked, (VIEW_SIZE, VIEW_SIZE + 6))
-        if not self._is_believed(number, row, motion, self.estimate):
-            return
-        place, has_moved = self._buffer.add(number, row)
-        if self.stage is Stage.GATHERING:
-            if self._buffer.load_rows >= self._next_fit:
-                self._fit()
-            return
-        if has_moved:
-            self._see_with(self.estimate)
-        self._buffer.views[place] = view
-        self._surprises = self._surprises + 1 if wrench @ wrench > self._guards.largest_surprise else 0
-        is_own_turn = number % self._turn == self._own * self._turn // self._count
-        if (self._surprises >= 2 or number <= self._look_until or is_own_turn) and self._look_for_change(number):
-            return
-        if self._buffer.load_rows >= self._next_fit and not self._look_for_change(number):
+            buffer.add(number, row)
+        else:
+            look = self._sight.look(row)
+            if not self._is_believed(number, row, look.motion, self.estimate):
+                return
+            place, has_moved = buffer.add(number, row)
+            buffer.views[place] = look.view
+            if self.stage is not Stage.GATHERING:
+                if has_moved:
+                    self._know(self.estimate)
+                self._surprises = (
+                    self._surprises + 1 if look.wrench @ look.wrench > self._guards.largest_surprise else 0
+                )
+                is_own_turn = number % self._turn == self._own * self._turn // self._count
+                is_urgent = self._surprises >= 2 or number <= self._look_until
+                if (is_urgent or is_own_turn) and self._look_for_change(number):
+                    return
+        if buffer.load_rows >= self._next_fit and not self._look_for_change(number):
             self._fit()
+            self._judge()
 
     # --- contradictions ---
 
@@ -168,20 +172,40 @@ class Session:
             return True
         found = self._monitor.add(residuals, estimate.body.see @ row, estimate)
         if found is not None:
-            if self.stage is not Stage.DOUBTING:
+            if self.suspect is None:
                 self._doubted_at = number
-                taken_back = self._buffer.take_back(number - found.rows)
-                self._next_fit -= taken_back
-            self.stage, self.suspect = TRANSITIONS[self.stage, Event.CONTRADICTED], found.robot
-            self._contradicted_at = number
+                self._next_fit -= self._buffer.take_back(number - found.rows)
+            self.suspect, self._contradicted_at = found.robot, number
             self._monitor.forget()
             if number - self._doubted_at > self._lasting:
                 self._start_over()
             return False
-        if self.stage is Stage.DOUBTING and number - self._contradicted_at >= self._clear:
-            event = Event.CLEARED_UNKNOWN if estimate.state.load is None else Event.CLEARED
-            self.stage, self.suspect = TRANSITIONS[self.stage, event], None
-        return self.stage is not Stage.DOUBTING
+        if self.suspect is not None and number - self._contradicted_at >= self._clear:
+            self.suspect = None
+        return self.suspect is None
+
+    def _judge(self) -> None:
+        """After a fit: whether all rows fit, and whether it could not be a sensor instead of a load."""
+        buffer, guards, estimate = self._buffer, self._guards, self.estimate
+        assert estimate is not None
+        assert estimate.state.load is not None
+        event, first = Event.FITTED, buffer.start
+        wrench, motion = self._sight.residuals(buffer.rows[: buffer.count])
+        worst_motion, worst_wrench = worst_misfit(motion), worst_misfit(wrench[first:])
+        if worst_motion is not None and worst_motion.chi_square > guards.largest_motion_misfit:
+            self._start_over()
+            return
+        if worst_wrench is not None and worst_wrench.chi_square > guards.largest_wrench_misfit:
+            self._forget_load(buffer.count, Event.MISFIT, estimate)
+            return
+        if self._settled is not None:
+            found = explanations(estimate.body, wrench_moments(estimate.body, buffer.moments()[1]), self._settled)
+            is_clear = found.sensor < guards.largest_excess or found.load - found.sensor > guards.lead
+            if is_clear or self._newest - self.changed_at > self._longest:
+                self._settled = self.rival = None
+            else:
+                event, self.rival = Event.UNDECIDED, (found.robot, found.kind)
+        self.stage = TRANSITIONS[self.stage, event]
 
     def _start_over(self) -> None:
         self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]
@@ -191,14 +215,14 @@ class Session:
 
     def _look_for_change(self, number: int) -> bool:
         """Whether the load has changed: what looks like it must still do so against a fit to older rows only."""
-        if number < self._pause:
-            return False
-        since, size = self._likeliest_change()
-        if size <= 1.0:
+        if self.stage is Stage.GATHERING or number < self._pause:
             return False
         buffer = self._buffer
+        since, size = self._sight.likeliest_change(buffer)
+        if size <= 1.0:
+            return False
         self._fit(before=buffer.start + since)
-        since, now = self._likeliest_change()[0], self.estimate
+        since, now = self._sight.likeliest_change(buffer)[0], self.estimate
         assert now is not None
         assert now.state.load is not None
         place = buffer.start + since
@@ -212,16 +236,19 @@ class Session:
             return False
         self._in_vain = 0
         self.changes.append((int(buffer.numbers[place]), number))
-        self._chapter.end_of_load(now, self._guess, place, not now.hidden_poses().any())
-        body = self._settings.body(now.state.with_load(None), self._level)
-        self.estimate = Estimate(body, now.seen, now.hidden, now.step, now.size, now.level)
-        self.stage = TRANSITIONS[self.stage, Event.LOAD_CHANGED]
-        self._surprises, self._look_until, self._next_fit = 0, -1, self._least
+        if self._settled is None:
+            self._settled = now.state.load
+        self._forget_load(place, Event.LOAD_CHANGED, now)
         return True
 
-    def _likeliest_change(self) -> tuple[int, float]:
-        buffer = self._buffer
-        return likeliest_change(buffer.views[buffer.start : buffer.count], self._before, self._weights)
+    def _forget_load(self, place: int, event: Event, now: Estimate) -> None:
+        """From this place on the load has to be found anew; what was learned of poses before stays."""
+        has_changed = event is Event.LOAD_CHANGED
+        self._chapter.end_of_load(now, self._guess, place, has_changed and not now.hidden_poses().any())
+        body = self._settings.body(now.state.with_load(None), self._level)
+        self.estimate = Estimate(body, now.seen, now.hidden, now.step, now.size, now.level)
+        self.stage = TRANSITIONS[self.stage, event]
+        self._surprises, self._look_until, self._next_fit = 0, -1, self._least
 
     # --- fits ---
 
@@ -238,12 +265,7 @@ class Session:
             body = settings.body(state, self._level)
             self._guess = Guess.of(body, self._buffer.moments()[1])
             state = first_load(state, look(body).wrench, self._guess, settings, self._level)
-        self.estimate = fitted(
-            state, look, chapter.said_before, self._guess, settings, self._own, MOST_STEPS, self._level
-        )
-        self._level = self.estimate.level
-        self.stage = TRANSITIONS[self.stage, Event.FITTED]
-        self._see_with(self.estimate)
+        self._know(fitted(state, look, chapter.said_before, self._guess, settings, self._own, MOST_STEPS, self._level))
         number = self._buffer.load_rows
         self._next_fit = max(number + 3, round(self._growth * number))
 
@@ -257,26 +279,8 @@ class Session:
         guess = Guess.of(settings.body(state), kept)
         return fitted(state, look, self._chapter.said_before, guess, settings, self._own).state
 
-    def _see_with(self, estimate: Estimate) -> None:
-        """See all rows that are kept with an estimate, and from now on each that comes."""
-        body, buffer, load = estimate.body, self._buffer, estimate.state.load
-        assert load is not None
-        if not estimate.hidden_poses().any():
-            buffer.see_from(body)
-        of_all, of_load = buffer.moments()
-        see = np.vstack([body.see[FORCING], body.wrench])
-        buffer.views[: buffer.count] = buffer.rows[: buffer.count] @ see.T
-        summed = buffer.views[buffer.start : buffer.start + buffer.load_summed]
-        self._before = np.zeros((VIEW_SIZE, VIEW_SIZE))
-        if not buffer.keeps_whole_load:
-            self._before = view_moments(body, of_load) - summed.T @ summed
-        self._weights = Weights.of(body, load, self._chapter.said_before(body))
-        root = np.linalg.cholesky(residual_covariance(body, load))
-        whitened = np.linalg.solve(root, body.wrench - load_operator(load) @ body.see[FORCING])
-        residuals, one = body.whitened_residuals(), ROW_SIZE * self._count
-        sums = of_all.sums(one)
-        mean = residuals @ (sums / max(float(sums[one]), 1.0))
-        is_twist = np.arange(len(mean)) % KINEMATICS_SIZE < 6
-        residuals[:, one] -= np.where(is_twist, mean, 0.0)  # what gyros and velocities always read in excess
-        self._matrices = np.vstack([see, whitened, residuals])
+    def _know(self, estimate: Estimate) -> None:
+        """From now on this is what is known, and how rows are seen."""
+        self.estimate, self._level = estimate, estimate.level
+        self._sight = Sight(estimate, self._chapter)
         self._monitor.forget()

@@ -22,7 +22,11 @@ class Guards:
             any fault. There are some 250 windows per second and robot, so this is one in many years.
         clear_rows: A robot that contradicted the team is believed again after so long without a contradiction [s].
         lasting: A contradiction that lasts so long may be the poses' own: all begins anew [s].
-        misfit: Probability that rows fit each other as badly as that, over the whole fit, without any fault.
+        misfit: Probability that a stretch of rows fits as badly as that without any fault; a fit has some ten thousand.
+        lead: By so much of the squared residuals another load must explain the wrenches better than a sensor that reads
+            something in excess: odds of ``exp(lead / 2)``.
+        excess: Probability that a sensor seems to read something in excess without doing so.
+        undecided: After so long without an answer the load is believed to have changed [s]: a fault is over by then.
         waiting: Rows are missed when none of the whole team has come for so long, news of the graph not counted [s].
         patience: After n second looks in vain there is none for ``2**n`` rows, with n at most this.
     """
@@ -35,7 +39,10 @@ class Guards:
     contradiction: float = 1e-11
     clear_rows: float = 0.3
     lasting: float = 1.5
-    misfit: float = 1e-9
+    misfit: float = 1e-13
+    lead: float = 25.0
+    excess: float = 1e-4
+    undecided: float = 4.0
     waiting: float = 0.15
     patience: int = 4
 
@@ -43,6 +50,21 @@ class Guards:
     def largest_surprise(self) -> float:
         """Chi-square of a row's wrench."""
         return chi_square_threshold(WRENCH_SIZE, self.surprise)
+
+    @property
+    def largest_motion_misfit(self) -> float:
+        """Chi-square of a robot's motion over a stretch of rows."""
+        return chi_square_threshold(KINEMATICS_SIZE, self.misfit)
+
+    @property
+    def largest_wrench_misfit(self) -> float:
+        """Chi-square of the wrench over a stretch of rows."""
+        return chi_square_threshold(WRENCH_SIZE, self.misfit)
+
+    @property
+    def largest_excess(self) -> float:
+        """Chi-square of a sensor's excess, three degrees of freedom, less these."""
+        return chi_square_threshold(3, self.excess) - 3.0
 
     @property
     def largest_contradiction(self) -> float:

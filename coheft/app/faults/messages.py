@@ -45,7 +45,8 @@ def is_refused_in_another_run(message: NeighbourMessage) -> bool:
 def lie_about(message: NeighbourMessage, fault: Lie, rng: np.random.Generator) -> NeighbourMessage:
     """The message with wrong numbers in all that is sampled or summed: its arrays of two or more dimensions."""
     channels = {
-        name: _lie(array, fault, rng) if array.ndim > 1 else array for name, array in sorted(message.channels.items())
+        name: _lie(array, fault, rng) if array.ndim > 1 and array.dtype.kind == "f" else array
+        for name, array in sorted(message.channels.items())
     }
     return msgspec.structs.replace(message, channels=channels)
 
@@ -58,7 +59,7 @@ def _lie(array: Array, fault: Lie, rng: np.random.Generator) -> Array:
         case "offset":
             return array + fault.size * rms
         case "garbage":
-            return rms * rng.standard_normal(array.shape)
+            return (rms * rng.standard_normal(array.shape)).astype(array.dtype)
 
 
 def malformed(message: NeighbourMessage, rng: np.random.Generator) -> NeighbourMessage:
@@ -76,4 +77,4 @@ def malformed(message: NeighbourMessage, rng: np.random.Generator) -> NeighbourM
             return replace(nonsense, channels={name: array[..., None] for name, array in message.channels.items()})
         case _:
             value = rng.choice([np.nan, np.inf, -np.inf])
-            return replace(nonsense, channels={name: np.full_like(a, value) for name, a in message.channels.items()})
+            return replace(nonsense, channels={name: np.full(a.shape, value) for name, a in message.channels.items()})

@@ -44,14 +44,18 @@ def longest_row(robots: int) -> float:
 
 
 def rows_per_block(samples: int, rate: float, longest: float = _LONGEST) -> int:
-    """How many rows a block is cut into; each row has at least two samples, so that it has a slope.
+    """How many rows a block is cut into: the fewest of equal length that are short enough.
+
+    Each has at least two samples, so that it has a slope. Where no number of rows divides a block so, rows are longer.
 
     Args:
         samples: Of a block.
         rate: Samples per second.
         longest: Duration of a row [s].
     """
-    return max(1, min(samples // 2, math.ceil(samples / (rate * longest) - 1e-9)))
+    possible = [parts for parts in range(1, samples // 2 + 1) if samples % parts == 0]
+    short_enough = [parts for parts in possible if samples <= parts * rate * longest + 1e-9]
+    return min(short_enough, default=max(possible, default=1))
 
 
 def blocks_per_row(samples: int, rate: float, longest: float) -> int:

@@ -1,0 +1,80 @@
+"""How rows look with one estimate: each becomes 13 numbers of the motion, the total wrench, and all residuals.
+
+(motion[FORCING], wrench, whitened residual of the wrench, whitened residuals of all motion sensors) = matrix @ row
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from coheft.estimation.moments.body import FORCING, load_operator, residual_covariance
+from coheft.estimation.moments.change import Weights, likeliest_change
+from coheft.estimation.moments.chapter import Chapter
+from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.moments.moments import view_moments
+from coheft.estimation.moments.row_buffer import VIEW_SIZE, RowBuffer
+from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, TWIST, WRENCH_SIZE
+from coheft.estimation.spatial import Array
+
+_MOTION = VIEW_SIZE + WRENCH_SIZE
+
+
+class Look(NamedTuple):
+    """A row as it is seen.
+
+    Attributes:
+        view: ``(motion[FORCING], wrench)``, shape (19,).
+        wrench: Residual of the total wrench in standard deviations, shape (6,).
+        motion: Residuals of all robots' motion sensors in standard deviations, shape (12 N,).
+    """
+
+    view: Array
+    wrench: Array
+    motion: Array
+
+
+class Sight:
+    """What follows from an estimate with a load and from the rows that are kept.
+
+    Args:
+        estimate: The estimate.
+        chapter: What is known besides; its buffer's views become those of this estimate.
+    """
+
+    def __init__(self, estimate: Estimate, chapter: Chapter) -> None:
+        body, buffer, load = estimate.body, chapter.buffer, estimate.state.load
+        assert load is not None
+        if not estimate.hidden_poses().any():
+            buffer.see_from(body)
+        of_all, of_load = buffer.moments()
+        see = np.vstack([body.see[FORCING], body.wrench])
+        buffer.views[: buffer.count] = buffer.rows[: buffer.count] @ see.T
+        self._older = np.zeros((VIEW_SIZE, VIEW_SIZE))
+        if not buffer.keeps_whole_load:
+            summed = buffer.views[buffer.start : buffer.start + buffer.load_summed]
+            self._older = view_moments(body, of_load) - summed.T @ summed
+        self._weights = Weights.of(body, load, chapter.said_before(body))
+        root = np.linalg.cholesky(residual_covariance(body, load))
+        whitened = np.linalg.solve(root, body.wrench - load_operator(load) @ body.see[FORCING])
+        residuals, one = body.whitened_residuals(), ROW_SIZE * body.count
+        sums = of_all.sums(one)
+        mean = residuals @ (sums / max(float(sums[one]), 1.0))
+        is_twist = np.arange(len(mean)) % KINEMATICS_SIZE < TWIST.stop
+        residuals[:, one] -= np.where(is_twist, mean, 0.0)  # what gyros and velocities always read in excess
+        self._matrix = np.vstack([see, whitened, residuals])
+
+    def look(self, row: Array) -> Look:
+        """At an extended row (X,)."""
+        seen = self._matrix @ row
+        return Look(seen[:VIEW_SIZE], seen[VIEW_SIZE:_MOTION], seen[_MOTION:])
+
+    def residuals(self, rows: Array) -> tuple[Array, Array]:
+        """Of extended rows (n, X): of the wrench, shape (n, 1, 6), and of motion sensors, shape (n, N, 12)."""
+        seen = rows @ self._matrix[VIEW_SIZE:].T
+        return seen[:, None, :WRENCH_SIZE], seen[:, WRENCH_SIZE:].reshape(len(rows), -1, KINEMATICS_SIZE)
+
+    def likeliest_change(self, buffer: RowBuffer) -> tuple[int, float]:
+        """The first look, see ``coheft.estimation.moments.change``."""
+        return likeliest_change(buffer.views[buffer.start : buffer.count], self._older, self._weights)

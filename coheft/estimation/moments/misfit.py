@@ -1,0 +1,105 @@
+"""Whether rows fit what was fitted to them, and if wrenches do not, whether a load or a sensor has changed.
+
+    s = sum of whitened residuals of k rows in a row / sqrt(k),    s . s ~ chi-square        without any fault
+
+Residuals of a fit are smaller than noise, so nothing has to be allowed for what the fit does not know.
+
+A sensor of robot i that reads a constant ``b`` in excess adds ``Ad(g_i) b`` to the total wrench, always the same in the
+body frame; gravity turns in it. The two are compared by how much of the squared residuals each of them explains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.moments.body import BodyModel
+from coheft.estimation.moments.derivatives import MotionDerivatives
+from coheft.estimation.moments.likelihood import wrench_evidence
+from coheft.estimation.moments.moments import WrenchMoments
+from coheft.estimation.moments.unknowns import LOAD_SIZE, OFFSET, THETA
+from coheft.estimation.spatial import Array
+
+WINDOWS = (1, 2, 4, 8, 16, 32)
+"""Numbers of rows in a row that are tested: longer ones would show what rows approximate."""
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """The worst stretch of rows.
+
+    Attributes:
+        first: Its first row.
+        rows: Its length.
+        source: Which of the sources of residuals.
+        chi_square: Of the sum of its residuals.
+    """
+
+    first: int
+    rows: int
+    source: int
+    chi_square: float
+
+
+def worst_misfit(residuals: Array) -> Misfit | None:
+    """The stretch of rows that fits worst, None if there are no rows.
+
+    Args:
+        residuals: In standard deviations, of n rows and s sources with d numbers each, shape (n, s, d).
+    """
+    worst: Misfit | None = None
+    sums = np.concatenate([np.zeros((1, *residuals.shape[1:])), np.cumsum(residuals, axis=0)])
+    for rows in WINDOWS:
+        if rows > len(residuals):
+            break
+        squares = np.square(sums[rows:] - sums[:-rows]).sum(axis=2) / rows
+        first, source = np.unravel_index(int(squares.argmax()), squares.shape)
+        found = float(squares[first, source])
+        if worst is None or found > worst.chi_square:
+            worst = Misfit(int(first), rows, int(source), found)
+    return worst
+
+
+@dataclass(frozen=True)
+class Explanations:
+    """How much of the squared residuals of wrenches is explained, less what so many free numbers explain by chance.
+
+    Attributes:
+        load: By another load.
+        sensor: By a constant excess of the one force or torque sensor that explains most.
+        robot: Whose sensor that is.
+        kind: Which.
+    """
+
+    load: float
+    sensor: float
+    robot: int
+    kind: str
+
+
+def explanations(body: BodyModel, moments: WrenchMoments, load: Array) -> Explanations:
+    """How well another load, or a sensor that reads something in excess, explains wrenches.
+
+    Args:
+        body: At the state.
+        moments: Of the wrenches.
+        load: Wrench offset and theta before, shape (16,).
+    """
+    derivatives = MotionDerivatives.at(body)
+    evidence = wrench_evidence(body, derivatives, moments, load)
+    about = evidence.of(np.arange(body.unknowns.size)[body.unknowns.load])
+    spread = about.information + about.noise
+
+    def explained(basis: Array) -> float:
+        """By steps in the columns of ``basis`` (16, k)."""
+        scale = 1.0 / np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", basis, spread, basis), 1e-300))
+        scaled = basis * scale
+        score, square = scaled.T @ about.score, scaled.T @ spread @ scaled
+        return float(score @ np.linalg.lstsq(square, score, rcond=1e-10)[0]) - basis.shape[1]
+
+    identity, best = np.eye(LOAD_SIZE), (-np.inf, 0, "force")
+    for robot, adjoint in enumerate(body.adjoints):
+        for kind, part in (("force", slice(0, 3)), ("torque", slice(3, 6))):
+            best = max(best, (explained(identity[:, OFFSET] @ adjoint[:, part]), robot, kind))
+    return Explanations(explained(identity[:, THETA]), *best)
