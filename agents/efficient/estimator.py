@@ -65,7 +65,7 @@ class MomentsEstimator:
             if message is not None:
                 team.exchange.hear(message, index)
         team.session.hear_of_change(team.exchange.changed_at, index * self._parts)
-        if own is not None:
+        if own is not None and index >= team.start:
             for part, samples in enumerate(np.split(own.samples, self._parts)):
                 row = row_of_samples(samples, self._config.noise.gyro**2, self._config.rate)
                 team.exchange.enter(index * self._parts + part, row)
@@ -86,6 +86,8 @@ class MomentsEstimator:
         if team.session.rival is not None:
             robot, sensor = team.session.rival
             return (f"either the load has changed or the {sensor} sensor of {team.names[robot]} reads too much",)
+        if not team.session.is_confirmed:
+            return ("what was known before is being confirmed by new measurements",)
         missing = team.missing()
         if missing:
             since = self._config.start_of(team.newest + 1)
@@ -114,7 +116,8 @@ class MomentsEstimator:
         if last is not None and known is not None:
             places = [last.places.get(each) for each in self._lives(names)]
             prior = known.for_team(places, self._settings)
-        self._team = _Team(self._lives(names), names.index(name), membership, graph, self, prior, index)
+        start = max(index, self._gossip.changed_at)
+        self._team = _Team(self._lives(names), names.index(name), membership, graph, self, prior, start)
 
     def _lives(self, names: list[str]) -> list[tuple[str, int, int]]:
         """Of each robot its name and since when it is what it is."""
@@ -179,6 +182,7 @@ class _Team:
         places: Place of each robot by its name and life.
         names: Of its robots.
         own: Place of this one.
+        start: First block in which all of them hold the load.
         noticed: Block in which each change of the load was noticed.
         newest: Newest block of which a row was taken, -1 if none.
     """
@@ -191,7 +195,7 @@ class _Team:
         graph: Mapping[str, tuple[str, ...]],
         estimator: MomentsEstimator,
         prior: Prior | None,
-        index: int,
+        start: int,
     ) -> None:
         self.places = {life: place for place, life in enumerate(lives)}
         self.names, self.own = [name for name, _, _ in lives], own
@@ -201,8 +205,8 @@ class _Team:
         self._waits = self._hops + max(2, config.blocks(guards.waiting))
         self.exchange = Exchange(membership, len(lives), own, self._hops, self._parts)
         self.session = Session(len(lives), own, estimator._settings, guards, prior)
-        self._next, self._taken = index * self._parts, set[int]()
-        self.newest, self._index = index - 1, index
+        self._next, self._taken = start * self._parts, set[int]()
+        self.start, self.newest, self._index = start, start - 1, start
         self.noticed: list[int] = []
 
     def take(self, index: int) -> None:

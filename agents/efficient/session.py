@@ -94,6 +94,7 @@ class Session:
             return max(least, round(seconds / settings.period))
 
         self._least, self._clear = rows(guards.first_rows, 4), rows(guards.clear_rows, 4)
+        self._waits, self._confirming = rows(guards.waiting), rows(guards.confirming, 3)
         self._turn, self._lasting, self._longest = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
         self.stage = Stage.GATHERING
         self.estimate: Estimate | None = None
@@ -101,6 +102,7 @@ class Session:
         self.changes: list[tuple[int, int]] = []
         self.rival: tuple[int, str] | None = None
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
+        self._confirmed_by = 0  # the row from which on what is known holds again
         self._begin(prior)
         if prior is not None:
             self._guess = prior.guess
@@ -123,6 +125,9 @@ class Session:
 
     def prior(self) -> Prior | None:
         """All that is known, for another team of which this robot is part; None if there is nothing to rely upon."""
+        if self.stage is Stage.ESTIMATING and self._buffer.count and not self._look_for_change(self._newest):
+            self._fit()  # so that the newest rows have been judged as well
+            self._judge()
         estimate = self.estimate
         if self.stage is not Stage.ESTIMATING or estimate is None or estimate.hidden_poses().any():
             return None
@@ -133,6 +138,11 @@ class Session:
         """Number of the first row with the present load, -1 if it has never changed."""
         return self.changes[-1][0] if self.changes else -1
 
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether what was known before rows were missing, or in a former team, has fitted rows since."""
+        return self._newest >= self._confirmed_by
+
     def hear_of_change(self, first: int, number: int) -> None:
         """Another robot has found that the load changed at row ``first``: look for oneself for a while."""
         if first > max(self.changed_at + self._turn, self._told_of):
@@ -141,6 +151,8 @@ class Session:
     def take(self, number: int, row: Array) -> None:
         """One more row of the whole team, shape (24 N + 1,); any may be missing or late."""
         buffer, row = self._buffer, self._buffer.extended(number, row)
+        if number > self._newest + 1 + self._waits:
+            self._confirmed_by = number + self._confirming
         self._newest = max(self._newest, number)
         if self.estimate is None:
             buffer.add(number, row)
@@ -157,7 +169,7 @@ class Session:
                     self._surprises + 1 if look.wrench @ look.wrench > self._guards.largest_surprise else 0
                 )
                 is_own_turn = number % self._turn == self._own * self._turn // self._count
-                is_urgent = self._surprises >= 2 or number <= self._look_until
+                is_urgent = self._surprises >= 2 or number <= max(self._look_until, self._confirmed_by)
                 if (is_urgent or is_own_turn) and self._look_for_change(number):
                     return
         if buffer.load_rows >= self._next_fit and not self._look_for_change(number):

@@ -28,6 +28,8 @@ class Guards:
         excess: Probability that a sensor seems to read something in excess without doing so.
         undecided: After so long without an answer the load is believed to have changed [s]: a fault is over by then.
         waiting: Rows are missed when none of the whole team has come for so long, news of the graph not counted [s].
+        confirming: After rows were missing, or in another team, what was known holds only when it has fitted new rows for
+            so long [s]: the load may have changed meanwhile.
         patience: After n second looks in vain there is none for ``2**n`` rows, with n at most this.
     """
 
@@ -44,6 +46,7 @@ class Guards:
     excess: float = 1e-4
     undecided: float = 4.0
     waiting: float = 0.15
+    confirming: float = 0.1
     patience: int = 4
 
     @property

@@ -96,7 +96,8 @@ def explanations(body: BodyModel, moments: WrenchMoments, load: Array) -> Explan
         scale = 1.0 / np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", basis, spread, basis), 1e-300))
         scaled = basis * scale
         score, square = scaled.T @ about.score, scaled.T @ spread @ scaled
-        return float(score @ np.linalg.lstsq(square, score, rcond=1e-10)[0]) - basis.shape[1]
+        step: Array = np.asarray(np.linalg.lstsq(square, score, rcond=1e-10)[0])
+        return float(score @ step) - float(basis.shape[1])
 
     identity, best = np.eye(LOAD_SIZE), (-np.inf, 0, "force")
     for robot, adjoint in enumerate(body.adjoints):
