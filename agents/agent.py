@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.carried_sums import EfficientEstimator
 from agents.carrier import Carrier
-from agents.efficient.estimator import MomentsEstimator
+from agents.efficient.estimator import EfficientEstimator
 from agents.estimator import Estimator, EstimatorFactory
 from agents.inbox import NeighbourInbox
 from agents.motion import make_motion
@@ -29,11 +28,7 @@ from coheft.wire.message_size import LARGEST
 from coheft.wire.messages import Estimate, NeighbourMessage, Reference
 from consensus.gossip import Gossip
 
-ESTIMATORS: dict[str, EstimatorFactory] = {
-    "efficient": EfficientEstimator,
-    "moments": MomentsEstimator,
-    "seed": SeedEstimator,
-}
+ESTIMATORS: dict[str, EstimatorFactory] = {"efficient": EfficientEstimator, "seed": SeedEstimator}
 """Those that come with coheft; others are found by their entry points, see ``coheft.wire.plugins``."""
 
 _SILENT = 2

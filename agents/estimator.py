@@ -2,7 +2,7 @@
 
 To add one: write a class with the methods of ``Estimator``. In a package of your own it gets its name by an entry
 point, see docs/own.md, and ``agents.own_estimator`` checks what its methods return; in this one it gets it in
-``agents.agent.ESTIMATORS``, ``coheft.wire.plugins.SECTIONS`` and ``coheft.wire.message_size.SUMS``.
+``agents.agent.ESTIMATORS``, ``coheft.wire.plugins.SECTIONS`` and ``coheft.wire.message_size.ARRAYS``.
 """
 
 from __future__ import annotations

@@ -113,16 +113,3 @@ def acceleration(poses: Sequence[Pose], w: Array, readings: Array) -> Array:
         right_side = np.concatenate([turn - spin @ position for turn, position in zip(turned, positions, strict=True)])
         result[k] = np.linalg.lstsq(design, right_side, rcond=None)[0]
     return result
-
-
-def change_statistic(regressors: Array, wrenches: Array, weight: Array, border: int) -> float:
-    """``RSS(all) - RSS(older) - RSS(newer)`` of whitened samples, shapes (n, 6, 10) and (n, 6), split at a sample."""
-    root = np.linalg.cholesky(weight)
-    rows = (root.T @ regressors).reshape(-1, 10)
-    right_side = (wrenches @ root).ravel()
-
-    def rss(part: slice) -> float:
-        solution = np.linalg.lstsq(rows[part], right_side[part], rcond=None)[0]
-        return float(np.square(right_side[part] - rows[part] @ solution).sum())
-
-    return rss(slice(None)) - rss(slice(6 * border)) - rss(slice(6 * border, None))

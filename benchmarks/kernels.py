@@ -3,7 +3,7 @@
     python -m benchmarks.kernels [--effort short|usual|full]
 
 Blocks have 20 samples. A ratio says how many times as much CPU time the reference takes for the same samples. What is
-compared is first checked to be equal: to 1e-10 of its size where nothing else is said.
+compared is first checked to be equal, to 1e-10 of its size.
 """
 
 from __future__ import annotations
@@ -14,14 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.load_moments import block_moments
 from benchmarks.figures import Effort, Figure, Section, Skipped
 from benchmarks.kernel_data import Samples
 from benchmarks.kernel_references import (
     InertiaRecursion,
     PoseRecursion,
     acceleration,
-    change_statistic,
     consensus_round,
     regressor,
 )
@@ -31,9 +29,6 @@ from coheft.errors import CoheftError
 from coheft.estimation.body_motion import BODY_A, BODY_ALPHA
 from coheft.estimation.dual_quaternion import pair_operator, solve_rotation
 from coheft.estimation.inertia import InertiaModel, features, packed_gram, regressor_coefficients
-from coheft.estimation.load_change import LoadWindow
-from coheft.estimation.measurement import KINEMATICS, TWIST
-from coheft.estimation.registration import RegistrationMoments
 from coheft.estimation.spatial import Array
 from coheft.estimation.twist_registration import TwistMoments
 from consensus.pipeline import NeighbourStages, Pipeline
@@ -83,7 +78,7 @@ class Contest:
 def measure(effort: Effort) -> Section:
     """All contests."""
     samples = Samples.make(4000)
-    contests = [*pose(samples), sums(), fusion(samples), *inertia(samples), change_test(samples)]
+    contests = [*pose(samples), sums(), fusion(samples), *inertia(samples)]
     skipped = []
     try:
         contests.append(body_regressor(samples))
@@ -93,15 +88,15 @@ def measure(effort: Effort) -> Section:
     return Section(name="kernels", title="Kernels against plain references", figures=figures, skipped=skipped)
 
 
-def check_equal(what: str, found: Array, expected: Array, tolerance: float = _EQUAL) -> None:
+def check_equal(what: str, found: Array, expected: Array) -> None:
     """Check two results before their times are compared.
 
     Raises:
-        CoheftError: They differ by more than ``tolerance`` times the largest number.
+        CoheftError: They differ by more than 1e-10 times the largest number.
     """
     error = float(np.abs(found - expected).max() / np.abs(expected).max())
-    if not error <= tolerance:
-        raise CoheftError(f"{what}: kernel and reference differ by {error:.1e} but expected at most {tolerance:g}")
+    if not error <= _EQUAL:
+        raise CoheftError(f"{what}: kernel and reference differ by {error:.1e} but expected at most {_EQUAL:g}")
 
 
 def pose(samples: Samples) -> list[Contest]:
@@ -208,59 +203,10 @@ def inertia(samples: Samples) -> list[Contest]:
         for motion, wrench in zip(samples.motion[block], samples.wrench[block], strict=True):
             recursion.update(regressor(motion), wrench)
 
-    own, other = samples.sensed[0, block], samples.sensed[1, block]
-    pair = PoseRecursion()
-
-    def at_once() -> tuple[RegistrationMoments, Array]:
-        return block_moments(own, samples.motion[block], samples.wrench[block])
-
-    of_pose, of_load = at_once()
-    check_equal(
-        "pose and load", of_load[: len(gram)], packed_gram(features(samples.motion[block], samples.wrench[block]))
-    )
-    check_equal("pose and load", of_pose.gram, RegistrationMoments.of(own[:, KINEMATICS], samples.motion[block]).gram)
-
-    def both_references() -> None:
-        for mine, its in zip(own[:, TWIST], other[:, TWIST], strict=True):
-            pair.update(mine, its)
-        reference()
-
     return [
         Contest("inertia, taken in, against the seed's recursion", take_in, reference, bar=_BAR),
         Contest("inertia, a solution per block, against it", lambda: solution(take_in()), reference, bar=_BAR),
-        Contest(
-            "own pose and load, taken in as agents do, against both recursions", at_once, both_references, bar=_BAR
-        ),
     ]
-
-
-def change_test(samples: Samples) -> Contest:
-    """A block is taken in and tested for a change at a third of all borders, against one refit at one border."""
-    covariance = samples.fusion.wrench_covariance
-    model, window = InertiaModel(covariance, np.zeros((6, 6))), LoadWindow()
-    blocks = len(samples.motion) // BLOCK
-    for number in range(blocks):
-        chosen = slice(number * BLOCK, (number + 1) * BLOCK)
-        window.push(number, packed_gram(features(samples.motion[chosen], samples.wrench[chosen])))
-    rows = np.array([regressor(motion) for motion in samples.motion])
-    weight, borders = np.linalg.inv(covariance), window.borders[1:]
-    middle = int(np.argmin(np.abs(borders - blocks // 2)))
-
-    def reference() -> float:
-        return change_statistic(
-            rows, samples.wrench, np.asarray(weight, dtype=np.float64), int(borders[middle]) * BLOCK
-        )
-
-    check_equal("change test", window.statistics(model)[middle, None], np.array([reference()]), tolerance=1e-6)
-    last = [blocks]
-
-    def kernel() -> None:
-        window.push(last[0], block_gram)
-        window.review(model)
-        last[0] += 1
-
-    block_gram = packed_gram(features(samples.motion[:BLOCK], samples.wrench[:BLOCK]))
-    return Contest("change tests of a block, against one refit of 4,000 samples", kernel, reference)
 
 
 def body_regressor(samples: Samples) -> Contest:

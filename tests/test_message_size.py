@@ -13,7 +13,7 @@ from coheft.wire.message_size import (
     LARGEST,
     LEAST_LIMIT,
     PER_MESSAGE,
-    SUMS,
+    ARRAYS,
     largest_arrays,
     largest_message,
     message_limit,
@@ -29,7 +29,7 @@ def largest_found(scenario: Scenario) -> int:
 
 
 def test_it_is_known_of_all_estimators_what_they_send() -> None:
-    assert set(SUMS) == set(BUILT_IN["estimator"]) == set(ESTIMATORS)
+    assert set(ARRAYS) == set(BUILT_IN["estimator"]) == set(ESTIMATORS)
 
 
 @pytest.mark.parametrize("name", ["line4", "ring12"])

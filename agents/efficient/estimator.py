@@ -32,7 +32,7 @@ _FORCE_OFFSET, _TORQUE_OFFSET = 1.2, 0.06
 """Standard deviations of the offsets of force and torque sensors, where the scenario says that they have any."""
 
 
-class MomentsEstimator:
+class EfficientEstimator:
     """One robot. See ``agents.estimator.Estimator``."""
 
     def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
@@ -46,6 +46,7 @@ class MomentsEstimator:
             SensorErrors({}),
             force_offset=_FORCE_OFFSET if has_offsets else 0.0,
             torque_offset=_TORQUE_OFFSET if has_offsets else 0.0,
+            memory=None if config.efficient.memory == "window" else config.efficient.memory,
         )
         self._team: _Team | None = None
         self._belief = Belief("poses", False, None, {})
@@ -193,7 +194,7 @@ class _Team:
         own: int,
         membership: int,
         graph: Mapping[str, tuple[str, ...]],
-        estimator: MomentsEstimator,
+        estimator: EfficientEstimator,
         prior: Prior | None,
         start: int,
     ) -> None:

@@ -7,6 +7,7 @@ row -> does its motion contradict the team?   drop it, and those that came with 
 
 from __future__ import annotations
 
+import math
 from enum import Enum
 
 import numpy as np
@@ -28,6 +29,8 @@ from coheft.estimation.moments.start import first_load, first_poses
 from coheft.estimation.moments.unknowns import Flags, State
 from coheft.estimation.spatial import Array, Pose
 
+_PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
+"""A memory that fades does so in so many steps; each leaves the newest rows to go on from."""
 _EXACT_UP_TO = 12
 """Robots of a team whose moments are kept exactly: beyond, what is seen from one state is faster."""
 
@@ -94,6 +97,8 @@ class Session:
             return max(least, round(seconds / settings.period))
 
         self._least, self._clear = rows(guards.first_rows, 4), rows(guards.clear_rows, 4)
+        memory = settings.memory
+        self._page = 0 if memory is None else rows(memory / _PAGES_IN_MEMORY, 4)
         self._waits, self._confirming = rows(guards.waiting), rows(guards.confirming, 3)
         self._turn, self._lasting, self._longest = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
         self.stage = Stage.GATHERING
@@ -120,7 +125,7 @@ class Session:
         self.estimate, self.suspect = None, None
         self._settled: Array | None = None  # the load before the last change, while that is undecided
         self._next_fit, self._surprises, self._look_until = self._least, 0, -1
-        self._in_vain, self._pause, self._level = 0, -1, 1.0
+        self._in_vain, self._pause, self._level, self._rows_before = 0, -1, 1.0, 0
         self._doubted_at = self._contradicted_at = -1
 
     def prior(self) -> Prior | None:
@@ -175,6 +180,8 @@ class Session:
         if buffer.load_rows >= self._next_fit and not self._look_for_change(number):
             self._fit()
             self._judge()
+            if self._page and buffer.load_rows >= self._page and self.stage is Stage.ESTIMATING:
+                self._turn_page()
 
     # --- contradictions ---
 
@@ -279,7 +286,22 @@ class Session:
             state = first_load(state, look(body).wrench, self._guess, settings, self._level)
         self._know(fitted(state, look, chapter.said_before, self._guess, settings, self._own, MOST_STEPS, self._level))
         number = self._buffer.load_rows
-        self._next_fit = max(number + 3, round(self._growth * number))
+        self._next_fit = number + max(3, round((self._growth - 1.0) * (number + self._rows_before)))
+
+    def _turn_page(self) -> None:
+        """The memory fades: what was learned of the load counts less, as if it had drifted meanwhile."""
+        estimate, settings, buffer = self.estimate, self._settings, self._buffer
+        if estimate is None or settings.memory is None or estimate.hidden_poses().any():
+            return
+        place = max(0, buffer.count - _KEPT_ON_PAGE)
+        faded = math.expm1(place * settings.period / settings.memory)
+        theta = estimate.body.unknowns.theta
+        self._rows_before = round(settings.memory / settings.period)
+        self._chapter.end(estimate, self._guess, place, is_cut=False)
+        if self._chapter.prior is not None:
+            self._chapter.prior = self._chapter.prior.loosened(theta, faded * estimate.covariance[theta, theta])
+        self._know(estimate)
+        self._next_fit = buffer.load_rows + max(3, round((self._growth - 1.0) * self._rows_before))
 
     def _from_scratch(self, state: State, is_unknown: Flags, look: Look) -> State:
         """Poses from far away, by motion alone."""

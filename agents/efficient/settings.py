@@ -27,9 +27,9 @@ class Guards:
             something in excess: odds of ``exp(lead / 2)``.
         excess: Probability that a sensor seems to read something in excess without doing so.
         undecided: After so long without an answer the load is believed to have changed [s]: a fault is over by then.
-        waiting: Rows are missed when none of the whole team has come for so long, news of the graph not counted [s].
-        confirming: After rows were missing, or in another team, what was known holds only when it has fitted new rows for
-            so long [s]: the load may have changed meanwhile.
+        waiting: Rows are missing when none of the whole team has come for so long, and the time on the way [s].
+        confirming: After rows were missing, or in another team, what was known holds only when it has fitted new rows
+            for so long [s]: the load may have changed meanwhile.
         patience: After n second looks in vain there is none for ``2**n`` rows, with n at most this.
     """
 

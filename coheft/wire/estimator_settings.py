@@ -28,21 +28,14 @@ class SeedSettings(Section, frozen=True):
 
 
 class EfficientSettings(Section, frozen=True):
-    """The method at the Cramér-Rao bound (``agents.carried_sums``).
+    """The method at the Cramér-Rao bound (``agents.efficient``).
 
     Attributes:
-        start_rotation_deg: When as many relative poses as connect all robots are known to this [degrees], the team's
-            first sums begin. They only make poses better; then sums begin anew.
-        start_translation_mm: And to this [mm].
-        refit_share: Poses are fitted anew whenever the data have grown by this share.
         offsets: Whether force and torque sensors may have constant offsets; these are then estimated as well.
         memory: How long the past counts: "window" keeps all since the last load change that was noticed; a number
             forgets exponentially over this time [s]; over less than 0.3 s no load can be weighed.
     """
 
-    start_rotation_deg: Positive = 1.0
-    start_translation_mm: Positive = 20.0
-    refit_share: Positive = 0.05
     offsets: bool = False
     memory: Literal["window"] | Annotated[float, Meta(ge=0.3)] = "window"
 

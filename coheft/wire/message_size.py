@@ -1,18 +1,17 @@
 """How large the messages between neighbours can become: what is larger is no message of the run, and is dropped unread.
 
-Numbers under way in the network's sums make up nearly all of it: as many blocks as the sums have rounds, in large teams
-two. Of what all robots tell each other, a message holds so many lines at most, each with the names of a robot's
-neighbours.
+Rows of all robots, or numbers under way in the network's sums, make up nearly all of it. Of what all robots tell each
+other about themselves, a message holds so many lines at most, each with the names of a robot's neighbours.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 from msgspec import structs
 
 from coheft.estimation.measurement import KINEMATICS_SIZE
+from coheft.estimation.moments.rows import rows_per_block
 from coheft.wire.plugins import BUILT_IN
 from coheft.wire.scenario import Scenario
 
@@ -21,10 +20,11 @@ LEAST_LIMIT = 256 * 1024
 LARGEST = 4_000_000
 """What a scenario may need [B]: two messages of one neighbour must find room in the inbox."""
 MANY = 64
-"""Teams of more robots take sums up a tree and down again: all rounds but two stay with the robots."""
+"""In larger teams exact sums go up a tree and down again: all rounds but two stay with the robots."""
 PER_MESSAGE = 32
 """Of what all robots tell each other, so many lines at most travel in a message."""
-_NUMBER = 8
+_NUMBER, _ROW = 8, 104
+"""A number of the consensus; a row with its label [B]."""
 _PER_LINE = 4096
 """For a robot's line in gossip and in the tables that are handed on [B]."""
 _PER_NAME = 40
@@ -32,34 +32,26 @@ _PER_NAME = 40
 _REST = 65536
 
 
-class Sums(NamedTuple):
-    """What an estimator's sums put into a message.
-
-    Attributes:
-        numbers: Per sample of a block under way.
-        rounds: How many blocks are under way, at most.
-    """
-
-    numbers: int
-    rounds: Callable[[Scenario], int]
+def _of_rows(scenario: Scenario) -> int:
+    """Rows of all robots that are told twice, and as many again that come late [B]."""
+    rows = rows_per_block(scenario.sensors.block, scenario.sensors.rate)
+    return 4 * scenario.robot_count * rows * _ROW
 
 
-SUMS = {
-    # Summands of the present, and of two samples of before the start. Exact sums take at most N rounds on any graph.
-    "efficient": Sums(3 * 18, lambda scenario: min(scenario.robot_count, MANY)),
-    # Rows of all robots, twice, are fewer numbers than these.
-    "moments": Sums(3 * 18, lambda scenario: min(scenario.robot_count, MANY)),
-    # Wrench, angular acceleration, and whether both are measured.
-    "seed": Sums(10, lambda scenario: scenario.seed_method.rounds),
-}
-"""By estimator that comes with coheft."""
+def _of_consensus(scenario: Scenario) -> int:
+    """Wrench, angular acceleration and whether both are measured, for each sample and round; and the samples [B]."""
+    per_sample = scenario.seed_method.rounds * 10 + KINEMATICS_SIZE
+    return _NUMBER * scenario.sensors.block * per_sample
+
+
+ARRAYS: dict[str, Callable[[Scenario], int]] = {"efficient": _of_rows, "seed": _of_consensus}
+"""By estimator that comes with coheft, what its arrays need [B]."""
 
 
 def largest_message(scenario: Scenario) -> int:
     """No message between neighbours is larger [B]; an estimator of the user's own has as much room as ``efficient``."""
-    sums = SUMS[scenario.estimator if scenario.estimator in BUILT_IN["estimator"] else "efficient"]
-    samples = scenario.sensors.block * (sums.rounds(scenario) * sums.numbers + KINEMATICS_SIZE)
-    return _NUMBER * samples + _besides_sums(scenario)
+    arrays = ARRAYS[scenario.estimator if scenario.estimator in BUILT_IN["estimator"] else "efficient"]
+    return arrays(scenario) + _besides_arrays(scenario)
 
 
 def message_limit(scenario: Scenario) -> int:
@@ -70,10 +62,10 @@ def message_limit(scenario: Scenario) -> int:
 
 def largest_arrays(scenario: Scenario) -> int:
     """What an estimator of the user's own may send in one message [B]: all that the rest of it does not need."""
-    return message_limit(scenario) - _besides_sums(scenario)
+    return message_limit(scenario) - _besides_arrays(scenario)
 
 
-def _besides_sums(scenario: Scenario) -> int:
+def _besides_arrays(scenario: Scenario) -> int:
     """What else a message may hold [B]."""
     lines = min(scenario.robot_count, PER_MESSAGE) * (_PER_LINE + _PER_NAME * scenario.robot_count)
     return lines + _REST

@@ -13,6 +13,12 @@ from coheft.wire.scenario import Scenario
 from coheft.wire.section import NAME_IN_WORDS
 from coheft.wire.toml_value import as_toml
 
+_GONE = {
+    "efficient.start_rotation_deg": "the estimator has no sums any more that begin with rough poses",
+    "efficient.start_translation_mm": "the estimator has no sums any more that begin with rough poses",
+    "efficient.refit_share": "all is fitted anew whenever there are 15 % more measurements",
+}
+"""Keys of former releases, and why they are not needed any more."""
 _SHOWN = 100
 """Characters of a key or a value that an error shows."""
 
@@ -35,6 +41,8 @@ def explain(error: msgspec.ValidationError, table: dict[str, object], section: t
         allowed = [field.encode_name for field in kind.fields] if isinstance(kind, types.StructType) else []
         hint = did_you_mean(unknown.group(1), allowed)
         key = _short(f"{place}.{unknown.group(1)}".lstrip("."))
+        if key in _GONE:
+            return f"key '{key}': it is of a former release and has no successor: {_GONE[key]}. Delete the line"
         return f"key '{key}': there is no such key.{hint} Allowed here: {', '.join(allowed)}"
     missing = re.search(r"missing required field `(.*)`", text)
     if missing is not None:

@@ -1,98 +1,130 @@
-"""Deliberate bugs, put into running agents one at a time: a campaign that does not find them is worth nothing."""
+"""Deliberate bugs and guards that are switched off, put into running agents one at a time.
+
+A campaign that does not find the bugs is worth nothing, and a guard whose absence it does not notice guards nothing.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import Any
 
-import msgspec
 import numpy as np
 
-from agents.inbox import NeighbourInbox
-from agents.sums import Entered, TeamSums
+from agents.efficient import session
+from agents.efficient.exchange import Exchange
+from agents.efficient.monitor import Contradiction, Monitor
+from agents.efficient.session import Session
 from coheft.errors import CoheftError
-from coheft.estimation.measurement import WRENCH
-from coheft.estimation.spatial import Array
-from coheft.estimation.stretches import Stretches
-from coheft.wire.messages import NeighbourMessage
-from consensus.pipeline import NeighbourStages, Pipeline
+from coheft.estimation.moments.body import BodyModel
+from coheft.estimation.moments.misfit import Explanations, Misfit
+from coheft.estimation.moments.moments import Moments
+from coheft.estimation.moments.row_buffer import RowBuffer
+from coheft.estimation.spatial import Array, skew
 
-Method = Callable[..., Any]
+Function = Callable[..., Any]
 
 
-def _half_done_sum(advance: Method) -> Method:
-    """A sum is used although messages were missing on its way."""
+def _half_complete_row(complete: Function) -> Function:
+    """A row of the team is used although rows of some robots are missing."""
 
-    def mutant(self: Pipeline, neighbours: Sequence[NeighbourStages], own_gains: Array) -> Array | None:
-        pretended = [
-            replace(
-                neighbour,
-                stages=np.zeros_like(self.stages) if neighbour.stages is None else neighbour.stages,
-                valid=np.ones(self.rounds, dtype=np.bool_),
-            )
-            for neighbour in neighbours
-        ]
-        result: Array | None = advance(self, pretended, own_gains)
-        return result
+    def mutant(self: Exchange, number: int) -> Array | None:
+        is_begun = len(self.missing(number)) < self._count
+        return self._rows[number % len(self._numbers)] if is_begun else None
 
     return mutant
 
 
-def _wrong_tick(advance: Method) -> Method:
-    """A total is paired with the samples of the block after it."""
+def _wrong_row(complete: Function) -> Function:
+    """This robot's own row is paired with the rows of the others before it."""
 
-    def mutant(self: TeamSums, inbox: Mapping[str, Mapping[str, Array]]) -> tuple[Entered, Array] | None:
-        finished: tuple[Entered, Array] | None = advance(self, inbox)
-        before = getattr(self, "stale", None)
-        self.stale = finished  # type: ignore[attr-defined]
-        return None if finished is None or before is None else (finished[0], before[1])
-
-    return mutant
-
-
-def _no_lever_arm(carried: Method) -> Method:
-    """Torques are carried to the body frame as if all grasps lay in its origin."""
-
-    def mutant(self: TeamSums, entered: Entered) -> Array:
-        result: Array = carried(self, entered)
-        wrench = entered.samples[:, WRENCH].reshape(-1, 2, 3) @ entered.pose.rotation.T
-        result[:, :6] = wrench.reshape(-1, 6)
-        return result
+    def mutant(self: Exchange, number: int) -> Array | None:
+        row: Array | None = complete(self, number)
+        before = getattr(self, "before", None)
+        self.before = None if row is None else row.copy()  # type: ignore[attr-defined]
+        if row is None or before is None:
+            return row
+        own = slice(24 * self._own, 24 * self._own + 24)
+        before[own] = row[own]
+        return before  # type: ignore[no-any-return]
 
     return mutant
 
 
-def _wrong_side(forget_before: Method) -> Method:
-    """When the load has changed, what came after the change is forgotten."""
+def _no_lever_arm(set_wrench: Function) -> Function:
+    """Forces make no torques about the origin of the body frame."""
 
-    def mutant(self: Stretches, block: int) -> None:
-        kept = self.border(block)
-        if 0 < kept < len(self):
-            self.forget_since(int(self.firsts[kept]))
-
-    return mutant
-
-
-def _replayed_message(take: Method) -> Method:
-    """Messages are taken for new, whatever number they bear."""
-
-    def mutant(self: NeighbourInbox, index: int, messages: Sequence[NeighbourMessage], *rest: Any) -> Any:
-        renumbered = [msgspec.structs.replace(message, block=index - 1) for message in messages]
-        return take(self, index, renumbered, *rest)
+    def mutant(self: BodyModel) -> None:
+        set_wrench(self)
+        lever = skew(self.places) @ self.rotations
+        for robot, part in enumerate(np.split(self.wrench[:, :-1], self.count, axis=1)):
+            part[3:, 12:15] -= lever[robot]
 
     return mutant
 
 
-MUTANTS: dict[str, tuple[type, str, Callable[[Method], Method]]] = {
-    "half-done-sum": (Pipeline, "advance", _half_done_sum),
-    "wrong-tick": (TeamSums, "advance", _wrong_tick),
-    "no-lever-arm": (TeamSums, "_carried", _no_lever_arm),
-    "wrong-side": (Stretches, "forget_before", _wrong_side),
-    "replayed-message": (NeighbourInbox, "take", _replayed_message),
+def _wrong_side(begin_load: Function) -> Function:
+    """When the load has changed, the rows before the change count, too."""
+
+    def mutant(self: RowBuffer, place: int) -> Moments:
+        return begin_load(self, max(self.start, place - 20))  # type: ignore[no-any-return]
+
+    return mutant
+
+
+def _no_monitor(add: Function) -> Function:
+    """No robot ever contradicts the others."""
+
+    def mutant(self: Monitor, *arguments: Any) -> Contradiction | None:
+        return None
+
+    return mutant
+
+
+def _nothing_taken_back(take_back: Function) -> Function:
+    """Rows that came with a contradiction stay."""
+
+    def mutant(self: RowBuffer, number: int) -> int:
+        return 0
+
+    return mutant
+
+
+def _no_misfit(worst_misfit: Function) -> Function:
+    """Whatever was fitted, all rows fit."""
+
+    def mutant(residuals: Array) -> Misfit | None:
+        return None
+
+    return mutant
+
+
+def _no_rival(explanations: Function) -> Function:
+    """What looks like another load is one."""
+
+    def mutant(*arguments: Any) -> Explanations:
+        return Explanations(np.inf, 0.0, 0, "force")
+
+    return mutant
+
+
+def _no_confirmation(is_confirmed: property) -> property:
+    """What was known before rows were missing holds at once."""
+    return property(lambda self: True)
+
+
+MUTANTS: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
+    "half-complete-row": (Exchange, "complete", _half_complete_row),
+    "wrong-row": (Exchange, "complete", _wrong_row),
+    "no-lever-arm": (BodyModel, "_set_wrench", _no_lever_arm),
+    "wrong-side": (RowBuffer, "begin_load", _wrong_side),
+    "no-monitor": (Monitor, "add", _no_monitor),
+    "nothing-taken-back": (RowBuffer, "take_back", _nothing_taken_back),
+    "no-misfit": (session, "worst_misfit", _no_misfit),
+    "no-rival": (session, "explanations", _no_rival),
+    "no-confirmation": (Session, "is_confirmed", _no_confirmation),
 }
-"""By name: whose method is replaced, and by what."""
+"""By name: where what is replaced, and by what."""
 
 
 def check_mutant(name: str) -> None:
@@ -111,10 +143,10 @@ def mutated(name: str) -> Iterator[None]:
     if not name:
         yield
         return
-    owner, method, mutate = MUTANTS[name]
-    right = getattr(owner, method)
-    setattr(owner, method, mutate(right))
+    owner, attribute, mutate = MUTANTS[name]
+    right = getattr(owner, attribute)
+    setattr(owner, attribute, mutate(right))
     try:
         yield
     finally:
-        setattr(owner, method, right)
+        setattr(owner, attribute, right)
