@@ -1,0 +1,254 @@
+"""One team of agents in a process of its own, which ``benchmarks.agent_step`` times or whose calls it counts.
+
+It is a script that runs with any checkout of coheft that ``PYTHONPATH`` names, also an older one:
+
+    PYTHONPATH=ROOT python -P benchmarks/agent_step_team.py ROBOTS ESTIMATOR ROOT [--count]
+
+So it takes nothing from coheft but what an agent's process needs, and makes agents out of that checkout's own scenarios
+and settings. An empty line on stdout says that it is ready; then each line of stdin is a ``Turn``, and the answer on
+stdout is what it ``Took``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import cProfile
+import math
+import signal
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from types import CodeType
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+import agents.agent
+from agents.agent import ESTIMATORS, Agent
+from agents.estimator import Belief, Channels
+from benchmarks.scenarios import team_scenario
+from coheft.errors import CoheftError
+from coheft.estimation.measurement import MeasurementBlock
+from coheft.estimation.spatial import Array
+from coheft.wire.codec import decode, encode
+from coheft.wire.config import AgentConfig, agent_config
+from coheft.wire.messages import Estimate, Measurements, NeighbourMessage
+from coheft.wire.scenario import Scenario
+from consensus.gossip import Gossip
+from consensus.graph import build_graph
+
+NONE = "none"
+"""Name of the estimator that does no mathematics."""
+LARGEST_SHIPPED = 24
+"""Robots of the largest ring that is shipped; around a larger one everything grows."""
+COUNTED = 6
+"""Calls are counted of so many agents at most, spread evenly over the team."""
+_OWN_CALL = "<method 'disable' of '_lsprof.Profiler' objects>"
+"""The only call that the count itself makes."""
+
+
+class Turn(msgspec.Struct, frozen=True):
+    """Some blocks in a row.
+
+    Attributes:
+        path: File of numpy's with what all robots measured, shape (blocks, robots, B, 15).
+        first: Number of the first block.
+    """
+
+    path: str
+    first: int
+
+
+class Took(msgspec.Struct, frozen=True):
+    """What a turn took.
+
+    Attributes:
+        seconds: CPU time of all agents together, per block [s].
+        worst: The longest step of one agent [s].
+        sizes: Bytes of all messages to neighbours.
+        knows_poses: Whether after a block all agents know their poses, per block.
+        calls: Calls of functions written in Python, of those agents whose calls are counted.
+        c_calls: Likewise, of functions written in C.
+    """
+
+    seconds: list[float]
+    worst: float
+    sizes: int
+    knows_poses: list[bool]
+    calls: int
+    c_calls: int
+
+
+class NoMathematics:
+    """An estimator that learns nothing, tells nothing and believes nothing: what is left is the agent around it."""
+
+    def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
+        """It needs neither."""
+
+    def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
+        """Nothing to tell."""
+        return {}
+
+    def fits(self, channels: Channels) -> bool:
+        """Whatever comes."""
+        return True
+
+    def belief(self) -> Belief:
+        """Nothing is known."""
+        return Belief("poses", False, None, {})
+
+    def doubts(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+
+def ring(robots: int) -> Scenario:
+    """A ring without load changes, its sensors at 1 kHz, 20 samples a block.
+
+    Up to 24 robots hold the payload of a shipped ring. More hold that of ``ring24``, so much heavier and so much larger
+    in area that each has the same share of it; as the motions of many average out, each moves more.
+    """
+    scenario = team_scenario(robots)
+    share = robots / LARGEST_SHIPPED
+    if share <= 1.0:
+        return scenario
+    wider = math.sqrt(share)
+    boxes = tuple(
+        replace(
+            box,
+            mass=share * box.mass,
+            size=(wider * box.size[0], wider * box.size[1], box.size[2]),
+            position=(wider * box.position[0], wider * box.position[1], box.position[2]),
+        )
+        for box in scenario.payload.boxes
+    )
+    rim = scenario.robots.perimeter
+    assert rim is not None
+    rim = replace(rim, extent=(wider * rim.extent[0], wider * rim.extent[1]))
+    return replace(
+        scenario,
+        payload=replace(scenario.payload, boxes=boxes),
+        robots=replace(scenario.robots, perimeter=rim),
+        motion=replace(scenario.motion, translation=wider * scenario.motion.translation),
+    )
+
+
+class WholeAgent:
+    """An agent with what its process does around it for every block, but for its links: bytes in, bytes out."""
+
+    def __init__(self, config: AgentConfig) -> None:
+        self._agent = Agent(config)
+        self._own = _key(config.name)
+        self._others = {name: _key(name) for name in config.neighbours}
+
+    def step(self, measured: bytes, said: Mapping[str, bytes]) -> tuple[bytes, Estimate | None]:
+        """Decode, think, encode; gives its message, and its report if one was due.
+
+        Args:
+            measured: Its measurements.
+            said: What everybody said after the block before.
+        """
+        own = decode(measured, Measurements, self._own)
+        heard = [decode(said[name], NeighbourMessage, key) for name, key in self._others.items() if name in said]
+        outbox = self._agent.step(own.block, MeasurementBlock(own.block, own.samples), heard)
+        encode(outbox.reference, self._own)
+        if outbox.estimate is not None:
+            encode(outbox.estimate, self._own)
+        return encode(outbox.message, self._own), outbox.estimate
+
+
+def _key(name: str) -> str:
+    """Of all that a robot says or is told, as long as those of a run."""
+    return f"coheft/agent-step/{name}/block"
+
+
+class WholeTeam:
+    """All agents of a team, which hear each other.
+
+    Args:
+        scenario: Of the team.
+        is_counting: Whether to count calls. That takes time, which is in the times, too.
+    """
+
+    def __init__(self, scenario: Scenario, is_counting: bool) -> None:
+        graph = build_graph(scenario.graph, scenario.robot_names)
+        self._agents = {name: WholeAgent(agent_config(scenario, name, others)) for name, others in graph.items()}
+        self._said: dict[str, bytes] = {}
+        self._knows_poses: set[str] = set()
+        self._profile = cProfile.Profile()
+        names = list(graph)
+        counted = min(COUNTED, len(names)) if is_counting else 0
+        self._counted = {names[k * len(names) // counted] for k in range(counted)}
+
+    def take(self, turn: Turn) -> Took:
+        """Let all agents take their steps."""
+        seconds, knows_poses, worst, sizes = [], [], 0.0, 0
+        for block, samples in enumerate(np.load(turn.path), turn.first):
+            times = self._step(block, samples)
+            seconds.append(sum(times))
+            worst = max(worst, *times)
+            sizes += sum(map(len, self._said.values()))
+            knows_poses.append(len(self._knows_poses) == len(self._agents))
+        calls, c_calls = self._calls()
+        return Took(seconds, worst, sizes, knows_poses, calls, c_calls)
+
+    def _step(self, block: int, samples: Array) -> list[float]:
+        """One block; how long it took each agent [s]."""
+        measured = [
+            encode(Measurements(robot=name, block=block, samples=each), _key(name))
+            for name, each in zip(self._agents, samples, strict=True)
+        ]
+        said: dict[str, bytes] = {}
+        times = []
+        for (name, agent), mine in zip(self._agents.items(), measured, strict=True):
+            if is_counted := name in self._counted:
+                self._profile.enable()
+            began = time.process_time()
+            said[name], estimate = agent.step(mine, self._said)
+            times.append(time.process_time() - began)
+            if is_counted:
+                self._profile.disable()
+            if estimate is not None and estimate.phase != "poses":
+                self._knows_poses.add(name)
+        self._said = said
+        return times
+
+    def _calls(self) -> tuple[int, int]:
+        """How often functions written in Python, and in C, were called since this was last asked."""
+        calls = c_calls = 0
+        for entry in self._profile.getstats():
+            if isinstance(entry.code, CodeType):
+                calls += entry.callcount
+            elif entry.code != _OWN_CALL:
+                c_calls += entry.callcount
+        self._profile.clear()
+        return calls, c_calls
+
+
+def main() -> None:
+    """Answer until stdin ends."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("robots", type=int)
+    parser.add_argument("estimator")
+    parser.add_argument("root", type=Path, help="the checkout that is meant")
+    parser.add_argument("--count", action="store_true")
+    chosen = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever measures gets it too, and ends stdin
+    found = Path(agents.agent.__file__).resolve()
+    if not found.is_relative_to(chosen.root.resolve()):
+        sys.exit(f"meant to measure the agents of {chosen.root}, but found those of {found.parents[1]}")
+    ESTIMATORS[NONE] = NoMathematics
+    try:
+        team = WholeTeam(replace(ring(chosen.robots), estimator=chosen.estimator), chosen.count)
+        print(flush=True)
+        for line in sys.stdin.buffer:
+            took = team.take(msgspec.json.decode(line, type=Turn))
+            print(msgspec.json.encode(took).decode(), flush=True)
+    except CoheftError as error:
+        sys.exit(str(error))
+
+
+if __name__ == "__main__":
+    main()
