@@ -10,10 +10,10 @@ from agents.agent import ESTIMATORS
 from coheft.wire.codec import encode
 from coheft.wire.estimator_settings import SeedSettings
 from coheft.wire.message_size import (
+    ARRAYS,
     LARGEST,
     LEAST_LIMIT,
     PER_MESSAGE,
-    ARRAYS,
     largest_arrays,
     largest_message,
     message_limit,

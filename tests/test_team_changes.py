@@ -3,21 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import pytest
 
-from agents import legacy
-from agents.early_sums import PACE
-from agents.known_pose import KnownPose, passed_on
-from agents.load_memory import LoadMemory
-from agents.team import Team
 from coheft.app.faults.invariants import Watch
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, Loss, Partition, Release, SensorFault
-from coheft.estimation.body_motion import perturbed
-from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import TeamPoses
 from coheft.wire.messages import Estimate
 from coheft.wire.scenario import LoadChange
 from tests.in_process import changed, run_with_faults
@@ -86,27 +77,6 @@ def test_an_agent_that_starts_again_with_an_empty_memory_is_taken_in(robot: str)
     assert story.at(robot, FROM + 0.6).status == "starting"
     assert story.at(robot, FROM + 0.6).members == 4
     assert story.statuses(FROM + 0.5 + AT_ONCE) == {"valid"}
-    assert story.statuses(FROM + 0.5 + SOON) == {"valid"}
-
-
-def test_a_pose_from_a_former_team_that_is_wrong_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[KnownPose] = []
-
-    def with_one_wrong(poses: Sequence[Pose], fitted: TeamPoses) -> list[KnownPose]:
-        known = passed_on(poses, fitted)
-        pose, deviations = known[2].pose, known[2].deviations
-        assert deviations is not None
-        known[2] = KnownPose(perturbed(pose, 20.0 * deviations * [0, 0, 0, 1, 1, 1]), deviations)
-        told.append(known[2])
-        return known
-
-    monkeypatch.setattr(legacy, "passed_on", with_one_wrong)
-    story = started_again("r2")
-    assert told
-    for estimates in story.estimates.values():
-        reasons = {reason for estimate in estimates for reason in estimate.reasons}
-        assert any("contradicts how the load moves" in reason for reason in reasons)
-    assert story.statuses(FROM + 0.5 + AT_ONCE) != {"valid"}  # as they are with the right one
     assert story.statuses(FROM + 0.5 + SOON) == {"valid"}
 
 
@@ -196,46 +166,3 @@ def test_lost_messages_cost_time_and_never_the_truth(loss: float, seed: int) -> 
         for estimates in story.estimates.values():
             seen = [estimate for estimate in estimates if 3.0 < estimate.time < load.at]
             assert sum(estimate.status == "valid" for estimate in seen) > 0.5 * len(seen)
-
-
-def test_each_block_counts_once_though_messages_get_lost_when_sums_begin_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    counted: dict[LoadMemory, list[int]] = {}
-    push, push_early, begin_again = LoadMemory.push, LoadMemory.push_early, LoadMemory.begin_again
-
-    def counting(method: Any) -> Any:
-        def count(self: LoadMemory, block: int, *sums: Array) -> Any:
-            blocks = range(block, block + (PACE if method is push_early else 1))
-            assert not set(blocks) & set(counted.setdefault(self, []))
-            counted[self] += blocks
-            return method(self, block, *sums)
-
-        return count
-
-    def beginning(self: LoadMemory, team: TeamPoses) -> None:
-        began.append(len(counted.pop(self, [])))
-        begin_again(self, team)
-
-    began: list[int] = []
-    monkeypatch.setattr(LoadMemory, "push", counting(push))
-    monkeypatch.setattr(LoadMemory, "push_early", counting(push_early))
-    monkeypatch.setattr(LoadMemory, "begin_again", beginning)
-    for seed in range(3):
-        counted.clear()
-        began.clear()
-        Story(6.0, [Loss(start=2.0, end=5.0, probability=0.1, seed=seed)], seed=seed + 1)
-        assert sum(began) > 0
-        assert all(len(blocks) > 20 for blocks in counted.values())
-
-
-def test_who_lets_go_does_not_take_hold_by_starting_over(monkeypatch: pytest.MonkeyPatch) -> None:
-    scenario = changed("line4", duration=FROM + 0.5, load_changes=())
-    run = FaultyRun(FaultSchedule(seed=1, scenario=scenario, faults=(Release(robot="r2", start=FROM, end=FROM + 1.0),)))
-    told_at = round(FROM / scenario.block_duration)
-    for block in run:
-        if block.truth.block == told_at - 1:
-            monkeypatch.setattr(Team, "must_start_over", property(lambda team: team._config.name == "r2"))
-    for agent in run._agents.values():
-        assert agent is not None
-        assert not agent._gossip.records["r2"].holding
