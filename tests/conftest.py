@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+# Matrices are small, and several tests may run at a time: more threads would only wait for each other.
+os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"))
 
 # Always the same examples, so a test that passed once passes everywhere; no deadline, because machines differ.
 settings.register_profile("coheft", derandomize=True, deadline=None, max_examples=60, database=None)

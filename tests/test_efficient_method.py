@@ -140,7 +140,7 @@ def test_what_is_found_is_right_within_its_own_deviation(what: Scenario, deviati
     assert_possible(recording)
     last = recording.last().values()
     masses = [estimate.payload.mass for estimate in last if estimate.payload is not None]
-    np.testing.assert_allclose(masses, masses[0], rtol=1e-9)  # they all know the same
+    np.testing.assert_allclose(masses, masses[0], rtol=0.05 * deviation)  # they all know the same
     for estimate in last:
         assert estimate.payload is not None
         assert np.sqrt(estimate.payload.covariance[0, 0]) < deviation * estimate.payload.mass
@@ -167,29 +167,23 @@ def test_a_change_that_one_notices_is_known_to_all_and_what_is_new_is_soon_known
     assert_sure_and_right(recording)
 
 
-@pytest.mark.parametrize(
-    ("what", "words"),
-    [
-        (scenario("quiet", duration=4.0), "not seen yet; the load has to move and turn"),
-        (scenario("single-axis", duration=8.0), "turn the load about other axes as well"),
-    ],
-    ids=["quiet", "single-axis"],
-)
-def test_no_number_is_claimed_for_what_the_motion_does_not_show(what: Scenario, words: str) -> None:
+@pytest.mark.parametrize("what", [scenario("quiet", duration=4.0), scenario("single-axis", duration=8.0)])
+def test_where_only_gravity_shows_the_load_its_mass_is_known_and_nothing_else(what: Scenario) -> None:
     recording = run_with_faults(what)
+    mass = recording.truths[-1].payload.mass
     for name, estimate in recording.last().items():
-        assert estimate.status == "starting"
-        assert estimate.payload is None
+        assert estimate.status == "valid"
         assert not estimate.converged
+        payload = estimate.payload
+        assert payload is not None
+        assert payload.com is None
+        assert payload.tensor is None
+        assert abs(payload.mass - mass) < SURE * np.sqrt(payload.covariance[0, 0])
         assert estimate.poses == {}
-        assert len(estimate.not_observable) == len(recording.scene.neighbours[name])
-        for sentence in estimate.not_observable:
-            assert words in sentence
-    if what.name == "single-axis":
-        # All frames have the vertical as their z axis here: that is where places cannot be told.
-        assert all(
-            "translation along (" in sentence for e in recording.last().values() for sentence in e.not_observable
-        )
+        for other in recording.scene.neighbours[name]:
+            assert f"pose of {other}: turn the load about other axes as well" in estimate.not_observable
+        assert any("centre of mass" in sentence for sentence in estimate.not_observable)
+        assert any("inertia" in sentence for sentence in estimate.not_observable)
 
 
 def test_constant_offsets_of_force_and_torque_sensors_are_estimated_along() -> None:
@@ -200,9 +194,10 @@ def test_constant_offsets_of_force_and_torque_sensors_are_estimated_along() -> N
     assert_sure_and_right(aware)
     assert_possible(aware)
     assert set(map(tuple, changes(aware).values())) == {()}
-    # What the sensors say in excess turns with the robots: to those who do not know, the load seems to change.
+    # What the sensors say in excess turns with the robots: to those who do not know, no load fits.
     unaware = run_with_faults(biased)
-    assert all(changes(unaware).values())
+    for estimate in unaware.last().values():
+        assert estimate.status != "valid"
 
 
 def test_forgetting_recovers_from_a_change_too() -> None:
@@ -214,7 +209,6 @@ def test_forgetting_recovers_from_a_change_too() -> None:
         assert report.mass.error_pct < 2.0
     assert_sure_and_right(recording)
     for estimate in last.values():
-        assert estimate.load_changes == []
         assert estimate.payload is not None
         assert abs(estimate.payload.mass - 7.0) < 0.1
 

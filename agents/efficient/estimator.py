@@ -6,6 +6,7 @@ block -> rows -> exchange -> complete rows -> session -> claims
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -102,6 +103,7 @@ class EfficientEstimator:
             now = (team.session.estimate, team.session.stage)
             if now != self._believed:
                 self._belief, self._believed = self._said(team, team.session.estimate), now
+            self._belief = replace(self._belief, total_block=team.newest, learned_block=team.newest)
         return self._belief
 
     def _join(self, membership: int, index: int) -> None:

@@ -21,7 +21,7 @@ from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.fit import MOST_STEPS, Estimate, Look, fitted
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.likelihood import wrench_evidence
-from coheft.estimation.moments.misfit import explanations, worst_misfit
+from coheft.estimation.moments.misfit import excess_energy, explanations, worst_misfit
 from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import ROW_SIZE
@@ -31,6 +31,8 @@ from coheft.estimation.spatial import Array, Pose
 
 _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
 """A memory that fades does so in so many steps; each leaves the newest rows to go on from."""
+_JUDGED = 256
+"""So many of the newest rows are looked at for misfits after a fit; older ones have been."""
 _EXACT_UP_TO = 12
 """Robots of a team whose moments are kept exactly: beyond, what is seen from one state is faster."""
 
@@ -191,8 +193,9 @@ class Session:
             return True
         found = self._monitor.add(residuals, estimate.body.see @ row, estimate)
         if found is not None:
-            if self.suspect is None:
+            if self.suspect is None or number > self._contradicted_at + self._clear:
                 self._doubted_at = number
+            if self.suspect is None:
                 self._next_fit -= self._buffer.take_back(number - found.rows)
             self.suspect, self._contradicted_at = found.robot, number
             self._monitor.forget()
@@ -208,13 +211,20 @@ class Session:
         buffer, guards, estimate = self._buffer, self._guards, self.estimate
         assert estimate is not None
         assert estimate.state.load is not None
-        event, first = Event.FITTED, buffer.start
-        wrench, motion = self._sight.residuals(buffer.rows[: buffer.count])
-        worst_motion, worst_wrench = worst_misfit(motion), worst_misfit(wrench[first:])
-        if worst_motion is not None and worst_motion.chi_square > guards.largest_motion_misfit:
+        event, first = Event.FITTED, max(0, buffer.count - _JUDGED)
+        wrench, motion = self._sight.residuals(buffer.rows[first : buffer.count])
+        wrench = wrench[max(0, buffer.start - first) :]
+        # Of each row's sensors, twelve numbers are the motion's; all rows together find the poses.
+        freedom = len(motion) * (12.0 * self._count - 12.0) - 6.0 * (self._count - 1)
+        worst_motion, worst_wrench = worst_misfit(motion), worst_misfit(wrench)
+        if (worst_motion is not None and worst_motion.chi_square > guards.largest_motion_misfit) or excess_energy(
+            motion, freedom, guards.noise_tolerance
+        ) > guards.energy:
             self._start_over()
             return
-        if worst_wrench is not None and worst_wrench.chi_square > guards.largest_wrench_misfit:
+        if (worst_wrench is not None and worst_wrench.chi_square > guards.largest_wrench_misfit) or excess_energy(
+            wrench, wrench.size - 10.0, guards.noise_tolerance
+        ) > guards.energy:
             self._forget_load(buffer.count, Event.MISFIT, estimate)
             return
         if self._settled is not None:

@@ -23,6 +23,8 @@ class Guards:
         clear_rows: A robot that contradicted the team is believed again after so long without a contradiction [s].
         lasting: A contradiction that lasts so long may be the poses' own: all begins anew [s].
         misfit: Probability that a stretch of rows fits as badly as that without any fault; a fit has some ten thousand.
+        energy: Standard deviations by which the sum of squares of all residuals may be larger than noise makes it.
+        noise_tolerance: Share by which the variance of noise may be larger than it was told to be.
         lead: By so much of the squared residuals another load must explain the wrenches better than a sensor that reads
             something in excess: odds of ``exp(lead / 2)``.
         excess: Probability that a sensor seems to read something in excess without doing so.
@@ -42,6 +44,8 @@ class Guards:
     clear_rows: float = 0.3
     lasting: float = 1.5
     misfit: float = 1e-13
+    energy: float = 6.0
+    noise_tolerance: float = 0.2
     lead: float = 25.0
     excess: float = 1e-4
     undecided: float = 4.0

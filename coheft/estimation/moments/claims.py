@@ -19,6 +19,10 @@ from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array
 
 
+CLAIM_LIMITS: Array = np.repeat([np.radians(2.0), 0.04], 3)
+"""Poses are claimed when they are known to this [rad, m]: then a deviation of five times as much is still nearly linear."""
+
+
 @dataclass(frozen=True, eq=False)
 class Claim:
     """What one robot may say.
@@ -41,7 +45,7 @@ class Claim:
 def claim_of(estimate: Estimate, robot: int) -> Claim:
     """What a robot of the team may say of an estimate, in its own frame."""
     state, unknowns = estimate.state, estimate.body.unknowns
-    hidden = estimate.hidden_poses()
+    hidden = estimate.hidden_poses(CLAIM_LIMITS)
     if state.load is None:
         return Claim(None, 0, np.zeros((0, 0)), (), hidden)
     covariance, theta = estimate.covariance, state.load[THETA]
@@ -56,5 +60,7 @@ def claim_of(estimate: Estimate, robot: int) -> Claim:
     unseen = unseen_quantities(covariance, inertia.mass, estimate.size)
     quantities = {each.quantity for each in unseen}
     known = 0 if "mass" in quantities else 1 if "com" in quantities else 4 if "inertia" in quantities else 10
+    if hidden.any():
+        known = min(known, 1)
     words = tuple(f"{each.what}: {each.remedy}" for each in unseen)
     return Claim(inertia.carried(pose.inverse()) if known else None, known, covariance[:known, :known], words, hidden)

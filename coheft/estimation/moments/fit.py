@@ -63,10 +63,10 @@ class Estimate:
         """Of all unknowns, shape (u, u)."""
         return self.seen + self.hidden
 
-    def hidden_poses(self) -> Flags:
-        """Whether any part of a robot's pose is hidden or badly known, shape (N,)."""
+    def hidden_poses(self, limits: Array = POSE_LIMITS) -> Flags:
+        """Whether any part of a robot's pose is hidden or known less well than ``limits`` (6,), shape (N,)."""
         variances = (self.seen + self.hidden).diagonal()[self.body.unknowns.poses]
-        return np.asarray((variances > np.square(POSE_LIMITS)).any(axis=1))
+        return np.asarray((variances > np.square(limits)).any(axis=1))
 
 
 Look = Callable[[BodyModel], SeenMoments]

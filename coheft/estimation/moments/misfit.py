@@ -61,6 +61,18 @@ def worst_misfit(residuals: Array) -> Misfit | None:
     return worst
 
 
+def excess_energy(residuals: Array, freedom: float, tolerance: float) -> float:
+    """By how many standard deviations the sum of squared residuals is larger than noise makes it.
+
+    Args:
+        residuals: In standard deviations, of any shape.
+        freedom: Degrees of freedom that the fit has left of them.
+        tolerance: The variance of noise may be larger by this share than it was told to be.
+    """
+    expected = (1.0 + tolerance) * freedom
+    return float((np.square(residuals).sum() - expected) / max(1.0, np.sqrt(2.0 * expected * (1.0 + tolerance))))
+
+
 @dataclass(frozen=True)
 class Explanations:
     """How much of the squared residuals of wrenches is explained, less what so many free numbers explain by chance.
