@@ -23,6 +23,7 @@ from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import RowNoise, row_of_samples, rows_per_block
 from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.spatial import Pose
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
@@ -114,13 +115,14 @@ class EfficientEstimator:
         if graph is None or name not in graph:
             self._team = None
             return
-        names, prior = sorted(graph), None
+        names, prior, anchor = sorted(graph), None, 0
         known = None if last is None else last.session.prior()
         if last is not None and known is not None:
             places = [last.places.get(each) for each in self._lives(names)]
             prior = known.for_team(places, self._settings)
+            anchor = next(now for now, then in enumerate(places) if then is not None)
         start = max(index, self._gossip.changed_at)
-        self._team = _Team(self._lives(names), names.index(name), membership, graph, self, prior, start)
+        self._team = _Team(self._lives(names), names.index(name), membership, graph, self, prior, anchor, start)
 
     def _lives(self, names: list[str]) -> list[tuple[str, int, int]]:
         """Of each robot its name and since when it is what it is."""
@@ -161,8 +163,14 @@ class EfficientEstimator:
             not_observable=(*not_observable, *claim.unseen),
             load_changes=self._notices(team),
             learned_block=team.newest,
-            grasps={} if claim.hidden_poses.any() else dict(zip(team.names, state.poses, strict=True)),
+            grasps={} if claim.hidden_poses.any() else _in_first(team.names, state.poses),
         )
+
+
+def _in_first(names: list[str], poses: tuple[Pose, ...]) -> dict[str, Pose]:
+    """Poses in the grasp frame of the team's first robot, by name."""
+    to_first = poses[0].inverse()
+    return {name: to_first @ pose for name, pose in zip(names, poses, strict=True)}
 
 
 def _payload(claim: Claim) -> PayloadEstimate | None:
@@ -198,6 +206,7 @@ class _Team:
         graph: Mapping[str, tuple[str, ...]],
         estimator: EfficientEstimator,
         prior: Prior | None,
+        anchor: int,
         start: int,
     ) -> None:
         self.places = {life: place for place, life in enumerate(lives)}
@@ -207,7 +216,7 @@ class _Team:
         config, guards = estimator._config, estimator._guards
         self._waits = self._hops + max(2, config.blocks(guards.waiting))
         self.exchange = Exchange(membership, len(lives), own, self._hops, self._parts)
-        self.session = Session(len(lives), own, estimator._settings, guards, prior)
+        self.session = Session(len(lives), own, estimator._settings, guards, prior, anchor)
         self._next, self._taken = start * self._parts, set[int]()
         self.start, self.newest, self._index = start, start - 1, start
         self.noticed: list[int] = []

@@ -19,6 +19,8 @@ from coheft.estimation.spatial import Array
 
 WINDOW = 64
 """Blocks of which rows may be under way at a time."""
+_LATE = 4
+"""A row is handed on for so many blocks longer than it needs where nothing is lost."""
 _TEAM, _LABELS, _ROWS = "team", "labels", "rows"
 _ROBOT, _NUMBER = 0, 1
 
@@ -65,7 +67,7 @@ class Exchange:
         team: Number of the team.
         count: Robots of the team.
         own: Place of this one among them.
-        hops: Diameter of the graph: rows that are older than so many blocks have reached everybody.
+        hops: Diameter of the graph.
         per_block: Rows of a block.
 
     Attributes:
@@ -100,7 +102,7 @@ class Exchange:
             age = block - number // self._per_block
             if 0 <= robot < self._count and 0 < age < WINDOW and number >= 0 and self._is_new(robot, number):
                 by_robot[number % len(self._numbers), robot] = message.rows[k]
-                if age < self._hops:  # else it has reached everybody
+                if age < self._hops + _LATE:  # else it has reached all robots
                     news.append(k)
         if news:
             self._news.append((message.labels[news], message.rows[news]))

@@ -78,10 +78,12 @@ class Session:
 
     Args:
         count: Robots.
-        own: Place of this one; all is seen in its frame.
+        own: Place of this one.
         settings: Of fits.
         guards: Thresholds and times.
         prior: What was learned in a former team.
+        anchor: Place of the robot whose pose fixes the body frame; with a prior one that was in the former team. All
+            robots take the same one, so that they come to the same numbers.
 
     Attributes:
         stage: What it knows of the load.
@@ -91,8 +93,17 @@ class Session:
         rival: Robot and sensor that may read something in excess, while the stage is ``UNDECIDED``.
     """
 
-    def __init__(self, count: int, own: int, settings: FitSettings, guards: Guards, prior: Prior | None = None) -> None:
-        self._count, self._own, self._settings, self._guards = count, own, settings, guards
+    def __init__(
+        self,
+        count: int,
+        own: int,
+        settings: FitSettings,
+        guards: Guards,
+        prior: Prior | None = None,
+        anchor: int = 0,
+    ) -> None:
+        self._count, self._own, self._anchor = count, own, anchor
+        self._settings, self._guards = settings, guards
         self._growth = guards.growth_of_errors if settings.errors.count else guards.growth
 
         def rows(seconds: float, least: int = 1) -> int:
@@ -114,7 +125,7 @@ class Session:
         if prior is not None:
             self._guess = prior.guess
             look, before = self._chapter.look(), self._chapter.said_before
-            self._know(fitted(prior.state, look, before, prior.guess, settings, own, most_steps=1))
+            self._know(fitted(prior.state, look, before, prior.guess, settings, anchor, most_steps=1))
             self.stage = TRANSITIONS[self.stage, Event.FITTED]
 
     def _begin(self, prior: Prior | None = None) -> None:
@@ -227,8 +238,12 @@ class Session:
         ) > guards.energy:
             self._forget_load(buffer.count, Event.MISFIT, estimate)
             return
+        assumed = estimate.state.load if self._settled is None else self._settled
+        found = explanations(estimate.body, wrench_moments(estimate.body, buffer.moments()[1]), assumed)
+        if found.both > guards.largest_constant_excess and not self._settings.has_offset:
+            self._forget_load(buffer.count, Event.MISFIT, estimate)
+            return
         if self._settled is not None:
-            found = explanations(estimate.body, wrench_moments(estimate.body, buffer.moments()[1]), self._settled)
             is_clear = found.sensor < guards.largest_excess or found.load - found.sensor > guards.lead
             if is_clear or self._newest - self.changed_at > self._longest:
                 self._settled = self.rival = None
@@ -287,14 +302,16 @@ class Session:
         look = chapter.look(before)
         identity = [Pose.identity()] * self._count
         state = State.first(identity, settings.errors) if last is None else last.state
-        is_unknown = np.arange(self._count) != self._own if last is None else last.hidden_poses()
+        is_unknown = np.arange(self._count) != self._anchor if last is None else last.hidden_poses()
         if is_unknown.any():
             state = self._from_scratch(state, is_unknown, look)
         if state.load is None:
             body = settings.body(state, self._level)
             self._guess = Guess.of(body, self._buffer.moments()[1])
             state = first_load(state, look(body).wrench, self._guess, settings, self._level)
-        self._know(fitted(state, look, chapter.said_before, self._guess, settings, self._own, MOST_STEPS, self._level))
+        self._know(
+            fitted(state, look, chapter.said_before, self._guess, settings, self._anchor, MOST_STEPS, self._level)
+        )
         number = self._buffer.load_rows
         self._next_fit = number + max(3, round((self._growth - 1.0) * (number + self._rows_before)))
 
@@ -316,12 +333,12 @@ class Session:
     def _from_scratch(self, state: State, is_unknown: Flags, look: Look) -> State:
         """Poses from far away, by motion alone."""
         settings, kept = self._settings, self._buffer.moments_kept()
-        state = first_poses(kept, state, settings.noise, self._own, is_unknown)
+        state = first_poses(kept, state, settings.noise, self._anchor, is_unknown)
         if self._chapter.prior is not None:
             return state
         state = state.with_load(None)
         guess = Guess.of(settings.body(state), kept)
-        return fitted(state, look, self._chapter.said_before, guess, settings, self._own).state
+        return fitted(state, look, self._chapter.said_before, guess, settings, self._anchor).state
 
     def _know(self, estimate: Estimate) -> None:
         """From now on this is what is known, and how rows are seen."""

@@ -27,7 +27,8 @@ class Guards:
         noise_tolerance: Share by which the variance of noise may be larger than it was told to be.
         lead: By so much of the squared residuals another load must explain the wrenches better than a sensor that reads
             something in excess: odds of ``exp(lead / 2)``.
-        excess: Probability that a sensor seems to read something in excess without doing so.
+        excess: Probability that a sensor seems to explain wrenches of another load, without reading anything in excess.
+        constant_excess: Probability that one seems to have read something in excess all the time, whatever the load is.
         undecided: After so long without an answer the load is believed to have changed [s]: a fault is over by then.
         waiting: Rows are missing when none of the whole team has come for so long, and the time on the way [s].
         confirming: After rows were missing, or in another team, what was known holds only when it has fitted new rows
@@ -48,6 +49,7 @@ class Guards:
     noise_tolerance: float = 0.2
     lead: float = 25.0
     excess: float = 1e-4
+    constant_excess: float = 1e-9
     undecided: float = 4.0
     waiting: float = 0.15
     confirming: float = 0.1
@@ -72,6 +74,11 @@ class Guards:
     def largest_excess(self) -> float:
         """Chi-square of a sensor's excess, three degrees of freedom, less these."""
         return chi_square_threshold(3, self.excess) - 3.0
+
+    @property
+    def largest_constant_excess(self) -> float:
+        """The same, of a sensor beside a load."""
+        return chi_square_threshold(3, self.constant_excess) - 3.0
 
     @property
     def largest_contradiction(self) -> float:

@@ -103,7 +103,7 @@ def _no_rival(explanations: Function) -> Function:
     """What looks like another load is one."""
 
     def mutant(*arguments: Any) -> Explanations:
-        return Explanations(np.inf, 0.0, 0, "force")
+        return Explanations(np.inf, 0.0, 0.0, 0, "force")
 
     return mutant
 

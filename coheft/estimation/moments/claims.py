@@ -18,9 +18,8 @@ from coheft.estimation.moments.unknowns import THETA, Flags
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array
 
-
 CLAIM_LIMITS: Array = np.repeat([np.radians(2.0), 0.04], 3)
-"""Poses are claimed when they are known to this [rad, m]: then a deviation of five times as much is still nearly linear."""
+"""Poses are claimed when they are known to this [rad, m]: deviations of five times as much are then still linear."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,6 +25,10 @@ WINDOWS = (1, 2, 4, 8, 16, 32)
 """Numbers of rows in a row that are tested: longer ones would show what rows approximate."""
 
 
+_FAINT = 1e-10
+"""Share of the information below which all is rounding."""
+
+
 @dataclass(frozen=True)
 class Misfit:
     """The worst stretch of rows.
@@ -80,12 +84,14 @@ class Explanations:
     Attributes:
         load: By another load.
         sensor: By a constant excess of the one force or torque sensor that explains most.
+        both: By that and another load, more than by another load alone.
         robot: Whose sensor that is.
         kind: Which.
     """
 
     load: float
     sensor: float
+    both: float
     robot: int
     kind: str
 
@@ -96,23 +102,26 @@ def explanations(body: BodyModel, moments: WrenchMoments, load: Array) -> Explan
     Args:
         body: At the state.
         moments: Of the wrenches.
-        load: Wrench offset and theta before, shape (16,).
+        load: Wrench offset and theta that are assumed, shape (16,).
     """
-    derivatives = MotionDerivatives.at(body)
-    evidence = wrench_evidence(body, derivatives, moments, load)
+    evidence = wrench_evidence(body, MotionDerivatives.at(body), moments, load)
     about = evidence.of(np.arange(body.unknowns.size)[body.unknowns.load])
     spread = about.information + about.noise
+    scale = np.maximum(spread.diagonal(), 1e-300) ** -0.5
+    score, spread = scale * about.score, scale[:, None] * spread * scale
 
     def explained(basis: Array) -> float:
-        """By steps in the columns of ``basis`` (16, k)."""
-        scale = 1.0 / np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", basis, spread, basis), 1e-300))
-        scaled = basis * scale
-        score, square = scaled.T @ about.score, scaled.T @ spread @ scaled
-        step: Array = np.asarray(np.linalg.lstsq(square, score, rcond=1e-10)[0])
-        return float(score @ step) - float(basis.shape[1])
+        """By steps in the columns of ``basis`` (16, k), in units of ``scale``."""
+        step: Array = np.asarray(np.linalg.lstsq(basis.T @ spread @ basis, basis.T @ score, rcond=_FAINT)[0])
+        return float(score @ basis @ step) - float(basis.shape[1])
 
-    identity, best = np.eye(LOAD_SIZE), (-np.inf, 0, "force")
+    identity = np.eye(LOAD_SIZE)
+    by_load, best = explained(identity[:, THETA]), Explanations(0.0, -np.inf, -np.inf, 0, "force")
     for robot, adjoint in enumerate(body.adjoints):
         for kind, part in (("force", slice(0, 3)), ("torque", slice(3, 6))):
-            best = max(best, (explained(identity[:, OFFSET] @ adjoint[:, part]), robot, kind))
-    return Explanations(explained(identity[:, THETA]), *best)
+            basis = (identity[:, OFFSET] @ adjoint[:, part]) / scale[:, None]
+            basis /= np.linalg.norm(basis, axis=0)
+            both = explained(np.hstack([identity[:, THETA], basis])) - by_load
+            if both > best.both:
+                best = Explanations(by_load, explained(basis), both, robot, kind)
+    return best

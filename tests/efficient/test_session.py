@@ -1,0 +1,145 @@
+"""A robot's estimate, row by row: independent of the order of rows and of who makes it, and hard to upset."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from agents.efficient.session import TRANSITIONS, Event, Session, Stage
+from agents.efficient.settings import Guards
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.moments.claims import claim_of
+from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.rows import FORCE, ROW_SIZE, A, RowNoise
+from coheft.estimation.spatial import Array
+from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
+
+COUNT = len(POSES)
+SETTINGS = FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD)
+
+
+def session(own: int = 0) -> Session:
+    return Session(COUNT, own, SETTINGS, Guards())
+
+
+def fed(rows: Array, own: int = 0, order: list[int] | None = None) -> Session:
+    found = session(own)
+    for number in range(len(rows)) if order is None else order:
+        found.take(number, rows[number])
+    return found
+
+
+def state_of(found: Session) -> Array:
+    assert found.estimate is not None
+    assert found.estimate.state.load is not None
+    return np.concatenate([*(pose.numbers() for pose in found.estimate.state.poses), found.estimate.state.load])
+
+
+def assert_right(found: Session, load: Array = LOAD) -> None:
+    """All ten numbers are known, and within five standard deviations of the truth."""
+    assert found.stage is Stage.ESTIMATING
+    assert found.estimate is not None
+    assert claim_of(found.estimate, 0).known == 10
+    theta = found.estimate.body.unknowns.theta
+    state = found.estimate.state
+    assert state.load is not None
+    deviations = np.sqrt(found.estimate.covariance.diagonal()[theta])
+    assert np.abs((state.load[6:] - load) / deviations).max() < 5.0
+    for pose, true in zip(state.poses, POSES, strict=True):
+        assert np.abs(pose.translation - true.translation).max() < 0.02
+
+
+def test_the_load_is_known_soon_and_right() -> None:
+    assert_right(fed(made_up_rows(150)))
+
+
+def test_late_rows_make_no_difference() -> None:
+    rows = made_up_rows(200)
+    rng = np.random.default_rng(1)
+    # Each row comes up to six places late; the last ones in order, so that the last fit has the same rows.
+    order = sorted(range(180), key=lambda number: number + 6.0 * rng.random()) + list(range(180, 200))
+    in_order, late = fed(rows), fed(rows, order=order)
+    for found in (in_order, late):
+        found._fit()
+        found._fit()
+    np.testing.assert_allclose(state_of(late), state_of(in_order), atol=1e-9)
+
+
+def test_all_robots_come_to_the_same_but_for_their_frames() -> None:
+    rows = made_up_rows(150)
+    one, other = fed(rows), fed(rows, own=2)
+    for found in (one, other):
+        for _ in range(3):
+            found._fit()
+    assert one.estimate is not None
+    assert other.estimate is not None
+    to_one, to_other = one.estimate.state.poses[2], other.estimate.state.poses[2]
+    for mine, its in zip(one.estimate.state.poses, other.estimate.state.poses, strict=True):
+        there = to_one.inverse() @ mine
+        expected = to_other.inverse() @ its
+        np.testing.assert_allclose(there.numbers(), expected.numbers(), atol=1e-9)
+    for robot in range(COUNT):
+        mine, its = claim_of(one.estimate, robot), claim_of(other.estimate, robot)
+        assert mine.inertia is not None
+        assert its.inertia is not None
+        assert mine.inertia.mass == pytest.approx(its.inertia.mass, rel=1e-9)
+        np.testing.assert_allclose(mine.inertia.tensor, its.inertia.tensor, atol=1e-9)
+        np.testing.assert_allclose(mine.covariance, its.covariance, rtol=1e-5, atol=1e-12)
+
+
+def test_another_load_is_noticed_within_two_rows_and_known_soon() -> None:
+    heavier = LOAD.copy()
+    heavier[0] *= 1.05
+    rows = np.concatenate([made_up_rows(200), made_up_rows(100, load=heavier, first=200)])
+    found = session()
+    for number, row in enumerate(rows):
+        found.take(number, row)
+        if number == 203:
+            assert [first for first, _ in found.changes] == pytest.approx([200], abs=1)
+    assert len(found.changes) == 1
+    assert_right(found, heavier)
+
+
+def test_a_robot_whose_sensor_is_off_is_named_and_its_rows_are_not_learned_from() -> None:
+    rows = made_up_rows(200)
+    rows[150:170, ROW_SIZE + A.start] += 0.5
+    found = session()
+    for number, row in enumerate(rows):
+        found.take(number, row)
+        if 152 < number < 170:
+            assert found.suspect == 1
+    assert found.suspect is None
+    assert_right(found)
+    clean = fed(np.delete(made_up_rows(200), range(150, 170), axis=0))
+    np.testing.assert_allclose(state_of(found), state_of(clean), atol=2e-2)
+
+
+@pytest.mark.parametrize("size", [1.5, 6.0, 60.0])
+def test_a_force_sensor_that_is_off_is_not_taken_for_another_load(size: float) -> None:
+    rows = made_up_rows(260)
+    rows[150:, 2 * ROW_SIZE + FORCE.start] += size
+    found, rivals = session(), set()
+    for number, row in enumerate(rows):
+        found.take(number, row)
+        rivals.add(found.rival)
+        if number > 165:
+            assert found.stage is not Stage.ESTIMATING
+    assert rivals <= {None, (2, "force")}
+
+
+def test_what_was_known_holds_after_missing_rows_only_when_it_fits_new_ones() -> None:
+    rows = made_up_rows(240)
+    found = fed(rows[:150])
+    assert found.is_confirmed
+    found.take(200, rows[200])
+    assert not found.is_confirmed
+    for number in range(201, 210):
+        found.take(number, rows[number])
+    assert found.is_confirmed
+    assert_right(found)
+
+
+def test_every_stage_can_be_left_and_every_event_happens_somewhere() -> None:
+    assert {stage for stage, _ in TRANSITIONS} == set(Stage)
+    assert {event for _, event in TRANSITIONS} == set(Event)
+    assert set(TRANSITIONS.values()) == set(Stage)
