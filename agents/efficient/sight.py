@@ -55,6 +55,7 @@ class Sight:
         if not buffer.keeps_whole_load:
             summed = buffer.views[buffer.start : buffer.start + buffer.load_summed]
             self._older = view_moments(body, of_load) - summed.T @ summed
+        self._knows_load = chapter.knows_load and buffer.keeps_whole_load
         self._weights = Weights.of(body, load, chapter.said_before(body))
         root = np.linalg.cholesky(residual_covariance(body, load))
         whitened = np.linalg.solve(root, body.wrench - load_operator(load) @ body.see[FORCING])
@@ -77,4 +78,5 @@ class Sight:
 
     def likeliest_change(self, buffer: RowBuffer) -> tuple[int, float]:
         """The first look, see ``coheft.estimation.moments.change``."""
-        return likeliest_change(buffer.views[buffer.start : buffer.count], self._older, self._weights)
+        views = buffer.views[buffer.start : buffer.count]
+        return likeliest_change(views, self._older, self._weights, self._knows_load)

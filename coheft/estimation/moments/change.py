@@ -72,23 +72,27 @@ class Weights:
         )
 
 
-def likeliest_change(views: Array, before: Array, weights: Weights) -> tuple[int, float]:
+def likeliest_change(views: Array, before: Array, weights: Weights, is_known: bool = False) -> tuple[int, float]:
     """The first look.
 
     Args:
         views: ``(motion[FORCING], wrench)`` of rows of the load, oldest first, shape (n, 19).
         before: Gram matrix (19, 19) of rows of the load that are older.
         weights: Of rows.
+        is_known: Whether the load is known from elsewhere, so that all rows may be of another one.
 
     Returns:
         The place of the row with which the load has most likely changed, and the statistic over the threshold that it
         exceeds with the probability ``FALSE_ALARM``.
     """
     count = len(views)
-    place, size = _likeliest(count - _WINDOWS[: np.searchsorted(_WINDOWS, count)], views, before, weights)
+    windows = _WINDOWS[: np.searchsorted(_WINDOWS, count)]
+    if is_known and count:
+        windows = np.append(windows, count)
+    place, size = _likeliest(count - windows, views, before, weights)
     if size > 1.0:  # now exactly which row
         newest = count - place
-        near = np.arange(max(1, int(newest / _RATIO)), min(count, int(newest * _RATIO) + 2))
+        near = np.arange(max(1, int(newest / _RATIO)), min(count + is_known, int(newest * _RATIO) + 2))
         place, size = _likeliest(count - near, views, before, weights)
     return place, size
 

@@ -10,7 +10,7 @@ not known. Quadratics stay around the state of their time, and are moved to the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,12 +35,14 @@ class Prior:
         guess: Of theta.
         evidence: The quadratic.
         has_expectations: Whether what is expected of sensors' errors is in it already.
+        knows_load: Whether it says something of the load.
     """
 
     state: State
     guess: Guess
     evidence: Evidence
     has_expectations: bool = False
+    knows_load: bool = True
 
     def at(self, body: BodyModel) -> Evidence:
         """Around another state nearby."""
@@ -48,11 +50,11 @@ class Prior:
 
     def without(self, places: Indices, limits: Array) -> Prior:
         """Whatever these unknowns are now."""
-        return Prior(self.state, self.guess, self.evidence.without(places, limits), self.has_expectations)
+        return replace(self, evidence=self.evidence.without(places, limits))
 
     def loosened(self, places: slice | Indices, covariance: Array) -> Prior:
         """These unknowns have changed by a step with this covariance."""
-        return Prior(self.state, self.guess, self.evidence.loosened(places, covariance), self.has_expectations)
+        return replace(self, evidence=self.evidence.loosened(places, covariance))
 
     def for_team(self, members: Sequence[int | None], settings: FitSettings) -> Prior:
         """For another team.
@@ -96,7 +98,7 @@ class Prior:
             if calibration is not None and state.calibration is not None:
                 calibration[now] = state.calibration[then]
         carried = State(tuple(poses), eta, calibration, state.gyros, state.load)
-        return Prior(carried, self.guess, evidence, self.has_expectations)
+        return replace(self, state=carried, evidence=evidence)
 
 
 class Chapter:
@@ -110,6 +112,11 @@ class Chapter:
 
     def __init__(self, buffer: RowBuffer, settings: FitSettings, prior: Prior | None = None) -> None:
         self.buffer, self.prior, self._settings = buffer, prior, settings
+
+    @property
+    def knows_load(self) -> bool:
+        """Whether former chapters say something of the load."""
+        return self.prior is not None and self.prior.knows_load
 
     def said_before(self, body: BodyModel) -> Evidence:
         """What former chapters and expectations of sensors' errors say at a state."""
@@ -146,7 +153,8 @@ class Chapter:
             )
             self._become(estimate, guess, evidence, False)
         if self.prior is not None:
-            self.prior = self.prior.without(np.arange(body.unknowns.size)[body.unknowns.theta], guess.limits)
+            theta = np.arange(body.unknowns.size)[body.unknowns.theta]
+            self.prior = replace(self.prior.without(theta, guess.limits), knows_load=False)
 
     def end(self, estimate: Estimate, guess: Guess, place: int, is_cut: bool) -> None:
         """All rows before this place become part of the prior; ``is_cut`` says that something has happened there."""
