@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from agents.efficient.exchange import Exchange, RowMessage
+from agents.efficient.judge import Outcome, Verdict
 from agents.efficient.session import Session, Stage
 from agents.efficient.settings import Guards
 from agents.estimator import Belief, Channels, is_converged
@@ -82,13 +83,15 @@ class EfficientEstimator:
     def doubts(self) -> tuple[str, ...]:
         """See ``Estimator.doubts``."""
         team = self._team
-        if team is None or team.session.estimate is None:
-            return ("the team's rows have just begun",)
+        if team is None:
+            return ("the team is not known yet",)
+        session = team.session
+        if session.stage is not Stage.ESTIMATING and session.verdict.outcome is not Outcome.FITS:
+            return (_in_words(session.verdict, team.names),)
+        if session.estimate is None:
+            return ("the team's measurements have just begun",)
         if team.session.suspect is not None:
             return (f"the sensors of {team.names[team.session.suspect]} contradict the motion of the team",)
-        if team.session.rival is not None:
-            robot, sensor = team.session.rival
-            return (f"either the load has changed or the {sensor} sensor of {team.names[robot]} reads too much",)
         if not team.session.is_confirmed:
             return ("what was known before is being confirmed by new measurements",)
         missing = team.missing()
@@ -165,6 +168,14 @@ class EfficientEstimator:
             learned_block=team.newest,
             grasps={} if claim.hidden_poses.any() else _in_first(team.names, state.poses),
         )
+
+
+def _in_words(verdict: Verdict, names: list[str]) -> str:
+    """Why nothing can be said of the load."""
+    if verdict.rival is None:
+        return verdict.outcome.value
+    robot, sensor = verdict.rival
+    return f"either the load has changed or the {sensor} sensor of {names[robot]} reads something in excess"
 
 
 def _in_first(names: list[str], poses: tuple[Pose, ...]) -> dict[str, Pose]:

@@ -12,6 +12,7 @@ from enum import Enum
 
 import numpy as np
 
+from agents.efficient.judge import Outcome, Verdict, judge
 from agents.efficient.monitor import Monitor
 from agents.efficient.settings import Guards
 from agents.efficient.sight import Sight
@@ -21,7 +22,6 @@ from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.fit import MOST_STEPS, Estimate, Look, fitted
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.likelihood import wrench_evidence
-from coheft.estimation.moments.misfit import excess_energy, explanations, worst_misfit
 from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import ROW_SIZE
@@ -31,8 +31,6 @@ from coheft.estimation.spatial import Array, Pose
 
 _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
 """A memory that fades does so in so many steps; each leaves the newest rows to go on from."""
-_JUDGED = 256
-"""So many of the newest rows are looked at for misfits after a fit; older ones have been."""
 _EXACT_UP_TO = 12
 """Robots of a team whose moments are kept exactly: beyond, what is seen from one state is faster."""
 
@@ -90,7 +88,7 @@ class Session:
         estimate: Of poses and load, None at first.
         changes: Of the load: number of its first row, and of the row at which that was noticed.
         suspect: Place of a robot whose motion sensors contradict the others at present, or None.
-        rival: Robot and sensor that may read something in excess, while the stage is ``UNDECIDED``.
+        verdict: On the last fit.
     """
 
     def __init__(
@@ -118,7 +116,7 @@ class Session:
         self.estimate: Estimate | None = None
         self.suspect: int | None = None
         self.changes: list[tuple[int, int]] = []
-        self.rival: tuple[int, str] | None = None
+        self.verdict = Verdict(Outcome.FITS)
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._confirmed_by = 0  # the row from which on what is known holds again
         self._begin(prior)
@@ -214,42 +212,23 @@ class Session:
                 self._start_over()
             return False
         if self.suspect is not None and number - self._contradicted_at >= self._clear:
-            self.suspect = None
+            self.suspect, self._confirmed_by = None, number + self._confirming
         return self.suspect is None
 
     def _judge(self) -> None:
         """After a fit: whether all rows fit, and whether it could not be a sensor instead of a load."""
-        buffer, guards, estimate = self._buffer, self._guards, self.estimate
+        estimate, has_offset = self.estimate, self._settings.has_offset
         assert estimate is not None
-        assert estimate.state.load is not None
-        event, first = Event.FITTED, max(0, buffer.count - _JUDGED)
-        wrench, motion = self._sight.residuals(buffer.rows[first : buffer.count])
-        wrench = wrench[max(0, buffer.start - first) :]
-        # Of each row's sensors, twelve numbers are the motion's; all rows together find the poses.
-        freedom = len(motion) * (12.0 * self._count - 12.0) - 6.0 * (self._count - 1)
-        worst_motion, worst_wrench = worst_misfit(motion), worst_misfit(wrench)
-        if (worst_motion is not None and worst_motion.chi_square > guards.largest_motion_misfit) or excess_energy(
-            motion, freedom, guards.noise_tolerance
-        ) > guards.energy:
-            self._start_over()
-            return
-        if (worst_wrench is not None and worst_wrench.chi_square > guards.largest_wrench_misfit) or excess_energy(
-            wrench, wrench.size - 10.0, guards.noise_tolerance
-        ) > guards.energy:
-            self._forget_load(buffer.count, Event.MISFIT, estimate)
-            return
-        assumed = estimate.state.load if self._settled is None else self._settled
-        found = explanations(estimate.body, wrench_moments(estimate.body, buffer.moments()[1]), assumed)
-        if found.both > guards.largest_constant_excess and not self._settings.has_offset:
-            self._forget_load(buffer.count, Event.MISFIT, estimate)
-            return
-        if self._settled is not None:
-            is_clear = found.sensor < guards.largest_excess or found.load - found.sensor > guards.lead
-            if is_clear or self._newest - self.changed_at > self._longest:
-                self._settled = self.rival = None
-            else:
-                event, self.rival = Event.UNDECIDED, (found.robot, found.kind)
-        self.stage = TRANSITIONS[self.stage, event]
+        self.verdict = judge(estimate, self._sight, self._buffer, self._guards, self._settled, has_offset)
+        match self.verdict.outcome:
+            case Outcome.NO_BODY:
+                self._start_over()
+            case Outcome.NO_LOAD:
+                self._forget_load(self._buffer.count, Event.MISFIT, estimate)
+            case Outcome.UNDECIDED if self._newest - self.changed_at <= self._longest:
+                self.stage = TRANSITIONS[self.stage, Event.UNDECIDED]
+            case _:
+                self.stage, self._settled = TRANSITIONS[self.stage, Event.FITTED], None
 
     def _start_over(self) -> None:
         self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]

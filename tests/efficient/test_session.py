@@ -121,7 +121,7 @@ def test_a_force_sensor_that_is_off_is_not_taken_for_another_load(size: float) -
     found, rivals = session(), set()
     for number, row in enumerate(rows):
         found.take(number, row)
-        rivals.add(found.rival)
+        rivals.add(found.verdict.rival)
         if number > 165:
             assert found.stage is not Stage.ESTIMATING
     assert rivals <= {None, (2, "force")}

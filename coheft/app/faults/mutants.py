@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from agents.efficient import session
+from agents.efficient import judge
 from agents.efficient.exchange import Exchange
 from agents.efficient.monitor import Contradiction, Monitor
 from agents.efficient.session import Session
 from coheft.errors import CoheftError
 from coheft.estimation.moments.body import BodyModel
-from coheft.estimation.moments.misfit import Explanations, Misfit
+from coheft.estimation.moments.misfit import Explanations
 from coheft.estimation.moments.moments import Moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.spatial import Array, skew
@@ -90,11 +90,11 @@ def _nothing_taken_back(take_back: Function) -> Function:
     return mutant
 
 
-def _no_misfit(worst_misfit: Function) -> Function:
+def _no_misfit(fits: Function) -> Function:
     """Whatever was fitted, all rows fit."""
 
-    def mutant(residuals: Array) -> Misfit | None:
-        return None
+    def mutant(*arguments: Any) -> bool:
+        return True
 
     return mutant
 
@@ -120,8 +120,8 @@ MUTANTS: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
     "wrong-side": (RowBuffer, "begin_load", _wrong_side),
     "no-monitor": (Monitor, "add", _no_monitor),
     "nothing-taken-back": (RowBuffer, "take_back", _nothing_taken_back),
-    "no-misfit": (session, "worst_misfit", _no_misfit),
-    "no-rival": (session, "explanations", _no_rival),
+    "no-misfit": (judge, "_fits", _no_misfit),
+    "no-rival": (judge, "explanations", _no_rival),
     "no-confirmation": (Session, "is_confirmed", _no_confirmation),
 }
 """By name: where what is replaced, and by what."""

@@ -1,0 +1,81 @@
+"""After a fit: whether all rows fit, and whether a sensor could not explain the wrenches as well as a load.
+
+rows fit if no stretch of residuals and not the sum of their squares is larger than noise makes it
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from agents.efficient.settings import Guards
+from agents.efficient.sight import Sight
+from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.moments.misfit import excess_energy, explanations, worst_misfit
+from coheft.estimation.moments.moments import wrench_moments
+from coheft.estimation.moments.row_buffer import RowBuffer
+from coheft.estimation.moments.rows import KINEMATICS_SIZE
+from coheft.estimation.spatial import Array
+
+_JUDGED = 256
+"""So many of the newest rows are looked at; older ones have been."""
+_POSE, _MOTION, _LOAD = 6, 12, 10
+"""Numbers that a fit takes from the residuals: of each pose, of each row's motion, of the load."""
+
+
+class Outcome(Enum):
+    """Of a judgement; each is a reason in words, but for the first."""
+
+    FITS = "all rows fit"
+    NO_BODY = "motions do not fit one rigid body: a sensor may be off"
+    NO_LOAD = "wrenches fit no load: a force or torque sensor may be off"
+    UNDECIDED = "either the load has changed or a sensor reads something in excess"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """An outcome, and the robot and sensor that would explain it if it is undecided."""
+
+    outcome: Outcome
+    rival: tuple[int, str] | None = None
+
+
+def judge(
+    estimate: Estimate, sight: Sight, buffer: RowBuffer, guards: Guards, settled: Array | None, has_offset: bool
+) -> Verdict:
+    """Judge a fit by its residuals.
+
+    Args:
+        estimate: The fit.
+        sight: With it.
+        buffer: Of rows.
+        guards: Thresholds.
+        settled: The load (16,) before the last change, if it is not settled yet that this was one.
+        has_offset: Whether force and torque sensors may have constant offsets, which the fit then knows of.
+    """
+    assumed = estimate.state.load if settled is None else settled
+    assert assumed is not None
+    first = max(0, buffer.count - _JUDGED)
+    wrench, motion = sight.residuals(buffer.rows[first : buffer.count])
+    wrench, count = wrench[max(0, buffer.start - first) :], estimate.body.count
+    freedom = len(motion) * (KINEMATICS_SIZE * count - _MOTION) - _POSE * (count - 1)
+    if not _fits(motion, freedom, guards.largest_motion_misfit, guards):
+        return Verdict(Outcome.NO_BODY)
+    if not _fits(wrench, wrench.size - _LOAD, guards.largest_wrench_misfit, guards):
+        return Verdict(Outcome.NO_LOAD)
+    found = explanations(estimate.body, wrench_moments(estimate.body, buffer.moments()[1]), assumed)
+    if found.both > guards.largest_constant_excess and not has_offset:
+        return Verdict(Outcome.NO_LOAD)
+    if settled is None or found.sensor < guards.largest_excess or found.load - found.sensor > guards.lead:
+        return Verdict(Outcome.FITS)
+    return Verdict(Outcome.UNDECIDED, (found.robot, found.kind))
+
+
+def _fits(residuals: Array, freedom: float, largest: float, guards: Guards) -> bool:
+    """Whether residuals (n, s, d) are no larger than noise makes them."""
+    worst = worst_misfit(residuals)
+    if worst is not None and worst.chi_square > largest:
+        return False
+    return excess_energy(residuals, np.maximum(freedom, 1.0), guards.noise_tolerance) <= guards.energy
