@@ -137,7 +137,7 @@ def test_all_go_on_while_one_link_of_a_ring_is_out() -> None:
     )
     healed = out.stop * scenario.block_duration
     for estimates in recording.estimates.values():
-        assert {each.block - each.valid_block for each in estimates if healed - 1.0 < each.time < healed} <= {5, 6}
+        assert all(each.block - each.valid_block < 10 for each in estimates if healed - 1.0 < each.time < healed)
         assert {each.status for each in estimates if each.time > healed + 0.5} == {"valid"}
 
 

@@ -168,7 +168,7 @@ class Session:
         """One more row of the whole team, shape (24 N + 1,); any may be missing or late."""
         buffer, row = self._buffer, self._buffer.extended(number, row)
         if number > self._newest + 1 + self._waits:
-            self._confirmed_by = number + self._confirming
+            self._confirmed_by = number + (self._least if self._misses_poses else self._confirming)
         self._newest = max(self._newest, number)
         if self.estimate is None:
             buffer.add(number, row)
@@ -194,11 +194,16 @@ class Session:
             if self._page and buffer.load_rows >= self._page and self.stage is Stage.ESTIMATING:
                 self._turn_page()
 
+    @property
+    def _misses_poses(self) -> bool:
+        """Whether the pose of a robot is not known."""
+        return self.estimate is None or bool(self.estimate.hidden_poses().any())
+
     # --- contradictions ---
 
     def _is_believed(self, number: int, row: Array, residuals: Array, estimate: Estimate) -> bool:
         """Whether a row's motion may be learned from; a contradiction takes back the rows that came with it."""
-        if estimate.hidden_poses().any():
+        if self._misses_poses:
             return True
         found = self._monitor.add(residuals, estimate.body.see @ row, estimate)
         if found is not None:
@@ -239,6 +244,8 @@ class Session:
     def _look_for_change(self, number: int) -> bool:
         """Whether the load has changed: what looks like it must still do so against a fit to older rows only."""
         if self.stage is Stage.GATHERING or number < self._pause:
+            return False
+        if self._misses_poses and self._buffer.count < self._least:  # so few rows do not find them
             return False
         buffer = self._buffer
         since, size = self._sight.likeliest_change(buffer)

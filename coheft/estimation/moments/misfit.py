@@ -74,7 +74,7 @@ def excess_energy(residuals: Array, freedom: float, tolerance: float) -> float:
         tolerance: The variance of noise may be larger by this share than it was told to be.
     """
     expected = (1.0 + tolerance) * freedom
-    return float((np.square(residuals).sum() - expected) / max(1.0, np.sqrt(2.0 * expected * (1.0 + tolerance))))
+    return float((np.square(residuals).sum() - expected) / np.sqrt(2.0 * expected * (1.0 + tolerance)))
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,9 @@ _LONGEST = 0.02
 """Duration of a row of a small team [s]."""
 _TEAM_PER_DURATION, _MOST_DURATIONS = 32, 5
 """Rows of a team of more robots are longer in proportion, up to so many times: what an agent does grows with both."""
+_FASTEST, _FAST_TURNING, _TIMES = 2.0, 10.0, 3.0
+"""Frequency [Hz] and angular acceleration [rad/s²] of a fast motion; what it does to slopes is the same again and again,
+so it counts as so many times larger noise."""
 _SAMPLES = slice(0, 9), slice(9, 15)
 _FLAT_PRODUCTS = 3 * PACKED_ROWS + PACKED_COLUMNS
 
@@ -79,8 +82,13 @@ class RowNoise:
 
     @staticmethod
     def of_samples(noise: SensorNoise, samples: int, rate: float) -> RowNoise:
-        """Noise of means over so many samples, for robots that are all alike."""
-        slope = noise.gyro * rate * math.sqrt(12.0 / (samples * (samples**2 - 1)))
+        """Noise of means over so many samples, for robots that are all alike.
+
+        That the slope is not quite the mean angular acceleration counts as noise of the slope: it matters in long rows.
+        """
+        by_gyro = noise.gyro * rate * math.sqrt(12.0 / (samples * (samples**2 - 1)))
+        by_shape = _TIMES * _FAST_TURNING * (2.0 * math.pi * _FASTEST * samples / rate) ** 2 / 60.0
+        slope = math.hypot(by_gyro, by_shape)
         mean = noise.per_column() / math.sqrt(samples)
         return RowNoise(np.concatenate([mean[_SAMPLES[0]], np.full(3, slope)])[None], mean[None, _SAMPLES[1]])
 
