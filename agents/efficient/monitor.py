@@ -85,12 +85,19 @@ class Monitor:
         return Contradiction(robot, rows, size) if size > 1.0 else None
 
     def _with_uncertain_poses(self, residual: Array, robot: int, rows: int, estimate: Estimate) -> float:
-        """The statistic if poses are only known as well as the estimate says."""
+        """The statistic if poses are only known as well as the estimate says.
+
+        A wrong pose of any robot shifts what that robot should read, and what all should read by the fused motion.
+        """
         body, unknowns = estimate.body, estimate.body.unknowns
         motion = np.sum(self._motion[-rows:], axis=0) / np.sqrt(rows)
-        shifts = np.sqrt(body.weight)[:, None] * (MotionDerivatives.at(body).own @ motion)  # (N, own, 12)
-        places = np.arange(unknowns.count * unknowns.own).reshape(unknowns.count, unknowns.own)
-        of_own = estimate.covariance[places[:, :, None], places[:, None]]
-        each = shifts.swapaxes(1, 2) @ of_own @ shifts
-        covariance = np.eye(KINEMATICS_SIZE) + each[robot] + each.mean(axis=0)
+        shifts = MotionDerivatives.at(body).own @ motion  # of what robots should read, shape (N, own, 12)
+        derivative = np.zeros((self._count, unknowns.own, KINEMATICS_SIZE))
+        for fusion in (body.twist, body.accelerations):
+            by_fusion = shifts[:, :, fusion.sensors] @ fusion.gain.swapaxes(1, 2)
+            derivative += by_fusion @ body.predict[robot][:, fusion.part].T
+        derivative[robot] -= shifts[robot]
+        white = np.sqrt(body.weight[robot]) * derivative.reshape(-1, KINEMATICS_SIZE)
+        places = np.arange(len(white))
+        covariance = np.eye(KINEMATICS_SIZE) + white.T @ estimate.covariance[np.ix_(places, places)] @ white
         return float(residual @ np.linalg.solve(covariance, residual))

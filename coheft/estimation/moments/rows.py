@@ -35,8 +35,8 @@ _LONGEST = 0.02
 _TEAM_PER_DURATION, _MOST_DURATIONS = 32, 5
 """Rows of a team of more robots are longer in proportion, up to so many times: what an agent does grows with both."""
 _FASTEST, _FAST_TURNING, _TIMES = 2.0, 10.0, 3.0
-"""Frequency [Hz] and angular acceleration [rad/s²] of a fast motion; what it does to slopes is the same again and again,
-so it counts as so many times larger noise."""
+"""Frequency [Hz] and angular acceleration [rad/s²] of a fast motion; what it does to slopes does not average out, so it
+counts as so many times larger noise."""
 _SAMPLES = slice(0, 9), slice(9, 15)
 _FLAT_PRODUCTS = 3 * PACKED_ROWS + PACKED_COLUMNS
 
