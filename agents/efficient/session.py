@@ -273,10 +273,15 @@ class Session:
 
     def _forget_load(self, place: int, event: Event, now: Estimate) -> None:
         """From this place on the load has to be found anew; what was learned of poses before stays."""
-        has_changed = event is Event.LOAD_CHANGED
+        has_changed, state = event is Event.LOAD_CHANGED, now.state.with_load(None)
         self._chapter.end_of_load(now, self._guess, place, has_changed and not now.hidden_poses().any())
-        body = self._settings.body(now.state.with_load(None), self._level)
-        self.estimate = Estimate(body, now.seen, now.hidden, now.step, now.size, now.level)
+        if has_changed:
+            body = self._settings.body(state, self._level)
+            self.estimate = Estimate(body, now.seen, now.hidden, now.step, now.size, now.level)
+        else:  # wrong wrenches have moved the poses, too
+            chapter = self._chapter
+            look, before = chapter.look(), chapter.said_before
+            self._know(fitted(state, look, before, self._guess, self._settings, self._anchor))
         self.stage = TRANSITIONS[self.stage, event]
         self._surprises, self._look_until, self._next_fit = 0, -1, self._least
 

@@ -16,6 +16,7 @@ from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.moments import view_moments
 from coheft.estimation.moments.row_buffer import VIEW_SIZE, RowBuffer
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, TWIST, WRENCH_SIZE
+from coheft.estimation.moments.unknowns import LOAD_SIZE
 from coheft.estimation.spatial import Array
 
 _MOTION = VIEW_SIZE + WRENCH_SIZE
@@ -36,7 +37,7 @@ class Look(NamedTuple):
 
 
 class Sight:
-    """What follows from an estimate with a load and from the rows that are kept.
+    """What follows from an estimate and from the rows that are kept.
 
     Args:
         estimate: The estimate.
@@ -45,7 +46,8 @@ class Sight:
 
     def __init__(self, estimate: Estimate, chapter: Chapter) -> None:
         body, buffer, load = estimate.body, chapter.buffer, estimate.state.load
-        assert load is not None
+        if load is None:  # then residuals of wrenches are not looked at
+            load = np.zeros(LOAD_SIZE)
         if not estimate.hidden_poses().any():
             buffer.see_from(body)
         of_all, of_load = buffer.moments()

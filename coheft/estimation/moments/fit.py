@@ -111,7 +111,7 @@ def fitted(
             if moments.wrench.number > 0.0:
                 by_wrench = wrench_evidence(body, derivatives, moments.wrench, load, wrench_noise, is_fitted)
                 total, wrench_noise = total + by_wrench, by_wrench.noise
-            total += before(body)
+        total += before(body)
         state, seen, hidden, size = _stepped(body, total, settings, guess, anchor)
         if size > _FAR:
             motion_noise = wrench_noise = None
