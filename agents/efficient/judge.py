@@ -13,7 +13,7 @@ import numpy as np
 from agents.efficient.settings import Guards
 from agents.efficient.sight import Sight
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.misfit import excess_energy, explanations, worst_misfit
+from coheft.estimation.moments.misfit import Settled, excess_energy, explanations, worst_misfit
 from coheft.estimation.moments.moments import wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import KINEMATICS_SIZE
@@ -43,7 +43,7 @@ class Verdict:
 
 
 def judge(
-    estimate: Estimate, sight: Sight, buffer: RowBuffer, guards: Guards, settled: Array | None, has_offset: bool
+    estimate: Estimate, sight: Sight, buffer: RowBuffer, guards: Guards, settled: Settled | None, has_offset: bool
 ) -> Verdict:
     """Judge a fit by its residuals.
 
@@ -52,11 +52,11 @@ def judge(
         sight: With it.
         buffer: Of rows.
         guards: Thresholds.
-        settled: The load (16,) before the last change, if it is not settled yet that this was one.
+        settled: The load before the last change, if it is not settled yet that this was one.
         has_offset: Whether force and torque sensors may have constant offsets, which the fit then knows of.
     """
-    assumed = estimate.state.load if settled is None else settled
-    assert assumed is not None
+    assert estimate.state.load is not None
+    assumed = Settled(estimate.state.load, np.zeros((_LOAD, _LOAD))) if settled is None else settled
     first = max(0, buffer.count - _JUDGED)
     wrench, motion = sight.residuals(buffer.rows[first : buffer.count])
     wrench, count = wrench[max(0, buffer.start - first) :], estimate.body.count

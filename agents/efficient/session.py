@@ -16,12 +16,14 @@ from agents.efficient.judge import Outcome, Verdict, judge
 from agents.efficient.monitor import Monitor
 from agents.efficient.settings import Guards
 from agents.efficient.sight import Sight
+from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments.change import surprise
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.fit import MOST_STEPS, Estimate, Look, fitted
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.likelihood import wrench_evidence
+from coheft.estimation.moments.misfit import Settled
 from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import ROW_SIZE
@@ -111,6 +113,7 @@ class Session:
         memory = settings.memory
         self._page = 0 if memory is None else rows(memory / _PAGES_IN_MEMORY, 4)
         self._waits, self._confirming = rows(guards.waiting), rows(guards.confirming, 3)
+        self._calm = rows(guards.calm)
         self._turn, self._lasting, self._longest = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
         self.stage = Stage.GATHERING
         self.estimate: Estimate | None = None
@@ -134,10 +137,11 @@ class Session:
         self._chapter = Chapter(self._buffer, settings, prior)
         self._monitor = Monitor(self._count, self._guards)
         self.estimate, self.suspect = None, None
-        self._settled: Array | None = None  # the load before the last change, while that is undecided
+        self._settled: Settled | None = None  # the load before the last change, while that is undecided
         self._next_fit, self._surprises, self._look_until = self._least, 0, -1
         self._in_vain, self._pause, self._level, self._rows_before = 0, -1, 1.0, 0
         self._doubted_at = self._contradicted_at = -1
+        self._forgot_at = -self._calm
 
     def prior(self) -> Prior | None:
         """All that is known, for another team of which this robot is part; None if there is nothing to rely upon."""
@@ -224,12 +228,18 @@ class Session:
         """After a fit: whether all rows fit, and whether it could not be a sensor instead of a load."""
         estimate, has_offset = self.estimate, self._settings.has_offset
         assert estimate is not None
-        self.verdict = judge(estimate, self._sight, self._buffer, self._guards, self._settled, has_offset)
+        buffer, guards = self._buffer, self._guards
+        self.verdict = judge(estimate, self._sight, buffer, guards, self._settled, has_offset)
+        first = buffer.count
+        if self.stage is Stage.GATHERING and self.verdict.outcome is not Outcome.NO_BODY:
+            since, size = self._sight.likeliest_change(buffer)
+            if size > guards.fresh_change:
+                self.verdict, first = Verdict(Outcome.NO_LOAD), buffer.start + since
         match self.verdict.outcome:
             case Outcome.NO_BODY:
                 self._start_over()
             case Outcome.NO_LOAD:
-                self._forget_load(self._buffer.count, Event.MISFIT, estimate)
+                self._forget_load(first, Event.MISFIT, estimate)
             case Outcome.UNDECIDED if self._newest - self.changed_at <= self._longest:
                 self.stage = TRANSITIONS[self.stage, Event.UNDECIDED]
             case _:
@@ -267,7 +277,8 @@ class Session:
         self._in_vain = 0
         self.changes.append((int(buffer.numbers[place]), number))
         if self._settled is None:
-            self._settled = now.state.load
+            theta = now.body.unknowns.theta
+            self._settled = Settled(now.state.load, inverse_of(now.covariance[theta, theta]))
         self._forget_load(place, Event.LOAD_CHANGED, now)
         return True
 
@@ -283,7 +294,9 @@ class Session:
             look, before = chapter.look(), chapter.said_before
             self._know(fitted(state, look, before, self._guess, self._settings, self._anchor))
         self.stage = TRANSITIONS[self.stage, event]
-        self._surprises, self._look_until, self._next_fit = 0, -1, self._least
+        is_troubled = self._newest - self._forgot_at < self._calm
+        self._surprises, self._look_until, self._next_fit = 0, -1, self._least * (1 + is_troubled)
+        self._forgot_at = self._newest
 
     # --- fits ---
 

@@ -29,6 +29,10 @@ class Guards:
             something in excess: odds of ``exp(lead / 2)``.
         excess: Probability that a sensor seems to explain wrenches of another load, without reading anything in excess.
         constant_excess: Probability that one seems to have read something in excess all the time, whatever the load is.
+        fresh_change: Before a load is told for the first time no stretch of its rows may look so much like another one,
+            over the threshold of a change: some 1e-7 by chance.
+        calm: A load that is forgotten sooner after another one than this needs twice as many rows [s]: then it is rather
+            a sensor that comes and goes, and rows may be of both.
         undecided: After so long without an answer the load is believed to have changed [s]: a fault is over by then.
         waiting: Rows are missing when none of the whole team has come for so long, and the time on the way [s].
         confirming: After rows were missing, or in another team, what was known holds only when it has fitted new rows
@@ -50,6 +54,8 @@ class Guards:
     lead: float = 25.0
     excess: float = 1e-4
     constant_excess: float = 1e-9
+    fresh_change: float = 0.65
+    calm: float = 1.0
     undecided: float = 4.0
     waiting: float = 0.15
     confirming: float = 0.1

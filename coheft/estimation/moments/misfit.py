@@ -96,32 +96,52 @@ class Explanations:
     kind: str
 
 
-def explanations(body: BodyModel, moments: WrenchMoments, load: Array) -> Explanations:
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """A load that was known.
+
+    Attributes:
+        load: Wrench offset and theta, shape (16,).
+        information: On theta, shape (10, 10).
+    """
+
+    load: Array
+    information: Array
+
+
+def explanations(body: BodyModel, moments: WrenchMoments, settled: Settled) -> Explanations:
     """How well another load, or a sensor that reads something in excess, explains wrenches.
 
     Args:
         body: At the state.
         moments: Of the wrenches.
-        load: Wrench offset and theta that are assumed, shape (16,).
+        settled: The load that is assumed.
     """
+    load = settled.load
     evidence = wrench_evidence(body, MotionDerivatives.at(body), moments, load)
     about = evidence.of(np.arange(body.unknowns.size)[body.unknowns.load])
     spread = about.information + about.noise
     scale = np.maximum(spread.diagonal(), 1e-300) ** -0.5
     score, spread = scale * about.score, scale[:, None] * spread * scale
 
-    def explained(basis: Array) -> float:
+    known = np.zeros_like(spread)
+    known[THETA, THETA] = scale[THETA, None] * settled.information * scale[THETA]
+
+    def explained(basis: Array, freedom: int, information: Array = spread) -> float:
         """By steps in the columns of ``basis`` (16, k), in units of ``scale``."""
-        step: Array = np.asarray(np.linalg.lstsq(basis.T @ spread @ basis, basis.T @ score, rcond=_FAINT)[0])
-        return float(score @ basis @ step) - float(basis.shape[1])
+        step: Array = np.asarray(np.linalg.lstsq(basis.T @ information @ basis, basis.T @ score, rcond=_FAINT)[0])
+        return float(score @ basis @ step) - float(freedom)
 
     identity = np.eye(LOAD_SIZE)
-    by_load, best = explained(identity[:, THETA]), Explanations(0.0, -np.inf, -np.inf, 0, "force")
+    of_load, best = identity[:, THETA], Explanations(0.0, -np.inf, -np.inf, 0, "force")
+    by_load = explained(of_load, 10)
     for robot, adjoint in enumerate(body.adjoints):
         for kind, part in (("force", slice(0, 3)), ("torque", slice(3, 6))):
             basis = (identity[:, OFFSET] @ adjoint[:, part]) / scale[:, None]
             basis /= np.linalg.norm(basis, axis=0)
-            both = explained(np.hstack([identity[:, THETA], basis])) - by_load
+            with_load = np.hstack([of_load, basis])
+            both = explained(with_load, 13) - by_load
             if both > best.both:
-                best = Explanations(by_load, explained(basis), both, robot, kind)
+                # Beside a sensor the load is still the one that was known, as well as it was.
+                best = Explanations(by_load, explained(with_load, 3, spread + known), both, robot, kind)
     return best
