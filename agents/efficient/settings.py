@@ -31,8 +31,8 @@ class Guards:
         constant_excess: Probability that one seems to have read something in excess all the time, whatever the load is.
         fresh_change: Before a load is told for the first time no stretch of its rows may look so much like another one,
             over the threshold of a change: some 1e-7 by chance.
-        calm: A load that is forgotten sooner after another one than this needs twice as many rows [s]: then it is rather
-            a sensor that comes and goes, and rows may be of both.
+        calm: A load that is forgotten sooner after another one than this needs twice as many rows [s]: then it may be a
+            sensor that comes and goes, and rows may be of both.
         undecided: After so long without an answer the load is believed to have changed [s]: a fault is over by then.
         waiting: Rows are missing when none of the whole team has come for so long, and the time on the way [s].
         confirming: After rows were missing, or in another team, what was known holds only when it has fitted new rows
