@@ -70,7 +70,7 @@ class EfficientEstimator:
                 team.exchange.hear(message, index)
         team.session.hear_of_change(team.exchange.changed_at, index * self._parts)
         if own is not None and index >= team.start:
-            for part, samples in enumerate(np.split(own.samples, self._parts)):
+            for part, samples in enumerate(own.samples.reshape(self._parts, -1, own.samples.shape[1])):
                 row = row_of_samples(samples, self._config.noise.gyro**2, self._config.rate)
                 team.exchange.enter(index * self._parts + part, row)
         team.take(index)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,8 +22,9 @@ WINDOW = 64
 """Blocks of which rows may be under way at a time."""
 _LATE = 4
 """A row is handed on for so many blocks longer than it needs where nothing is lost."""
-_TEAM, _LABELS, _ROWS = "team", "labels", "rows"
-_ROBOT, _NUMBER = 0, 1
+_LABELS, _ROWS = "labels", "rows"
+_TEAMS = 2**32
+"""Numbers of teams are smaller."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,21 +45,20 @@ class RowMessage:
     rows: npt.NDArray[np.float32]
 
     def channels(self) -> dict[str, npt.NDArray[np.generic]]:
-        """As arrays by name."""
-        team = np.array([self.team, self.changed_at], dtype=np.int64)
-        return {_TEAM: team, _LABELS: self.labels, _ROWS: self.rows}
+        """As arrays by name; the first label is that of the team."""
+        head = np.array([[self.team, self.changed_at]]).astype(np.int32)
+        return {_LABELS: np.concatenate([head, self.labels]), _ROWS: self.rows}
 
     @staticmethod
-    def of_channels(channels: Mapping[str, npt.NDArray[np.generic]]) -> RowMessage | None:
+    def of_channels(channels: Mapping[str, npt.NDArray[Any]]) -> RowMessage | None:
         """Inverse of ``channels``; None if it is no such message."""
-        team, labels, rows = (channels.get(name) for name in (_TEAM, _LABELS, _ROWS))
-        if team is None or labels is None or rows is None:
+        labels, rows = channels.get(_LABELS), channels.get(_ROWS)
+        if labels is None or rows is None or labels.dtype != np.int32 or rows.dtype != np.float32:
             return None
-        if team.dtype != np.int64 or labels.dtype != np.int32 or rows.dtype != np.float32:
+        if rows.shape[1:] != (ROW_SIZE,) or labels.shape != (len(rows) + 1, 2):
             return None
-        if team.shape != (2,) or rows.shape[1:] != (ROW_SIZE,) or labels.shape != (len(rows), 2):
-            return None
-        return RowMessage(int(team[0]), int(team[1]), labels.astype(np.int32), rows.astype(np.float32))
+        team, changed_at = labels[0].tolist()
+        return RowMessage(team % _TEAMS, changed_at, labels[1:], rows)
 
 
 class Exchange:
@@ -98,7 +99,11 @@ class Exchange:
         if self.changed_at < message.changed_at < self._per_block * block:
             self.changed_at = message.changed_at
         news, by_robot = [], self._by_robot()
+        numbers, whose, places = self._numbers, self._whose, len(self._numbers)
         for k, (robot, number) in enumerate(message.labels.tolist()):
+            place = number % places
+            if numbers[place] == number and robot >= 0 and whose[place] >> robot & 1:
+                continue  # most are heard several times
             age = block - number // self._per_block
             if 0 <= robot < self._count and 0 < age < WINDOW and number >= 0 and self._is_new(robot, number):
                 by_robot[number % len(self._numbers), robot] = message.rows[k]

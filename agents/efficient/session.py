@@ -149,7 +149,7 @@ class Session:
             self._fit()  # so that the newest rows have been judged as well
             self._judge()
         estimate = self.estimate
-        if self.stage is not Stage.ESTIMATING or estimate is None or estimate.hidden_poses().any():
+        if self.stage is not Stage.ESTIMATING or estimate is None or estimate.misses_poses:
             return None
         return self._chapter.summed_up(estimate, self._guess)
 
@@ -201,7 +201,7 @@ class Session:
     @property
     def _misses_poses(self) -> bool:
         """Whether the pose of a robot is not known."""
-        return self.estimate is None or bool(self.estimate.hidden_poses().any())
+        return self.estimate is None or self.estimate.misses_poses
 
     # --- contradictions ---
 
@@ -285,7 +285,7 @@ class Session:
     def _forget_load(self, place: int, event: Event, now: Estimate) -> None:
         """From this place on the load has to be found anew; what was learned of poses before stays."""
         has_changed, state = event is Event.LOAD_CHANGED, now.state.with_load(None)
-        self._chapter.end_of_load(now, self._guess, place, has_changed and not now.hidden_poses().any())
+        self._chapter.end_of_load(now, self._guess, place, has_changed and not now.misses_poses)
         if has_changed:
             body = self._settings.body(state, self._level)
             self.estimate = Estimate(body, now.seen, now.hidden, now.step, now.size, now.level)
@@ -322,7 +322,7 @@ class Session:
     def _turn_page(self) -> None:
         """The memory fades: what was learned of the load counts less, as if it had drifted meanwhile."""
         estimate, settings, buffer = self.estimate, self._settings, self._buffer
-        if estimate is None or settings.memory is None or estimate.hidden_poses().any():
+        if estimate is None or settings.memory is None or estimate.misses_poses:
             return
         place = max(0, buffer.count - _KEPT_ON_PAGE)
         faded = math.expm1(place * settings.period / settings.memory)

@@ -48,7 +48,7 @@ class Sight:
         body, buffer, load = estimate.body, chapter.buffer, estimate.state.load
         if load is None:  # then residuals of wrenches are not looked at
             load = np.zeros(LOAD_SIZE)
-        if not estimate.hidden_poses().any():
+        if not estimate.misses_poses:
             buffer.see_from(body)
         of_all, of_load = buffer.moments()
         see = np.vstack([body.see[FORCING], body.wrench])

@@ -19,6 +19,7 @@ import numpy as np
 
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.linear_algebra import inverse as inverse_of
+from coheft.estimation.linear_algebra import is_positive_definite
 from coheft.estimation.moments.body import FORCING, FORCING_SIZE, REGRESSOR, BodyModel, residual_covariance
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.likelihood import information_table
@@ -33,6 +34,8 @@ _WINDOWS = np.unique(np.round(_RATIO ** np.arange(30)).astype(np.int64))
 """Numbers of newest rows that are tested, each half as many again as the one before."""
 _SEEN = 0.1
 """Directions are compared in which at least this share of the information is motion, and not its noise."""
+_WELL = 1e-6
+"""Least eigenvalue of a scaled matrix that is inverted without looking at its directions."""
 _FAINT = 1e-10
 """Share of the information below which all is rounding."""
 
@@ -135,7 +138,7 @@ def _likeliest(places: Indices, views: Array, before: Array, weights: Weights) -
 
     of_noise = counts[-1] * weights.of_noise
     basis, shares = _seen(matrices[-1], of_noise)
-    load = basis.T @ ((basis @ vectors[-1]) / shares)
+    load = basis.T @ np.linalg.solve(shares, basis @ vectors[-1])
     tested, _ = _seen(matrices[-1, THETA, THETA], of_noise[THETA, THETA])
     freedom = len(tested)
     if freedom == 0:
@@ -153,14 +156,19 @@ def _likeliest(places: Indices, views: Array, before: Array, weights: Weights) -
 
 
 def _seen(matrix: Array, noise: Array) -> tuple[Array, Array]:
-    """Directions, as rows, in which motion is seen, and its share of the information there.
+    """Directions, as rows (k, u), in which motion is seen, and its share of the information there, shape (k, k).
 
     ``matrix``, information with noise, is the identity in these directions.
     """
     scale = np.maximum(matrix.diagonal(), 1e-300) ** -0.5
-    values, vectors = np.linalg.eigh(scale[:, None] * matrix * scale)
+    scaled, of_noise = scale[:, None] * matrix * scale, scale[:, None] * noise * scale
+    one = np.eye(len(matrix))
+    if is_positive_definite((1.0 - _SEEN) * scaled - of_noise - _WELL * one):  # all of them
+        white: Array = np.asarray(np.linalg.inv(np.linalg.cholesky(scaled)))
+        return white * scale, one - white @ of_noise @ white.T
+    values, vectors = np.linalg.eigh(scaled)
     is_real = values > _FAINT * values[-1]
-    white = (vectors[:, is_real] / np.sqrt(values[is_real])).T * scale
-    shares, directions = np.linalg.eigh(np.eye(len(white)) - white @ noise @ white.T)
+    white = (vectors[:, is_real] / np.sqrt(values[is_real])).T
+    shares, directions = np.linalg.eigh(np.eye(len(white)) - white @ of_noise @ white.T)
     is_seen = shares > _SEEN
-    return directions[:, is_seen].T @ white, shares[is_seen]
+    return directions[:, is_seen].T @ white * scale, np.diag(shares[is_seen])

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ _FAR = 3.0
 _LEAST_FOR_LEVEL = 50.0
 """Rows from which on the level of the noise is estimated: its relative deviation is ``1 / sqrt(3 n)``, 8 %."""
 _SAME_LEVEL = 0.01
-MOST_STEPS, SMALL_STEP = 10, 0.5
+MOST_STEPS, SMALL_STEP = 10, 1.0
 """Steps of a fit at most; a step that is smaller, in standard deviations of what it moves, is the last one."""
 
 
@@ -62,6 +63,11 @@ class Estimate:
     def covariance(self) -> Array:
         """Of all unknowns, shape (u, u)."""
         return self.seen + self.hidden
+
+    @cached_property
+    def misses_poses(self) -> bool:
+        """Whether any robot's pose is hidden."""
+        return bool(self.hidden_poses().any())
 
     def hidden_poses(self, limits: Array = POSE_LIMITS) -> Flags:
         """Whether any part of a robot's pose is hidden or known less well than ``limits`` (6,), shape (N,)."""

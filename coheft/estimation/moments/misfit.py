@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.likelihood import wrench_evidence
@@ -122,26 +123,26 @@ def explanations(body: BodyModel, moments: WrenchMoments, settled: Settled) -> E
     about = evidence.of(np.arange(body.unknowns.size)[body.unknowns.load])
     spread = about.information + about.noise
     scale = np.maximum(spread.diagonal(), 1e-300) ** -0.5
-    score, spread = scale * about.score, scale[:, None] * spread * scale
+    score, spread = scale * about.score, scale[:, None] * spread * scale + _FAINT * np.eye(LOAD_SIZE)
+    known = scale[THETA, None] * settled.information * scale[THETA]
 
-    known = np.zeros_like(spread)
-    known[THETA, THETA] = scale[THETA, None] * settled.information * scale[THETA]
+    # A sensor's excess is one of the wrench offset: by force, then by torque, of each robot; shape (2 N, 6, 3).
+    excess = np.concatenate([body.adjoints[:, :, :3], body.adjoints[:, :, 3:]]) / scale[OFFSET, None]
+    excess /= np.linalg.norm(excess, axis=1, keepdims=True)
+    by_load, beside = _beside_theta(score, spread, excess, np.zeros_like(known))
+    best = int(beside.argmax())
+    by_known, beside_known = _beside_theta(score, spread, excess[best : best + 1], known)
+    kind, robot = divmod(best, body.count)
+    sensor = by_known + float(beside_known[0]) - 3.0
+    return Explanations(by_load - 10.0, sensor, float(beside[best]) - 3.0, robot, ("force", "torque")[kind])
 
-    def explained(basis: Array, freedom: int, information: Array = spread) -> float:
-        """By steps in the columns of ``basis`` (16, k), in units of ``scale``."""
-        step: Array = np.asarray(np.linalg.lstsq(basis.T @ information @ basis, basis.T @ score, rcond=_FAINT)[0])
-        return float(score @ basis @ step) - float(freedom)
 
-    identity = np.eye(LOAD_SIZE)
-    of_load, best = identity[:, THETA], Explanations(0.0, -np.inf, -np.inf, 0, "force")
-    by_load = explained(of_load, 10)
-    for robot, adjoint in enumerate(body.adjoints):
-        for kind, part in (("force", slice(0, 3)), ("torque", slice(3, 6))):
-            basis = (identity[:, OFFSET] @ adjoint[:, part]) / scale[:, None]
-            basis /= np.linalg.norm(basis, axis=0)
-            with_load = np.hstack([of_load, basis])
-            both = explained(with_load, 13) - by_load
-            if both > best.both:
-                # Beside a sensor the load is still the one that was known, as well as it was.
-                best = Explanations(by_load, explained(with_load, 3, spread + known), both, robot, kind)
-    return best
+def _beside_theta(score: Array, spread: Array, excess: Array, known: Array) -> tuple[float, Array]:
+    """What theta explains, and what each excess (k, 6, 3) explains beside it, with ``known`` (10, 10) of theta."""
+    inverse = inverse_of(spread[THETA, THETA] + known)
+    across = spread[OFFSET, THETA] @ inverse
+    left = score[OFFSET] - across @ score[THETA]
+    square = excess.swapaxes(1, 2) @ (spread[OFFSET, OFFSET] - across @ spread[THETA, OFFSET]) @ excess
+    of_excess = left @ excess
+    explained = (of_excess * np.linalg.solve(square, of_excess[..., None])[..., 0]).sum(axis=1)
+    return float(score[THETA] @ inverse @ score[THETA]), explained
