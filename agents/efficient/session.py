@@ -121,13 +121,12 @@ class Session:
         self.changes: list[tuple[int, int]] = []
         self.verdict = Verdict(Outcome.FITS)
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
-        self._confirmed_by = 0  # the row from which on what is known holds again
         self._begin(prior)
         if prior is not None:
             self._guess = prior.guess
             look, before = self._chapter.look(), self._chapter.said_before
             self._know(fitted(prior.state, look, before, prior.guess, settings, anchor, most_steps=1))
-            self.stage = TRANSITIONS[self.stage, Event.FITTED]
+            self.stage, self._unconfirmed = TRANSITIONS[self.stage, Event.FITTED], self._confirming
 
     def _begin(self, prior: Prior | None = None) -> None:
         """With an empty buffer."""
@@ -140,6 +139,7 @@ class Session:
         self._settled: Settled | None = None  # the load before the last change, while that is undecided
         self._next_fit, self._surprises, self._look_until = self._least, 0, -1
         self._in_vain, self._pause, self._level, self._rows_before = 0, -1, 1.0, 0
+        self._unconfirmed = 0  # so many rows must still fit what was known
         self._doubted_at = self._contradicted_at = -1
         self._forgot_at = -self._calm
 
@@ -161,7 +161,7 @@ class Session:
     @property
     def is_confirmed(self) -> bool:
         """Whether what was known before rows were missing, or in a former team, has fitted rows since."""
-        return self._newest >= self._confirmed_by
+        return self._unconfirmed == 0
 
     def hear_of_change(self, first: int, number: int) -> None:
         """Another robot has found that the load changed at row ``first``: look for oneself for a while."""
@@ -172,7 +172,7 @@ class Session:
         """One more row of the whole team, shape (24 N + 1,); any may be missing or late."""
         buffer, row = self._buffer, self._buffer.extended(number, row)
         if number > self._newest + 1 + self._waits:
-            self._confirmed_by = number + (self._least if self._misses_poses else self._confirming)
+            self._unconfirmed = self._confirming
         self._newest = max(self._newest, number)
         if self.estimate is None:
             buffer.add(number, row)
@@ -189,7 +189,7 @@ class Session:
                     self._surprises + 1 if look.wrench @ look.wrench > self._guards.largest_surprise else 0
                 )
                 is_own_turn = number % self._turn == self._own * self._turn // self._count
-                is_urgent = self._surprises >= 2 or number <= max(self._look_until, self._confirmed_by)
+                is_urgent = self._surprises >= 2 or number <= self._look_until or not self.is_confirmed
                 if (is_urgent or is_own_turn) and self._look_for_change(number):
                     return
         if buffer.load_rows >= self._next_fit and not self._look_for_change(number):
@@ -221,7 +221,7 @@ class Session:
                 self._start_over()
             return False
         if self.suspect is not None and number - self._contradicted_at >= self._clear:
-            self.suspect, self._confirmed_by = None, number + self._confirming
+            self.suspect, self._unconfirmed = None, self._confirming
         return self.suspect is None
 
     def _judge(self) -> None:
@@ -255,11 +255,14 @@ class Session:
         """Whether the load has changed: what looks like it must still do so against a fit to older rows only."""
         if self.stage is Stage.GATHERING or number < self._pause:
             return False
-        if self._misses_poses and self._buffer.count < self._least:  # so few rows do not find them
-            return False
         buffer = self._buffer
+        if self._misses_poses and not self.is_confirmed:
+            if buffer.count < self._least:  # so few rows do not find them
+                return False
+            self._fit(before=buffer.start, keeps_motion=True)  # wrenches may be of another load
         since, size = self._sight.likeliest_change(buffer)
         if size <= 1.0:
+            self._unconfirmed = max(0, self._unconfirmed - 1)
             return False
         self._fit(before=buffer.start + since)
         since, now = self._sight.likeliest_change(buffer)[0], self.estimate
@@ -296,14 +299,14 @@ class Session:
         self.stage = TRANSITIONS[self.stage, event]
         is_troubled = self._newest - self._forgot_at < self._calm
         self._surprises, self._look_until, self._next_fit = 0, -1, self._least * (1 + is_troubled)
-        self._forgot_at = self._newest
+        self._forgot_at, self._unconfirmed = self._newest, 0
 
     # --- fits ---
 
-    def _fit(self, before: int | None = None) -> None:
-        """Fit all unknowns to all rows, or to those before a place, and to chapters before."""
+    def _fit(self, before: int | None = None, keeps_motion: bool = False) -> None:
+        """Fit all unknowns to all rows, or to those before a place, and to chapters before; see ``Chapter.look``."""
         chapter, settings, last = self._chapter, self._settings, self.estimate
-        look = chapter.look(before)
+        look = chapter.look(before, keeps_motion)
         identity = [Pose.identity()] * self._count
         state = State.first(identity, settings.errors) if last is None else last.state
         is_unknown = np.arange(self._count) != self._anchor if last is None else last.hidden_poses()

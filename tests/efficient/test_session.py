@@ -133,7 +133,7 @@ def test_what_was_known_holds_after_missing_rows_only_when_it_fits_new_ones() ->
     assert found.is_confirmed
     found.take(200, rows[200])
     assert not found.is_confirmed
-    for number in range(201, 210):
+    for number in range(201, 212):
         found.take(number, rows[number])
     assert found.is_confirmed
     assert_right(found)

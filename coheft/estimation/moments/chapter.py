@@ -125,15 +125,21 @@ class Chapter:
         before = self.prior.at(body)
         return before if self.prior.has_expectations else before + self._settings.expected(body)
 
-    def look(self, before: int | None = None) -> Look:
-        """How to see the chapter's moments at a state; ``before`` leaves out the rows from this place on."""
+    def look(self, before: int | None = None, keeps_motion: bool = False) -> Look:
+        """How to see the chapter's moments at a state.
+
+        Args:
+            before: Leaves out the rows from this place on.
+            keeps_motion: Leaves out only what they say of wrenches.
+        """
         of_all, of_load = self.buffer.moments()
         if before is not None:
             spanned = 2 * self._settings.errors.is_moving  # rows whose rates may span the change
             newest = self.buffer.moments_since(max(0, before - spanned))
             is_only_load = of_all is of_load
             of_load = of_load - newest
-            of_all = of_load if is_only_load else of_all - newest
+            if not keeps_motion:
+                of_all = of_load if is_only_load else of_all - newest
         return lambda body: seen_moments(body, of_all, of_load)
 
     def evidence(self, body: BodyModel, moments: SeenMoments) -> Evidence:
