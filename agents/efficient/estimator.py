@@ -175,7 +175,8 @@ def _in_words(verdict: Verdict, names: list[str]) -> str:
     if verdict.rival is None:
         return verdict.outcome.value
     robot, sensor = verdict.rival
-    return f"either the load has changed or the {sensor} sensor of {names[robot]} reads something in excess"
+    which = f"a {sensor} sensor" if robot is None else f"the {sensor} sensor of {names[robot]}"
+    return f"either the load has changed or {which} reads something in excess"
 
 
 def _in_first(names: list[str], poses: tuple[Pose, ...]) -> dict[str, Pose]:

@@ -17,6 +17,7 @@ from coheft.estimation.moments.misfit import Settled, excess_energy, explanation
 from coheft.estimation.moments.moments import wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import KINEMATICS_SIZE
+from coheft.estimation.moments.unknowns import THETA
 from coheft.estimation.spatial import Array
 
 _JUDGED = 256
@@ -39,7 +40,7 @@ class Verdict:
     """An outcome, and the robot and sensor that would explain it if it is undecided."""
 
     outcome: Outcome
-    rival: tuple[int, str] | None = None
+    rival: tuple[int | None, str] | None = None
 
 
 def judge(
@@ -56,7 +57,7 @@ def judge(
         has_offset: Whether force and torque sensors may have constant offsets, which the fit then knows of.
     """
     assert estimate.state.load is not None
-    assumed = Settled(estimate.state.load, np.zeros((_LOAD, _LOAD))) if settled is None else settled
+    assumed = Settled(estimate.state.load) if settled is None else settled
     first = max(0, buffer.count - _JUDGED)
     wrench, motion = sight.residuals(buffer.rows[first : buffer.count])
     wrench, count = wrench[max(0, buffer.start - first) :], estimate.body.count
@@ -68,9 +69,20 @@ def judge(
     found = explanations(estimate.body, wrench_moments(estimate.body, buffer.moments()[1]), assumed)
     if found.both > guards.largest_constant_excess and not has_offset:
         return Verdict(Outcome.NO_LOAD)
-    if settled is None or found.sensor < guards.largest_excess or found.load - found.sensor > guards.lead:
+    is_load = found.load - found.sensor > guards.lead and _has_another_mass(estimate, assumed, guards)
+    if settled is None or found.sensor < guards.largest_excess or is_load:
         return Verdict(Outcome.FITS)
-    return Verdict(Outcome.UNDECIDED, (found.robot, found.kind))
+    # Where torques are all measured about points of one body, it makes no difference whose torque sensor is off.
+    return Verdict(Outcome.UNDECIDED, (found.robot if found.kind == "force" else None, found.kind))
+
+
+def _has_another_mass(estimate: Estimate, settled: Settled, guards: Guards) -> bool:
+    """Whether the mass is another one: a load that only shifts is rarer than a torque sensor that is off."""
+    load, theta = estimate.state.load, estimate.body.unknowns.theta
+    if load is None or settled.covariance is None:
+        return True
+    variance = estimate.covariance[theta, theta][0, 0] + settled.covariance[0, 0]
+    return bool((load[THETA] - settled.load[THETA])[0] ** 2 > guards.least_mass_change * variance)
 
 
 def _fits(residuals: Array, freedom: float, largest: float, guards: Guards) -> bool:

@@ -16,7 +16,6 @@ from agents.efficient.judge import Outcome, Verdict, judge
 from agents.efficient.monitor import Monitor
 from agents.efficient.settings import Guards
 from agents.efficient.sight import Sight
-from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments.change import surprise
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.derivatives import MotionDerivatives
@@ -281,7 +280,7 @@ class Session:
         self.changes.append((int(buffer.numbers[place]), number))
         if self._settled is None:
             theta = now.body.unknowns.theta
-            self._settled = Settled(now.state.load, inverse_of(now.covariance[theta, theta]))
+            self._settled = Settled(now.state.load, now.covariance[theta, theta])
         self._forget_load(place, Event.LOAD_CHANGED, now)
         return True
 

@@ -33,6 +33,7 @@ class Guards:
             over the threshold of a change: some 1e-7 by chance.
         calm: A load that is forgotten sooner after another one than this needs twice as many rows [s]: then it may be a
             sensor that comes and goes, and rows may be of both.
+        mass: Probability that the mass seems to be another one by chance, where a sensor may be off instead.
         undecided: After so long without an answer the load is believed to have changed [s]: a fault is over by then.
         waiting: Rows are missing when none of the whole team has come for so long, and the time on the way [s].
         confirming: After rows were missing, or in another team, what was known holds only when it has fitted new rows
@@ -56,6 +57,7 @@ class Guards:
     constant_excess: float = 1e-9
     fresh_change: float = 0.65
     calm: float = 1.0
+    mass: float = 1e-6
     undecided: float = 4.0
     waiting: float = 0.15
     confirming: float = 0.1
@@ -80,6 +82,11 @@ class Guards:
     def largest_excess(self) -> float:
         """Chi-square of a sensor's excess, three degrees of freedom, less these."""
         return chi_square_threshold(3, self.excess) - 3.0
+
+    @property
+    def least_mass_change(self) -> float:
+        """Chi-square of a change of the mass."""
+        return chi_square_threshold(1, self.mass)
 
     @property
     def largest_constant_excess(self) -> float:

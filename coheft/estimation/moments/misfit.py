@@ -84,8 +84,8 @@ class Explanations:
 
     Attributes:
         load: By another load.
-        sensor: By a constant excess of the one force or torque sensor that explains most.
-        both: By that and another load, more than by another load alone.
+        sensor: By a constant excess of one force or torque sensor, that explains most beside the load that was known.
+        both: By another load and a constant excess of any one sensor, more than by another load alone.
         robot: Whose sensor that is.
         kind: Which.
     """
@@ -103,11 +103,16 @@ class Settled:
 
     Attributes:
         load: Wrench offset and theta, shape (16,).
-        information: On theta, shape (10, 10).
+        covariance: Of theta, shape (10, 10); None: it may be anything.
     """
 
     load: Array
-    information: Array
+    covariance: Array | None = None
+
+    @property
+    def information(self) -> Array:
+        """On theta, shape (10, 10)."""
+        return np.zeros((10, 10)) if self.covariance is None else inverse_of(self.covariance)
 
 
 def explanations(body: BodyModel, moments: WrenchMoments, settled: Settled) -> Explanations:
@@ -130,11 +135,11 @@ def explanations(body: BodyModel, moments: WrenchMoments, settled: Settled) -> E
     excess = np.concatenate([body.adjoints[:, :, :3], body.adjoints[:, :, 3:]]) / scale[OFFSET, None]
     excess /= np.linalg.norm(excess, axis=1, keepdims=True)
     by_load, beside = _beside_theta(score, spread, excess, np.zeros_like(known))
-    best = int(beside.argmax())
-    by_known, beside_known = _beside_theta(score, spread, excess[best : best + 1], known)
+    by_known, beside_known = _beside_theta(score, spread, excess, known)
+    best = int(beside_known.argmax())
     kind, robot = divmod(best, body.count)
-    sensor = by_known + float(beside_known[0]) - 3.0
-    return Explanations(by_load - 10.0, sensor, float(beside[best]) - 3.0, robot, ("force", "torque")[kind])
+    sensor, both = by_known + float(beside_known[best]) - 3.0, float(beside.max()) - 3.0
+    return Explanations(by_load - 10.0, sensor, both, robot, ("force", "torque")[kind])
 
 
 def _beside_theta(score: Array, spread: Array, excess: Array, known: Array) -> tuple[float, Array]:
