@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from agents.efficient.judge import Outcome
 from agents.efficient.session import TRANSITIONS, Event, Session, Stage
 from agents.efficient.settings import Guards
 from coheft.estimation.measurement import SensorNoise
@@ -143,3 +144,27 @@ def test_every_stage_can_be_left_and_every_event_happens_somewhere() -> None:
     assert {stage for stage, _ in TRANSITIONS} == set(Stage)
     assert {event for _, event in TRANSITIONS} == set(Event)
     assert set(TRANSITIONS.values()) == set(Stage)
+
+
+def test_a_sensor_that_was_off_at_first_makes_all_begin_again() -> None:
+    rows = made_up_rows(120)
+    rows[:12, ROW_SIZE + A.start] += 0.3
+    found, outcomes = session(), set()
+    for number, row in enumerate(rows):
+        found.take(number, row)
+        outcomes.add(found.verdict.outcome)
+        if number < 25:
+            assert found.stage is not Stage.ESTIMATING
+    assert Outcome.NO_BODY in outcomes
+    assert_right(found)
+
+
+def test_rows_that_came_with_a_contradiction_are_taken_back() -> None:
+    rows = made_up_rows(120)
+    rows[100:104, ROW_SIZE + A.start] += 0.07  # too little for a single row
+    found = fed(rows[:100])
+    before = found._buffer.count
+    for number in range(100, 104):
+        found.take(number, rows[number])
+    assert found.suspect == 1
+    assert found._buffer.count < before + 3

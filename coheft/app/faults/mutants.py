@@ -13,7 +13,6 @@ import numpy as np
 
 from agents.efficient import judge
 from agents.efficient.exchange import Exchange
-from agents.efficient.monitor import Contradiction, Monitor
 from agents.efficient.session import Session
 from coheft.errors import CoheftError
 from coheft.estimation.moments.body import BodyModel
@@ -72,33 +71,6 @@ def _wrong_side(begin_load: Function) -> Function:
     return mutant
 
 
-def _no_monitor(add: Function) -> Function:
-    """No robot ever contradicts the others."""
-
-    def mutant(self: Monitor, *arguments: Any) -> Contradiction | None:
-        return None
-
-    return mutant
-
-
-def _nothing_taken_back(take_back: Function) -> Function:
-    """Rows that came with a contradiction stay."""
-
-    def mutant(self: RowBuffer, number: int) -> int:
-        return 0
-
-    return mutant
-
-
-def _no_misfit(fits: Function) -> Function:
-    """Whatever was fitted, all rows fit."""
-
-    def mutant(*arguments: Any) -> bool:
-        return True
-
-    return mutant
-
-
 def _no_rival(explanations: Function) -> Function:
     """What looks like another load is one."""
 
@@ -118,9 +90,6 @@ MUTANTS: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
     "wrong-row": (Exchange, "complete", _wrong_row),
     "no-lever-arm": (BodyModel, "_set_wrench", _no_lever_arm),
     "wrong-side": (RowBuffer, "begin_load", _wrong_side),
-    "no-monitor": (Monitor, "add", _no_monitor),
-    "nothing-taken-back": (RowBuffer, "take_back", _nothing_taken_back),
-    "no-misfit": (judge, "_fits", _no_misfit),
     "no-rival": (judge, "explanations", _no_rival),
     "no-confirmation": (Session, "is_confirmed", _no_confirmation),
 }
