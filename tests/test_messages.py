@@ -94,7 +94,7 @@ def test_arrays_that_are_cut_short_are_refused(data: bytes) -> None:
 
 
 def test_array_of_the_wrong_code_is_refused() -> None:
-    fields = {"version": PROTOCOL_VERSION, "robot": "r1", "block": 0, "samples": msgspec.msgpack.Ext(2, b"\x00" * 9)}
+    fields = {"version": PROTOCOL_VERSION, "robot": "r1", "block": 0, "samples": msgspec.msgpack.Ext(9, b"\x00" * 9)}
     with pytest.raises(MessageError, match="not an array"):
         decode(seal(msgspec.msgpack.encode(fields), KEY), Measurements, KEY)
 

@@ -56,8 +56,8 @@ def test_the_scenarios_that_are_promised_are_there() -> None:
             r"'sensors.block': found 200, and 'seed_method.rounds' = 256: .* up to 4.2 MB; expected at most 4.0 MB",
         ),
         (
-            "sensors = { block = 200 }\nrobots = { perimeter = { count = 128, extent = [1.0, 1.0] } }\n",
-            r"'sensors.block': found 200, and 'robots' = 128: messages between neighbours would take up to .* MB",
+            "sensors = { rate = 1000, block = 200 }\nrobots = { perimeter = { count = 900, extent = [1.0, 1.0] } }\n",
+            r"'sensors.block': found 200, and 'robots' = 900: messages between neighbours would take up to .* MB",
         ),
     ],
 )

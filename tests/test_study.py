@@ -80,7 +80,7 @@ def test_errors_are_of_the_bound_s_size(studied: tuple[StudyReport, list[Trial]]
     report, trials = studied
     for quantity in QUANTITIES:
         accuracy = getattr(report.results["efficient"], quantity.name)
-        assert 0.2 < accuracy.ratio < 10.0, quantity.name
+        assert 0.2 < accuracy.rms / accuracy.bound_with_wrenches < 10.0, quantity.name
         assert 0.02 < accuracy.nees < 20.0, quantity.name
         central = [quantity.squares(trial.centralised.of(quantity)) for trial in trials]
         bounds = [quantity.expected_squares(trial.bound.of(quantity)) for trial in trials]
@@ -92,9 +92,9 @@ def test_what_robots_claim_is_hardly_more_than_the_bound(studied: tuple[StudyRep
     for trial in studied[1]:
         claimed = trial.outcomes["efficient"].errors
         for quantity in QUANTITIES:
-            bounds = quantity.expected_squares(trial.bound.of(quantity))
+            bounds = quantity.expected_squares(trial.bound_with_wrenches.of(quantity))
             ratios = quantity.expected_squares(claimed.covariances_of(quantity)) / bounds
-            assert ((ratios > 0.95) & (ratios < 1.3)).all(), f"{quantity.name}: {ratios}"
+            assert ((ratios > 0.95) & (ratios < 1.5)).all(), f"{quantity.name}: {ratios}"
 
 
 def test_the_seed_method_claims_no_less_than_the_bound() -> None:
@@ -112,7 +112,7 @@ def test_robots_come_as_near_as_all_samples_at_one_place_do(studied: tuple[Study
         assert result.decentralised_over_centralised[name] < 1.4, name
         if (recovered := getattr(result.recovery, name, None)) is not None:
             assert recovered.missing == 0
-            assert 0.1 < recovered.ratio < 2.5, name
+            assert 0.02 < recovered.ratio < 2.5, name
 
 
 def assert_same(trial: Trial, other: Trial) -> None:

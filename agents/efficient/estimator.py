@@ -143,7 +143,7 @@ class EfficientEstimator:
     def _said(self, team: _Team, estimate: Estimate) -> Belief:
         """What the claims of an estimate are for this robot."""
         state, unknowns, own = estimate.state, estimate.body.unknowns, team.own
-        claim = claim_of(estimate, own)
+        claim = claim_of(team.session.claimable(estimate), own)
         poses, not_observable = {}, []
         for name in self._config.neighbours:
             if name not in team.names:

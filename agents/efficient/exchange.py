@@ -19,7 +19,7 @@ from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.spatial import Array
 
 WINDOW = 64
-"""Blocks of which rows may be under way at a time."""
+"""Blocks of which rows may be under way at a time, or twice as many as there are hops."""
 _LATE = 4
 """A row is handed on for so many blocks longer than it needs where nothing is lost."""
 _LABELS, _ROWS = "labels", "rows"
@@ -78,7 +78,8 @@ class Exchange:
     def __init__(self, team: int, count: int, own: int, hops: int, per_block: int) -> None:
         self.team, self.changed_at = team, -1
         self._count, self._own, self._hops, self._per_block = count, own, hops, per_block
-        places = WINDOW * per_block
+        self._window = max(WINDOW, 2 * hops)
+        places = self._window * per_block
         self._rows = np.ones((places, ROW_SIZE * count + 1))
         # Of each place in the table the number of its rows, and whose they are, a bit for each robot.
         self._numbers, self._whose, self._all = [-1] * places, [0] * places, (1 << count) - 1
@@ -105,7 +106,7 @@ class Exchange:
             if numbers[place] == number and robot >= 0 and whose[place] >> robot & 1:
                 continue  # most are heard several times
             age = block - number // self._per_block
-            if 0 <= robot < self._count and 0 < age < WINDOW and number >= 0 and self._is_new(robot, number):
+            if 0 <= robot < self._count and 0 < age < self._window and number >= 0 and self._is_new(robot, number):
                 by_robot[number % len(self._numbers), robot] = message.rows[k]
                 if age < self._hops + _LATE:  # else it has reached all robots
                     news.append(k)

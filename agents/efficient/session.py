@@ -8,6 +8,7 @@ row -> does its motion contradict the team?   drop it, and those that came with 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -27,7 +28,7 @@ from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.start import first_load, first_poses
-from coheft.estimation.moments.unknowns import Flags, State
+from coheft.estimation.moments.unknowns import THETA, Flags, State
 from coheft.estimation.spatial import Array, Pose
 
 _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
@@ -112,13 +113,14 @@ class Session:
         memory = settings.memory
         self._page = 0 if memory is None else rows(memory / _PAGES_IN_MEMORY, 4)
         self._waits, self._confirming = rows(guards.waiting), rows(guards.confirming, 3)
-        self._calm = rows(guards.calm)
+        self._calm, self._drifting = rows(guards.calm), rows(guards.drifting)
         self._turn, self._lasting, self._longest = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
         self.stage = Stage.GATHERING
         self.estimate: Estimate | None = None
         self.suspect: int | None = None
         self.changes: list[tuple[int, int]] = []
         self.verdict = Verdict(Outcome.FITS)
+        self._before: Array | None = None  # theta before the last change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(prior)
         if prior is not None:
@@ -151,6 +153,22 @@ class Session:
         if self.stage is not Stage.ESTIMATING or estimate is None or estimate.misses_poses:
             return None
         return self._chapter.summed_up(estimate, self._guess)
+
+    def claimable(self, estimate: Estimate) -> Estimate:
+        """The estimate as it may be told: a load that changes again and again drifts meanwhile.
+
+        It may have moved on as far as with the last change, in proportion to the time since.
+        """
+        if len(self.changes) < 2 or self._before is None or estimate.state.load is None:
+            return estimate
+        gap = max(1, self.changes[-1][0] - self.changes[-2][0])
+        since = self._buffer.load_rows
+        if gap > self._drifting or since > 3 * gap:
+            return estimate
+        step = (0.25 + 0.5 * since / gap) * (estimate.state.load[THETA] - self._before)
+        theta, seen = estimate.body.unknowns.theta, estimate.seen.copy()
+        seen[theta, theta] += np.outer(step, step)
+        return replace(estimate, seen=seen)
 
     @property
     def changed_at(self) -> int:
@@ -276,7 +294,7 @@ class Session:
             self._pause = number + 2**self._in_vain
             self._fit()
             return False
-        self._in_vain = 0
+        self._in_vain, self._before = 0, now.state.load[THETA]
         self.changes.append((int(buffer.numbers[place]), number))
         if self._settled is None:
             theta = now.body.unknowns.theta

@@ -34,6 +34,7 @@ class Guards:
         calm: A load that is forgotten sooner after another one than this needs twice as many rows [s]: then it may be a
             sensor that comes and goes, and rows may be of both.
         mass: Probability that the mass seems to be another one by chance, where a sensor may be off instead.
+        drifting: A load that changes again so soon drifts [s].
         undecided: After so long without an answer the load is believed to have changed [s]: a fault is over by then.
         waiting: Rows are missing when none of the whole team has come for so long, and the time on the way [s].
         confirming: After rows were missing, or in another team, what was known holds only when it has fitted new rows
@@ -58,6 +59,7 @@ class Guards:
     fresh_change: float = 0.65
     calm: float = 1.0
     mass: float = 1e-6
+    drifting: float = 3.0
     undecided: float = 4.0
     waiting: float = 0.15
     confirming: float = 0.1

@@ -31,19 +31,12 @@ PRODUCTS = slice(18, 24)
 KINEMATICS_SIZE, WRENCH_SIZE = 12, 6
 
 _LONGEST = 0.02
-"""Duration of a row of a small team [s]."""
-_TEAM_PER_DURATION, _MOST_DURATIONS = 32, 5
-"""Rows of a team of more robots are longer in proportion, up to so many times: what an agent does grows with both."""
+"""Duration of a row [s]."""
 _FASTEST, _FAST_TURNING, _TIMES = 2.0, 10.0, 3.0
 """Frequency [Hz] and angular acceleration [rad/s²] of a fast motion; what it does to slopes does not average out, so it
 counts as so many times larger noise."""
 _SAMPLES = slice(0, 9), slice(9, 15)
 _FLAT_PRODUCTS = 3 * PACKED_ROWS + PACKED_COLUMNS
-
-
-def longest_row(robots: int) -> float:
-    """Longest duration of a row of a team of so many robots [s]."""
-    return _LONGEST * min(_MOST_DURATIONS, math.ceil(robots / _TEAM_PER_DURATION))
 
 
 def rows_per_block(samples: int, rate: float, longest: float = _LONGEST) -> int:
@@ -59,11 +52,6 @@ def rows_per_block(samples: int, rate: float, longest: float = _LONGEST) -> int:
     possible = [parts for parts in range(1, samples // 2 + 1) if samples % parts == 0]
     short_enough = [parts for parts in possible if samples <= parts * rate * longest + 1e-9]
     return min(short_enough, default=max(possible, default=1))
-
-
-def blocks_per_row(samples: int, rate: float, longest: float) -> int:
-    """How many blocks make one row, where several fit into its longest duration."""
-    return max(1, math.floor(longest * rate / samples + 1e-9))
 
 
 @dataclass(frozen=True, eq=False)
