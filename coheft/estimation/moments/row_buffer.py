@@ -109,7 +109,7 @@ class RowBuffer:
                 self._former = self._former + self.moments_of(row[None])
         elif place < self._summed and not self._moving:
             self._load = self._load + self.moments_of(row[None])
-        self._summed += place < min(self._summed, self.count - 1)
+        self._summed += number < self._since or place < min(self._summed, self.count - 1)
         return place, is_full
 
     def _set_rates_before(self, place: int, number: int) -> None:

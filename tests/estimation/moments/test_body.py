@@ -1,0 +1,230 @@
+"""The body's motion and the total wrench that rows show at one state: exact without noise, and honest with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coheft.estimation.body_motion import grasp_measurements
+from coheft.estimation.inertia import symmetric_products
+from coheft.estimation.moments.body import (
+    ACCELERATIONS,
+    FORCING,
+    MOTION_SIZE,
+    PRODUCTS,
+    TWIST,
+    BodyModel,
+    load_operator,
+    residual_covariance,
+)
+from coheft.estimation.moments.rows import ROW_SIZE, RowNoise
+from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.spatial import Array, Pose, rotation_exp
+from tests.estimation.moments.moving_team import (
+    ERRORS,
+    EXACT,
+    LATE,
+    NOISE,
+    PERIOD,
+    Team,
+    body_at,
+    by_robot,
+    extended_for,
+    make_team,
+    uneven_noise,
+    with_errors,
+    with_rates,
+)
+
+COUNTS = pytest.mark.parametrize("count", [1, 2, 3, 6])
+EVERY = pytest.mark.parametrize("errors", [EXACT, ERRORS, LATE], ids=["exact", "errors", "late"])
+FRAME = Pose(rotation_exp([0.3, -1.0, 0.5]), np.array([0.4, -0.2, 0.7]))
+
+
+def fused(team: Team, row: Array, noise: RowNoise) -> Array:
+    """``(w, v, a, alpha)`` by weighted least squares of one row (24 N + 1,), with the products that gyros show."""
+    own = row[:-1].reshape(team.count, ROW_SIZE)
+    weights = np.broadcast_to(noise.kinematics**-2.0, (team.count, 12))
+    products = np.zeros((3, 3))
+    for pose, y, weight in zip(team.poses, own, weights, strict=True):
+        matrix = y[18:][[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+        products += weight[0] / weights[:, 0].sum() * pose.rotation @ matrix @ pose.rotation.T
+    design, read = [], []
+    for pose, y, weight in zip(team.poses, own, weights, strict=True):
+        model = np.array([np.hstack(_without_products(pose, axis)) for axis in np.eye(12)]).T
+        y = y[:12].copy()
+        y[6:9] -= pose.rotation.T @ (products - np.trace(products) * np.eye(3)) @ pose.translation
+        design.append(np.sqrt(weight)[:, None] * model)
+        read.append(np.sqrt(weight) * y)
+    return np.linalg.lstsq(np.vstack(design), np.concatenate(read), rcond=None)[0]
+
+
+def _without_products(pose: Pose, motion: Array) -> tuple[Array, ...]:
+    w, v, a, alpha = motion.reshape(4, 3)
+    p, to_own = pose.translation, pose.rotation.T
+    return to_own @ w, to_own @ (v + np.cross(w, p)), to_own @ (a + np.cross(alpha, p)), to_own @ alpha
+
+
+@COUNTS
+@EVERY
+def test_exact_rows_show_the_exact_motion_and_wrench(count: int, errors: SensorErrors) -> None:
+    team = make_team(seed=1, count=count, number=20, offset=3.0)
+    state, rows = with_errors(team, errors, np.random.default_rng(2))
+    body = body_at(state, errors)
+    psi = extended_for(errors, np.hstack([team.psi, np.ones((20, 1))]))
+    psi = np.hstack([psi[:, :MOTION_SIZE], psi[:, MOTION_SIZE + 1 :]])
+    np.testing.assert_allclose(rows @ body.see.T, psi, atol=1e-5)
+    wrench = team.total_wrench + team.load[:6]
+    np.testing.assert_allclose(rows @ body.wrench.T, wrench[1:-1] if errors.is_moving else wrench, atol=1e-9)
+    residuals = (rows @ body.whitened_residuals().T).reshape(len(rows), count, 12)
+    residuals[:, :, :6] -= residuals[0, :, :6]  # what gyros always read in excess is the same in all rows
+    np.testing.assert_allclose(residuals, 0.0, atol=1e-4)
+
+
+@EVERY
+def test_exact_rows_leave_no_residuals(errors: SensorErrors) -> None:
+    team = make_team(seed=22, number=20)
+    rows = extended_for(errors, team.rows)
+    np.testing.assert_allclose(rows @ body_at(team.state(errors), errors).whitened_residuals().T, 0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("count", [2, 3, 6])
+def test_noisy_rows_are_fused_by_weighted_least_squares(count: int) -> None:
+    team = make_team(seed=3, count=count, number=10)
+    noise = uneven_noise(team.count)
+    rows, body = team.noisy(np.random.default_rng(4), noise), body_at(team.state(), noise=noise)
+    expected = [fused(team, row, noise) for row in rows]
+    np.testing.assert_allclose((rows @ body.see.T)[:, 1:13], expected, atol=1e-7)
+
+
+@EVERY
+def test_residuals_are_what_predictions_leave(errors: SensorErrors) -> None:
+    team, rng = make_team(seed=5, number=20), np.random.default_rng(6)
+    state, rows = with_errors(team, errors, rng)
+    rows = rows + 0.01 * rng.normal(size=rows.shape) * (np.arange(rows.shape[1]) != 72)
+    body = body_at(state, errors, uneven_noise(team.count))
+    calibrated = by_robot(rows, team.count)
+    if state.calibration is not None:
+        calibrated = np.einsum("nij,tnj->tni", state.calibration, calibrated)
+    left = calibrated[:, :, :12] - np.einsum("nij,tj->tni", body.predict, (rows @ body.see.T)[:, :MOTION_SIZE])
+    whitened = (left / uneven_noise(team.count).kinematics).reshape(len(rows), -1)
+    np.testing.assert_allclose(rows @ body.whitened_residuals().T, whitened, atol=1e-7)
+
+
+@COUNTS
+def test_predictions_are_what_sensors_read(count: int) -> None:
+    team = make_team(seed=7, count=count, number=5)
+    body, own = body_at(team.state(LATE), LATE), team.rows[:, :-1].reshape(5, count, ROW_SIZE)
+    np.testing.assert_allclose(np.einsum("nij,tj->tni", body.predict, team.psi), own[:, :, :12], atol=1e-12)
+    products = np.einsum("nij,tj->tni", body.predict_products, team.psi[:, PRODUCTS])
+    np.testing.assert_allclose(products, own[:, :, 18:], atol=1e-12)
+    rates = np.random.default_rng(8).normal(size=(5, MOTION_SIZE))
+    predicted = np.einsum("nij,tj->tni", body.predicted_rows(), np.hstack([team.psi, rates]))
+    expected = by_robot(team.rows, count)
+    np.testing.assert_allclose(predicted[:, :, :12], expected[:, :, :12], atol=1e-12)
+    np.testing.assert_allclose(predicted[:, :, 18:25], expected[:, :, 18:], atol=1e-12)
+    np.testing.assert_allclose(predicted[:, :, 25:37], np.einsum("nij,tj->tni", body.predict, rates), atol=1e-12)
+    products = np.einsum("nij,tj->tni", body.predict_products, rates[:, PRODUCTS])
+    np.testing.assert_allclose(predicted[:, :, 43:], products, atol=1e-12)
+
+
+def test_another_body_frame_shows_the_motion_of_that_frame() -> None:
+    team, noise = make_team(seed=9, number=10), NOISE
+    other = team.seen_from(FRAME)
+    rows = team.noisy(np.random.default_rng(10))
+    psi = rows @ body_at(team.state(), noise=noise).see.T
+    seen = rows @ body_at(other.state(), noise=noise).see.T
+    turned = np.hstack([grasp_measurements(FRAME, psi[:, 1:13]), psi[:, 10:13] @ FRAME.rotation])
+    # Products are those of the gyros alone, so what is centripetal follows them, and not the fused angular velocity.
+    matrices = psi[:, PRODUCTS][:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+    square = matrices - np.trace(matrices, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    at_frame = psi[:, 7:10] + np.cross(psi[:, 10:13], FRAME.translation) + square @ FRAME.translation
+    turned[:, 6:9] = at_frame @ FRAME.rotation
+    np.testing.assert_allclose(seen[:, 1:13], turned, atol=1e-6)
+    wrench = rows @ body_at(team.state(), noise=noise).wrench.T
+    np.testing.assert_allclose(rows @ body_at(other.state()).wrench.T, wrench @ FRAME.inverse().adjoint().T, atol=1e-9)
+
+
+@pytest.mark.parametrize("sensor", [slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)])
+def test_a_sensor_that_is_not_there_says_nothing(sensor: slice) -> None:
+    team, rng = make_team(seed=11, count=4, number=10), np.random.default_rng(12)
+    kinematics = np.repeat(NOISE.kinematics, 4, axis=0)
+    kinematics[2, sensor] = np.inf
+    rows, noise = team.noisy(rng), RowNoise(kinematics, NOISE.wrench)
+    body, garbage = body_at(team.state(), noise=noise), rows.copy()
+    own = garbage[:, :-1].reshape(10, 4, ROW_SIZE)
+    own[:, 2, sensor] = 100.0 * rng.normal(size=(10, 3))
+    if sensor.start == 0:
+        own[:, 2, 18:] = 100.0 * rng.normal(size=(10, 6))
+    np.testing.assert_allclose(garbage @ body.see.T, rows @ body.see.T, atol=1e-8)
+    np.testing.assert_allclose(garbage @ body.whitened_residuals().T, rows @ body.whitened_residuals().T, atol=1e-6)
+
+
+def test_a_robot_without_motion_sensors_is_as_if_it_were_not_there() -> None:
+    team = make_team(seed=13, count=4, number=10)
+    kinematics = np.repeat(NOISE.kinematics, 4, axis=0)
+    kinematics[3] = np.inf
+    rows, fewer = team.noisy(np.random.default_rng(14)), team.permuted([0, 1, 2])
+    body, without = body_at(team.state(), noise=RowNoise(kinematics, NOISE.wrench)), body_at(fewer.state())
+    psi = np.delete(rows, slice(72, 96), axis=1) @ without.see.T
+    np.testing.assert_allclose(rows @ body.see.T, psi, atol=1e-9)
+    np.testing.assert_allclose(body.motion_noise, without.motion_noise, rtol=1e-6, atol=1e-15)
+
+
+def test_a_wrench_sensor_that_is_not_there_makes_its_wrench_unknown() -> None:
+    team = make_team(seed=15, number=10)
+    wrench = np.repeat(NOISE.wrench, 3, axis=0)
+    wrench[1, 3:] = np.inf
+    body = body_at(team.state(), noise=RowNoise(NOISE.kinematics, wrench))
+    np.testing.assert_array_equal(body.wrench_variance[1, 3:], 0.0)
+    weight = np.linalg.inv(residual_covariance(body, team.load))
+    known = np.linalg.inv(residual_covariance(body_at(team.state()), team.load))
+    assert np.abs(weight[3:, 3:]).max() < 1e-9
+    assert np.trace(weight[:3, :3]) > 0.3 * np.trace(known[:3, :3])
+
+
+@EVERY
+def test_noise_of_the_motion_is_as_claimed(errors: SensorErrors) -> None:
+    team, rng = make_team(seed=16, number=2000, turning=0.0, moving=0.0), np.random.default_rng(17)
+    noise, state = uneven_noise(team.count), team.state(errors)
+    rows = team.noisy(rng, noise)
+    if errors.is_moving:
+        rows = with_rates(rows)[::4]  # no two of them share a row
+    body = body_at(state, errors, noise)
+    psi = (rows - extended_for(errors, team.rows)[: len(rows)]) @ body.see.T
+    for part in (TWIST, ACCELERATIONS):
+        found = np.cov(psi[:, part].T)
+        white = np.linalg.solve(body.motion_noise[part, part], found)
+        assert np.trace(white) / 6.0 == pytest.approx(1.0, abs=5.0 / np.sqrt(3.0 * len(rows)))
+        np.testing.assert_allclose(np.sqrt(found.diagonal() / body.motion_noise.diagonal()[part]), 1.0, atol=0.12)
+        if errors.is_moving:
+            rates = slice(MOTION_SIZE + part.start, MOTION_SIZE + part.stop)
+            white = np.linalg.solve(body.motion_noise[rates, rates], np.cov(psi[:, rates].T))
+            assert np.trace(white) / 6.0 == pytest.approx(1.0, abs=5.0 / np.sqrt(3.0 * len(rows)))
+    assert body.period == PERIOD
+
+
+def test_noise_of_the_wrench_is_as_claimed() -> None:
+    team, rng = make_team(seed=18, number=2000), np.random.default_rng(19)
+    noise = uneven_noise(team.count)
+    body = body_at(team.state(), noise=noise)
+    residual = team.noisy(rng, noise) @ (body.wrench - load_operator(team.load) @ body.see[FORCING]).T
+    white = np.linalg.solve(residual_covariance(body, team.load), np.cov(residual.T))
+    assert np.trace(white) / 6.0 == pytest.approx(1.0, abs=5.0 / np.sqrt(6000.0))
+    np.testing.assert_allclose(white, np.eye(6), atol=0.15)
+
+
+def test_the_load_s_operator_is_newton_s_and_euler_s_law() -> None:
+    team = make_team(seed=20, number=10, offset=2.0)
+    wrench = team.psi[:, FORCING] @ load_operator(team.load).T
+    np.testing.assert_allclose(wrench, team.total_wrench + team.load[:6], atol=1e-10)
+    products = symmetric_products(team.motion[:, :3])
+    np.testing.assert_array_equal(team.psi[:, FORCING], np.hstack([team.psi[:, [0, *range(7, 13)]], products]))
+
+
+def test_all_robots_alike_need_one_row_of_noise() -> None:
+    state = make_team(seed=21).state()
+    one, many = body_at(state), body_at(state, noise=RowNoise(*(np.repeat(x, 3, 0) for x in vars(NOISE).values())))
+    for name in ("see", "wrench", "motion_noise", "wrench_noise", "weight", "shares"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(many, name))
+    assert isinstance(one, BodyModel)

@@ -1,0 +1,94 @@
+"""Moments as seen from one state: the same as those of rows there, and for exact rows everywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coheft.estimation.moments.moments import RowMoments, seen_moments, wrench_places
+from coheft.estimation.moments.projected import ProjectedMoments, motion_then_to_now
+from coheft.estimation.moments.rows import ROW_SIZE
+from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.moments.unknowns import State, Unknowns
+from coheft.estimation.spatial import Array
+from tests.estimation.moments.moving_team import ERRORS, EXACT, LATE, body_at, extended_for, make_team, with_errors
+
+EVERY = pytest.mark.parametrize("errors", [EXACT, ERRORS, LATE], ids=["exact", "errors", "late"])
+
+
+def nearby(state: State, errors: SensorErrors, size: float = 0.05) -> State:
+    """Another state: other poses, errors and offsets of gyros."""
+    unknowns = Unknowns(len(state.poses), errors)
+    step = size * np.random.default_rng(3).normal(size=unknowns.size)
+    step[unknowns.eta] = errors.deviations * np.random.default_rng(4).normal(size=unknowns.eta.shape)
+    return state.moved(step, unknowns, 6.0)
+
+
+def assert_same(
+    one: RowMoments | ProjectedMoments,
+    other: RowMoments | ProjectedMoments,
+    state: State,
+    errors: SensorErrors,
+    tolerance: float,
+) -> None:
+    """At a state, to this share of the largest entry."""
+    body = body_at(state, errors)
+    left, right = seen_moments(body, one, one), seen_moments(body, other, other)
+    for kind in ("motion", "wrench"):
+        for name, expected in vars(getattr(right, kind)).items():
+            found = getattr(getattr(left, kind), name)
+            largest = np.abs(expected).max()
+            np.testing.assert_allclose(found, expected, atol=tolerance * largest, err_msg=f"{kind} {name}")
+
+
+def noisy(errors: SensorErrors) -> tuple[State, Array]:
+    team, rng = make_team(seed=1, number=30), np.random.default_rng(2)
+    return with_errors(team, errors, rng)[0], extended_for(errors, team.noisy(rng))
+
+
+@EVERY
+def test_from_where_they_were_seen_all_is_exact(errors: SensorErrors) -> None:
+    state, rows = noisy(errors)
+    body = body_at(state, errors)
+    assert_same(ProjectedMoments.of(rows, body), RowMoments.of(rows), state, errors, 1e-12)
+    projected = ProjectedMoments.of(rows, body)
+    one = ROW_SIZE * 3
+    np.testing.assert_allclose(projected.sums(one), rows.sum(axis=0), rtol=1e-9, atol=1e-7)
+    wrenches = rows[:, wrench_places(3, errors.is_moving)]
+    np.testing.assert_allclose(projected.of_wrenches(np.arange(3)), wrenches.T @ wrenches, rtol=1e-12)
+
+
+@EVERY
+def test_exact_rows_turned_to_the_true_state_are_exact(errors: SensorErrors) -> None:
+    team = make_team(seed=5, number=30)
+    truth, rows = with_errors(team, errors, np.random.default_rng(6))
+    then = body_at(nearby(truth, errors), errors)
+    projected = ProjectedMoments.of(rows, then)
+    assert_same(projected, RowMoments.of(rows), truth, errors, 1e-7)
+    turned = projected.seen_from(body_at(truth, errors))
+    assert_same(turned, RowMoments.of(rows), truth, errors, 1e-7)
+
+
+@EVERY
+def test_turning_there_and_back_changes_nothing(errors: SensorErrors) -> None:
+    state, _ = noisy(errors)
+    one, other = body_at(state, errors), body_at(nearby(state, errors), errors)
+    there, twice = motion_then_to_now(one, other), motion_then_to_now(one, one)
+    assert np.abs(there - np.eye(one.features)).max() > 0.01
+    np.testing.assert_allclose(twice, np.eye(one.features), atol=1e-9)
+
+
+def test_noisy_rows_turned_a_little_are_nearly_exact() -> None:
+    state, rows = noisy(EXACT)
+    projected = ProjectedMoments.of(rows, body_at(nearby(state, EXACT, 1e-3)))
+    assert_same(projected, RowMoments.of(rows), state, EXACT, 1e-3)
+
+
+@EVERY
+def test_they_add_up(errors: SensorErrors) -> None:
+    state, rows = noisy(errors)
+    body = body_at(state, errors)
+    one, other, both = (ProjectedMoments.of(part, body) for part in (rows[:9], rows[9:], rows))
+    assert_same(one + other, both, state, errors, 1e-12)
+    assert_same(both - other, one, state, errors, 1e-9)
+    assert (both - other).body is body

@@ -1,0 +1,125 @@
+"""Errors of sensors: each generator is the derivative of what a sensor with this error reads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+from coheft.estimation.inertia import symmetric_products
+from coheft.estimation.moments.rows import PRODUCTS, ROW_SIZE, SLOPE, A, V, W
+from coheft.estimation.moments.sensor_errors import KINDS, ONE, RATES, SensorErrors
+from coheft.estimation.spatial import Array, rotation_exp
+
+FORCE, TORQUE = slice(12, 15), slice(15, 18)
+SENSORS = {"gyro": W, "velocity": V, "acceleration": A, "force": FORCE, "torque": TORQUE}
+STEP = 1e-6
+
+
+def extended_row(seed: int, width: int) -> Array:
+    """With products that belong to its angular velocity, and their rates to its slope."""
+    x = np.random.default_rng(seed).normal(size=width)
+    x[ONE], x[PRODUCTS] = 1.0, symmetric_products(x[None, W])[0]
+    if width > RATES:
+        rate = x[RATES + np.arange(3)]
+        x[RATES + 18 :] = (symmetric_products((x[W] + rate)[None]) - symmetric_products((x[W] - rate)[None]))[0] / 2.0
+    return x
+
+
+def corrected(x: Array, kind: str, eta: Array) -> Array:
+    """An extended row without a small error, by its physical meaning."""
+    result = x.copy()
+    if kind == "acceleration_bias":
+        result[A] += eta
+    elif kind == "clock":
+        result[:ROW_SIZE] += eta[0] * x[RATES:]
+    elif kind == "wrench_delay":
+        result[12:18] += eta[0] * x[RATES + 12 : RATES + 18]
+    else:
+        sensor, what = kind.split("_")
+        if what == "gain":
+            matrix = (1.0 + eta[0]) * np.eye(3)
+        elif what == "scale":
+            matrix = np.diag(1.0 + eta)
+        elif what == "mount":
+            matrix = rotation_exp(eta)
+        else:
+            x_, y_, z_ = eta
+            matrix = np.eye(3) + np.array([[0.0, z_, y_], [z_, 0.0, x_], [y_, x_, 0.0]])
+        for first in (0, RATES) if len(x) > RATES else (0,):
+            own = result[first : first + ROW_SIZE]
+            own[SENSORS[sensor]] = matrix @ own[SENSORS[sensor]]
+            if sensor == "gyro":
+                own[SLOPE] = matrix @ own[SLOPE]
+        if sensor == "gyro":
+            result[PRODUCTS] = symmetric_products(result[None, W])[0]
+            if len(x) > RATES:
+                w, rate = result[W], result[RATES : RATES + 3]
+                outer = symmetric_products((w + rate)[None]) - symmetric_products((w - rate)[None])
+                result[RATES + 18 :] = outer[0] / 2.0
+    return result
+
+
+@pytest.mark.parametrize("is_moving", [False, True])
+@pytest.mark.parametrize("kind", KINDS)
+def test_generators_are_derivatives_of_the_physical_errors(kind: str, is_moving: bool) -> None:
+    errors = SensorErrors({kind: 0.01, "clock": 0.001} if is_moving else {kind: 0.01})
+    x = extended_row(1, errors.width)
+    own = [k for k, name in enumerate(errors.names) if name == kind]
+    for axis, k in enumerate(own):
+        eta = np.zeros(len(own))
+        eta[axis] = STEP
+        derivative = (corrected(x, kind, eta) - corrected(x, kind, -eta)) / (2.0 * STEP)
+        np.testing.assert_allclose(errors.generators[k] @ x, derivative, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_numbers_of_parameters(kind: str) -> None:
+    errors = SensorErrors({kind: 0.01})
+    is_single = kind.endswith("_gain") or kind in ("clock", "wrench_delay")
+    assert errors.count == (1 if is_single else 3)
+    assert errors.names == (kind,) * errors.count
+    assert errors.is_moving == (kind in ("clock", "wrench_delay"))
+    assert errors.width == (49 if errors.is_moving else 25)
+
+
+def test_all_kinds_together_keep_their_order_and_deviations() -> None:
+    errors = SensorErrors({kind: 0.01 * (1 + k) for k, kind in enumerate(reversed(KINDS))})
+    assert list(dict.fromkeys(errors.names)) == list(KINDS)
+    expected = {kind: 0.01 * (1 + k) for k, kind in enumerate(reversed(KINDS))}
+    expected["clock"] *= np.sqrt(2.0)  # it counts from that of another robot
+    np.testing.assert_allclose(errors.deviations, [expected[name] for name in errors.names])
+
+
+def test_what_is_exact_is_no_parameter() -> None:
+    assert SensorErrors({}).count == SensorErrors({"gyro_gain": 0.0, "clock": 0.0}).count == 0
+    assert not SensorErrors({"clock": 0.0}).is_moving
+
+
+def test_an_unknown_kind_is_refused_with_a_list_of_kinds() -> None:
+    with pytest.raises(ValueError, match=r"'gyro_drift' are not known; there are") as refused:
+        SensorErrors({"gyro_gain": 0.1, "gyro_drift": 0.1})
+    assert all(kind in str(refused.value) for kind in KINDS)
+
+
+@given(st.integers(0, 10_000))
+def test_products_follow_the_gyro(seed: int) -> None:
+    errors = SensorErrors({"gyro_scale": 0.01, "gyro_mount": 0.01, "gyro_shear": 0.01, "gyro_gain": 0.01})
+    rng, x = np.random.default_rng(seed), extended_row(seed, errors.width)
+    calibrated = errors.step(1e-3 * rng.normal(size=(1, errors.count)))[0] @ x
+    np.testing.assert_allclose(calibrated[PRODUCTS], symmetric_products(calibrated[None, W])[0], atol=1e-9)
+
+
+def test_a_step_is_the_exponential_to_third_order() -> None:
+    errors = SensorErrors(dict.fromkeys(KINDS, 0.01))
+    eta = np.random.default_rng(2).normal(size=(3, errors.count))
+
+    def missing(size: float) -> Array:
+        exact = expm(np.tensordot(size * eta, errors.generators, axes=1))
+        return np.abs(errors.step(size * eta) - exact).max(axis=(1, 2))
+
+    ratios = missing(0.02) / missing(0.01)
+    np.testing.assert_allclose(ratios, 16.0, rtol=0.05)
+    np.testing.assert_array_equal(errors.step(0.0 * eta), np.broadcast_to(np.eye(errors.width), (3, 49, 49)))
