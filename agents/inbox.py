@@ -43,6 +43,7 @@ class NeighbourInbox:
         self._incarnations = dict.fromkeys(sorted(neighbours), 0)
         self._waiting: dict[tuple[str, int, int], list[NeighbourMessage]] = {}
         self._last: dict[str, int] = {}
+        self._strange: set[str] = set()
         self._possible: dict[str, LinkState] = {}
 
     def take(
@@ -81,6 +82,13 @@ class NeighbourInbox:
             fitting = next((message for message in found or () if fits(message.channels)), None)
             if fitting is not None:
                 used[name], self._last[name] = fitting, index
+                self._strange.discard(name)
+            elif found and name not in self._strange:
+                self._strange.add(name)  # told once, until something of it fits
+                problems.append(
+                    f"refused from {name}, block {index - 1}: its arrays are none that this robot's estimator reads; "
+                    f"run the same release of coheft, and the same estimator, everywhere"
+                )
         self._waiting = {key: waiting for key, waiting in self._waiting.items() if key[2] >= index}
         return used, gossip, problems
 

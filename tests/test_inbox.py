@@ -170,3 +170,14 @@ def test_possible_poses_and_empty_channels_are_welcome() -> None:
     assert used == {"b": welcome}
     assert gossip[0].pose == pose
     assert problems == []
+
+
+def test_arrays_that_no_estimator_here_reads_are_refused_in_words_once() -> None:
+    inbox, told = NeighbourInbox(["r2"]), []
+    for block in range(3):
+        message = NeighbourMessage(sender="r2", block=block, gossip=[], channels={"sums": np.zeros(3)})
+        used, _, problems = inbox.take(block + 1, [message], fits=lambda _: False)
+        assert used == {}
+        told += problems
+    assert len(told) == 1
+    assert "run the same release of coheft" in told[0]

@@ -40,8 +40,10 @@ def _wrong_row(complete: Function) -> Function:
     def mutant(self: Exchange, number: int) -> Array | None:
         row: Array | None = complete(self, number)
         before = getattr(self, "before", None)
-        self.before = None if row is None else row.copy()  # type: ignore[attr-defined]
-        if row is None or before is None:
+        if row is None:
+            return None
+        self.before = row.copy()  # type: ignore[attr-defined]
+        if before is None:
             return row
         own = slice(24 * self._own, 24 * self._own + 24)
         before[own] = row[own]
