@@ -233,7 +233,7 @@ def measure(robots: int, estimators: Sequence[str], seconds: float, against: Pat
             np.save(path, source.take(last - first))
             for process in (*timed, *counted):
                 process.take(Turn(str(path), first))
-            timed.reverse()  # nobody is always the first
+            timed.reverse()  # none is always the first
             if number % _TELL_EVERY == 0 or last == blocks:
                 lines = ", ".join(pair.line() for pair in both)
                 print(

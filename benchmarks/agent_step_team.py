@@ -148,7 +148,7 @@ class WholeAgent:
 
         Args:
             measured: Its measurements.
-            said: What everybody said after the block before.
+            said: What all said after the block before.
         """
         own = decode(measured, Measurements, self._own)
         heard = [decode(said[name], NeighbourMessage, key) for name, key in self._others.items() if name in said]

@@ -228,7 +228,7 @@ def test_unusable_blocks_cost_nothing_but_themselves(what: Scenario) -> None:
 
 @pytest.mark.parametrize("silent", [range(60, 61), range(1, 400, 17), range(200, 203)], ids=["one", "often", "three"])
 def test_silent_blocks_are_survived(silent: range) -> None:
-    """In some blocks no message arrives anywhere: before the sums begin, and at all steps of the fits."""
+    """In some blocks no message arrives anywhere."""
     recording = run_with_faults(scenario("line4", duration=9.0), arrives=lambda block, to, sender: block not in silent)
     assert_sure_and_right(recording)
     assert set(map(tuple, changes(recording).values())) == {()}
@@ -272,5 +272,5 @@ def test_who_hears_of_the_start_late_finds_the_round_that_is_under_way() -> None
     in_time = reach(lambda block: False)
     begun = min(e.block for e in in_time.estimates["r1"] if e.phase == "inertia")
     late = reach(lambda block: begun - 45 <= block < begun + 30)
-    heard_alike(late, rtol=1e-3, pose_tolerance=1e-3)  # of the load, not everybody need have had the same samples
+    heard_alike(late, rtol=1e-3, pose_tolerance=1e-3)  # not all need have had the same rows
     assert_sure_and_right(late)

@@ -58,7 +58,7 @@ def started_again(robot: str) -> Story:
     return Story(FROM + 0.5 + SOON, [Crash(robot=robot, start=FROM, end=FROM + 0.5)])
 
 
-@pytest.mark.parametrize("robot", ["r1", "r3"], ids=["reference robot", "in the middle"])
+@pytest.mark.parametrize("robot", ["r1", "r3"], ids=["first robot", "in the middle"])
 def test_an_agent_that_starts_again_with_an_empty_memory_is_taken_in(robot: str) -> None:
     story = started_again(robot)
     neighbour = "r2"
@@ -96,7 +96,7 @@ def test_a_sensor_that_has_gone_off_when_a_team_begins_anew_is_not_taken_for_ano
 
 
 @pytest.mark.parametrize(
-    ("robot", "notice"), [("r4", 10), ("r1", 0)], ids=["told ahead", "reference robot, told at the last moment"]
+    ("robot", "notice"), [("r4", 10), ("r1", 0)], ids=["told ahead", "first robot, told at the last moment"]
 )
 def test_a_robot_lets_go_and_takes_hold_again(robot: str, notice: int) -> None:
     loose_from, back = FROM + 0.2, FROM + 3.0

@@ -178,7 +178,7 @@ def test_a_mutant_leaves_nothing_behind(mutant: str):
 
 @pytest.mark.parametrize("mutant", MUTANTS)
 def test_every_deliberate_bug_is_found(mutant: str):
-    """By a number that is wrong, or because nobody is ever valid; without the bug neither happens."""
+    """By a number that is wrong, or because no robot is ever valid; without the bug neither happens."""
     assert not goes_wrong(SHOWN_BY[mutant])
     with mutated(mutant):
         assert goes_wrong(SHOWN_BY[mutant])
