@@ -1,6 +1,6 @@
 """One robot's part in carrying the load along a common path, with what it knows of the load.
 
-The robot knows its own pose in the frame of the reference robot, so it knows how its own grasp has to move. It knows
+The robot knows its own pose in the grasp frame of the first robot, so it knows how its own grasp has to move. It knows
 mass, centre of mass and inertia in its own frame, so it knows what total wrench moves the load like that; and it knows
 where everybody holds it, so it knows its own share. Its accelerometer says where up is. Nobody has to be asked.
 """

@@ -32,7 +32,7 @@ class CommonPath:
         return self._start + self._ramp
 
     def displacement(self, time: Array) -> tuple[Array, Array]:
-        """Of the reference robot's grasp frame in its home frame: rotation vector [rad], position [m]; and its rate.
+        """Of the first robot's grasp frame in its home frame: rotation vector [rad], position [m]; and its rate.
 
         Args:
             time: Shape (n,) [s].

@@ -10,9 +10,9 @@ from coheft.errors import CoheftError
 from coheft.wire.scenario import Scenario
 
 SETTLED = 12.0
-"""From then on a team does what it does for the rest of the run [s]: it has also summed what came before the sums."""
+"""From then on a team does what it does for the rest of the run [s]: fits have become rare by then."""
 _SETTLED_BLOCKS = 150
-"""The same for long blocks: much of a start takes a number of rounds, however long they are."""
+"""The same for long blocks: much of a start takes a number of blocks, however long they are."""
 
 
 class SteppedTeam:
