@@ -1,6 +1,7 @@
 """The default estimator of one robot: rows of the whole team, and what follows from them.
 
-``exchange`` hands rows on from neighbour to neighbour, ``monitor`` says whose sensors contradict the team, ``session``
-decides when what is fitted, ``estimator`` is the interface to the agent. The mathematics is
-``coheft.estimation.moments``.
+Read ``exchange`` (rows are handed on from neighbour to neighbour), ``knowledge`` (rows, chapters before, and the fit),
+``sight`` (how rows look with it), ``monitor`` (whose sensors contradict the team), ``judge`` (whether rows fit), ``stages``
+and ``session`` (when what is done), ``settings`` (what guards), ``estimator`` (the interface to the agent). The mathematics
+is ``coheft.estimation.moments``.
 """

@@ -13,8 +13,9 @@ import numpy as np
 
 from agents.efficient.exchange import Exchange, RowMessage
 from agents.efficient.judge import Outcome, Verdict
-from agents.efficient.session import Session, Stage
+from agents.efficient.session import Session
 from agents.efficient.settings import Guards
+from agents.efficient.stages import Stage
 from agents.estimator import Belief, Channels, is_converged
 from coheft.estimation.body_motion import relative_pose_derivative
 from coheft.estimation.measurement import MeasurementBlock

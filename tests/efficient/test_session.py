@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from agents.efficient.judge import Outcome
-from agents.efficient.session import TRANSITIONS, Event, Session, Stage
+from agents.efficient.session import Session
 from agents.efficient.settings import Guards
+from agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.claims import claim_of
 from coheft.estimation.moments.fit_settings import FitSettings
@@ -163,8 +164,8 @@ def test_rows_that_came_with_a_contradiction_are_taken_back() -> None:
     rows = made_up_rows(120)
     rows[100:104, ROW_SIZE + A.start] += 0.085  # too little for a single row
     found = fed(rows[:100])
-    before = found._buffer.count
+    before = found._known.buffer.count
     for number in range(100, 104):
         found.take(number, rows[number])
     assert found.suspect == 1
-    assert found._buffer.count < before + 3
+    assert found._known.buffer.count < before + 3

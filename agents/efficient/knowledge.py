@@ -1,0 +1,156 @@
+"""What one robot knows: the rows of its team, what chapters before have told, and the estimate that follows from them.
+
+fit = likeliest state given the moments of all rows and the prior of chapters before
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from agents.efficient.settings import Guards
+from agents.efficient.sight import Sight
+from coheft.estimation.moments.chapter import Chapter, Prior
+from coheft.estimation.moments.fit import MOST_STEPS, Estimate, Look, fitted
+from coheft.estimation.moments.fit_settings import FitSettings, Guess
+from coheft.estimation.moments.row_buffer import RowBuffer
+from coheft.estimation.moments.rows import ROW_SIZE
+from coheft.estimation.moments.start import first_load, first_poses
+from coheft.estimation.moments.unknowns import Flags, State
+from coheft.estimation.spatial import Pose
+
+_PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
+"""A memory that fades does so in so many steps; each leaves the newest rows to go on from."""
+_EXACT_UP_TO = 12
+"""Robots of a team whose moments are kept exactly: beyond, what is seen from one state is faster."""
+
+
+class Knowledge:
+    """Since all was forgotten for the last time.
+
+    Args:
+        count: Robots.
+        anchor: Place of the robot whose pose fixes the body frame.
+        settings: Of fits.
+        guards: Thresholds and times.
+        prior: From a former team, None if there is none.
+
+    Attributes:
+        buffer: Rows.
+        estimate: Of poses and load, None at first.
+        sight: How rows look with it, once there is one.
+        least: Rows from which anything is fitted.
+    """
+
+    sight: Sight
+
+    def __init__(
+        self, count: int, anchor: int, settings: FitSettings, guards: Guards, prior: Prior | None = None
+    ) -> None:
+        self._count, self._anchor, self._settings = count, anchor, settings
+        self._growth = guards.growth_of_errors if settings.errors.count else guards.growth
+        self.least = max(4, round(guards.first_rows / settings.period))
+        memory, size = settings.memory, ROW_SIZE * count + 1
+        self._page = 0 if memory is None else max(4, round(memory / _PAGES_IN_MEMORY / settings.period))
+        self.buffer = RowBuffer(size, settings.errors.is_moving, settings.period, count > _EXACT_UP_TO)
+        self._chapter = Chapter(self.buffer, settings, prior)
+        self.estimate: Estimate | None = None
+        self._next_fit, self._level, self._rows_before = self.least, 1.0, 0
+        if prior is not None:
+            self._guess = prior.guess
+            look, before = self._chapter.look(), self._chapter.said_before
+            self._know(fitted(prior.state, look, before, prior.guess, settings, anchor, most_steps=1))
+
+    @property
+    def misses_poses(self) -> bool:
+        """Whether the pose of a robot is not known."""
+        return self.estimate is None or self.estimate.misses_poses
+
+    @property
+    def is_fit_due(self) -> bool:
+        """Whether there are enough rows for another fit."""
+        return self.buffer.load_rows >= self._next_fit
+
+    def prior(self) -> Prior | None:
+        """All that is known, for another team; None if poses are missing."""
+        estimate = self.estimate
+        if estimate is None or estimate.misses_poses or estimate.state.load is None:
+            return None
+        return self._chapter.summed_up(estimate, self._guess)
+
+    def see_again(self) -> None:
+        """Rows have moved in the buffer."""
+        if self.estimate is not None:
+            self._know(self.estimate)
+
+    def take_back(self, number: int) -> None:
+        """Rows with larger numbers count no longer."""
+        self._next_fit -= self.buffer.take_back(number)
+
+    def fit(self, before: int | None = None, keeps_motion: bool = False) -> Estimate:
+        """Fit all unknowns to all rows, or to those before a place, and to chapters before; see ``Chapter.look``."""
+        chapter, settings, last = self._chapter, self._settings, self.estimate
+        look = chapter.look(before, keeps_motion)
+        identity = [Pose.identity()] * self._count
+        state = State.first(identity, settings.errors) if last is None else last.state
+        is_unknown = np.arange(self._count) != self._anchor if last is None else last.hidden_poses()
+        if is_unknown.any():
+            state = self._from_scratch(state, is_unknown, look)
+        if state.load is None:
+            body = settings.body(state, self._level)
+            self._guess = Guess.of(body, self.buffer.moments()[1])
+            state = first_load(state, look(body).wrench, self._guess, settings, self._level)
+        found = fitted(state, look, chapter.said_before, self._guess, settings, self._anchor, MOST_STEPS, self._level)
+        self._know(found)
+        number = self.buffer.load_rows
+        self._next_fit = number + max(3, round((self._growth - 1.0) * (number + self._rows_before)))
+        return found
+
+    def forget_load(self, now: Estimate, place: int, has_changed: bool, least: int) -> None:
+        """From this place on the load has to be found anew, from ``least`` rows; what is known of poses stays.
+
+        Args:
+            now: What is known.
+            place: Of the first row of the new load.
+            has_changed: Whether wrenches before fitted their load; else they have misled the poses, too.
+            least: Rows of the next fit.
+        """
+        chapter, state = self._chapter, now.state.with_load(None)
+        chapter.end_of_load(now, self._guess, place, has_changed and not now.misses_poses)
+        if has_changed:
+            body = self._settings.body(state, self._level)
+            self.estimate = Estimate(body, now.seen, now.hidden, now.step, now.size, now.level)
+        else:
+            self._know(fitted(state, chapter.look(), chapter.said_before, self._guess, self._settings, self._anchor))
+        self._next_fit = least
+
+    def fade(self) -> None:
+        """The memory fades: what was learned of the load counts less, as if it had drifted meanwhile."""
+        estimate, settings, buffer = self.estimate, self._settings, self.buffer
+        if settings.memory is None or estimate is None or estimate.misses_poses or buffer.load_rows < self._page:
+            return
+        place = max(0, buffer.count - _KEPT_ON_PAGE)
+        faded = math.expm1(place * settings.period / settings.memory)
+        theta = estimate.body.unknowns.theta
+        self._rows_before = round(settings.memory / settings.period)
+        self._chapter.end(estimate, self._guess, place, is_cut=False)
+        if self._chapter.prior is not None:
+            self._chapter.prior = self._chapter.prior.loosened(theta, faded * estimate.covariance[theta, theta])
+        self._know(estimate)
+        self._next_fit = buffer.load_rows + max(3, round((self._growth - 1.0) * self._rows_before))
+
+    def _from_scratch(self, state: State, is_unknown: Flags, look: Look) -> State:
+        """Poses from far away, by motion alone."""
+        settings, kept = self._settings, self.buffer.moments_kept()
+        state = first_poses(kept, state, settings.noise, self._anchor, is_unknown)
+        if self._chapter.prior is not None:
+            return state
+        state = state.with_load(None)
+        guess = Guess.of(settings.body(state), kept)
+        return fitted(state, look, self._chapter.said_before, guess, settings, self._anchor).state
+
+    def _know(self, estimate: Estimate) -> None:
+        """From now on this is what is known, and how rows are seen."""
+        self.estimate, self._level = estimate, estimate.level
+        self.sight = Sight(estimate, self._chapter)

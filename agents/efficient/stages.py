@@ -1,0 +1,41 @@
+"""What a robot knows of the load, and what takes it from one stage to another."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class Stage(Enum):
+    """What a session knows of the load."""
+
+    GATHERING = "gathering rows of a load that is not known yet"
+    UNDECIDED = "either the load has changed or a sensor reads something in excess"
+    ESTIMATING = "the load is known"
+
+
+class Event(Enum):
+    """What takes it from one stage to another."""
+
+    FITTED = "a load has been fitted"
+    UNDECIDED = "a load has been fitted, but a sensor that reads something in excess explains wrenches as well"
+    LOAD_CHANGED = "the load is another one"
+    MISFIT = "wrenches do not fit the load that was fitted to them"
+    STARTED_OVER = "all is forgotten, because motions do not fit the poses that were fitted to them"
+
+
+TRANSITIONS = {
+    (Stage.GATHERING, Event.FITTED): Stage.ESTIMATING,
+    (Stage.GATHERING, Event.UNDECIDED): Stage.UNDECIDED,
+    (Stage.GATHERING, Event.MISFIT): Stage.GATHERING,
+    (Stage.GATHERING, Event.STARTED_OVER): Stage.GATHERING,
+    (Stage.UNDECIDED, Event.FITTED): Stage.ESTIMATING,
+    (Stage.UNDECIDED, Event.UNDECIDED): Stage.UNDECIDED,
+    (Stage.UNDECIDED, Event.LOAD_CHANGED): Stage.GATHERING,
+    (Stage.UNDECIDED, Event.MISFIT): Stage.GATHERING,
+    (Stage.UNDECIDED, Event.STARTED_OVER): Stage.GATHERING,
+    (Stage.ESTIMATING, Event.FITTED): Stage.ESTIMATING,
+    (Stage.ESTIMATING, Event.LOAD_CHANGED): Stage.GATHERING,
+    (Stage.ESTIMATING, Event.MISFIT): Stage.GATHERING,
+    (Stage.ESTIMATING, Event.STARTED_OVER): Stage.GATHERING,
+}
+"""All that can happen; anything else is an error in this file."""
