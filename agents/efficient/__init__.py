@@ -1,7 +1,7 @@
 """The default estimator of one robot: rows of the whole team, and what follows from them.
 
 Read ``exchange`` (rows are handed on from neighbour to neighbour), ``knowledge`` (rows, chapters before, and the fit),
-``sight`` (how rows look with it), ``monitor`` (whose sensors contradict the team), ``judge`` (whether rows fit), ``stages``
-and ``session`` (when what is done), ``settings`` (what guards), ``estimator`` (the interface to the agent). The mathematics
-is ``coheft.estimation.moments``.
+``sight`` (how rows look with it), ``monitor`` (whose sensors contradict the team), ``judge`` (whether rows fit),
+``stages`` and ``session`` (when what is done), ``settings`` (what guards), ``estimator`` (the interface to the agent).
+The mathematics is ``coheft.estimation.moments``.
 """
