@@ -108,7 +108,13 @@ class EfficientEstimator:
             now = (team.session.estimate, team.session.stage)
             if now != self._believed:
                 self._belief, self._believed = self._said(team, team.session.estimate), now
-            self._belief = replace(self._belief, total_block=team.newest, learned_block=team.newest)
+            to_own = team.session.estimate.state.poses[team.own].inverse().adjoint()
+            self._belief = replace(
+                self._belief,
+                total_block=team.newest,
+                total_wrench=to_own @ team.session.total_wrench,
+                learned_block=team.newest,
+            )
         return self._belief
 
     def _join(self, membership: int, index: int) -> None:

@@ -16,6 +16,7 @@ from agents.efficient.knowledge import Knowledge
 from agents.efficient.monitor import Monitor
 from agents.efficient.settings import Guards
 from agents.efficient.stages import TRANSITIONS, Event, Stage
+from coheft.estimation.moments.body import FORCING_SIZE
 from coheft.estimation.moments.change import surprise
 from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.derivatives import MotionDerivatives
@@ -45,6 +46,7 @@ class Session:
         changes: Of the load: number of its first row, and of the row at which that was noticed.
         suspect: Place of a robot whose motion sensors contradict the others at present, or None.
         verdict: On the last fit.
+        total_wrench: About the origin of the body frame, mean over the newest row, shape (6,).
     """
 
     def __init__(
@@ -67,7 +69,7 @@ class Session:
         self._turn, self._lasting, self._longest = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
         self.stage = Stage.GATHERING
         self.changes: list[tuple[int, int]] = []
-        self.verdict = Verdict(Outcome.FITS)
+        self.verdict, self.total_wrench = Verdict(Outcome.FITS), np.zeros(6)
         self._before: Array | None = None  # theta before the last change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(prior)
@@ -138,6 +140,8 @@ class Session:
             buffer.add(number, row)
         else:
             look = known.sight.look(row)
+            if number == self._newest:
+                self.total_wrench = look.view[FORCING_SIZE:]
             if not self._is_believed(number, row, look.motion, known.estimate):
                 return
             place, has_moved = buffer.add(number, row)

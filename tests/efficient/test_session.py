@@ -169,3 +169,15 @@ def test_rows_that_came_with_a_contradiction_are_taken_back() -> None:
         found.take(number, rows[number])
     assert found.suspect == 1
     assert found._known.buffer.count < before + 3
+
+
+def test_the_total_wrench_of_the_newest_row_is_told() -> None:
+    rows = made_up_rows(100)
+    found = fed(rows)
+    assert found.estimate is not None
+    total = sum(
+        pose.adjoint() @ rows[-1, ROW_SIZE * robot + FORCE.start : ROW_SIZE * robot + FORCE.start + 6]
+        for robot, pose in enumerate(POSES)
+    )
+    np.testing.assert_allclose(found.total_wrench, total, atol=2.0)
+    assert np.linalg.norm(total[:3]) > 50.0
