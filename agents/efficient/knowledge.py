@@ -56,7 +56,7 @@ class Knowledge:
         self.buffer = RowBuffer(size, settings.errors.is_moving, settings.period, count > _EXACT_UP_TO)
         self._chapter = Chapter(self.buffer, settings, prior)
         self.estimate: Estimate | None = None
-        self._next_fit, self._level, self._rows_before = self.least, 1.0, 0
+        self._next_fit, self._level, self._rows_before = 2 * self.least, 1.0, 0
         if prior is not None:
             self._guess = prior.guess
             look, before = self._chapter.look(), self._chapter.said_before
