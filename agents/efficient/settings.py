@@ -15,8 +15,8 @@ class Guards:
     Attributes:
         growth: All is fitted anew when the load has so many times as many rows: its deviations have then shrunk by 7 %.
         growth_of_errors: The same where sensors' errors are declared, because such fits cost more.
-        first_rows: Time over which rows are gathered before a load is fitted [s], and half of that before anything is: enough
-            turning to see poses, and a sensor that is off.
+        first_rows: Time over which rows of a load are gathered before it is fitted [s], twice as long where nothing is
+            known: enough turning to see poses, and sensors that are off.
         turn: Each robot looks for a change of the load once in this time, in turn with the others [s].
         surprise: Probability that the wrench of one row is a surprise without a change; two in a row are looked at.
         contradiction: Probability that a robot's motion seems to contradict the team's over a window of rows without
