@@ -40,7 +40,7 @@ def test_of_a_load_at_rest_without_noise_only_the_mass_may_be_seen() -> None:
     rest = np.tile(np.repeat([0.0, 9.81, 0.0], [8, 1, 3]), (1000, 1))
     still = sensors_recording(rng, exact_signals(rng, grasps(rng), motion=rest), NOISE.scaled(1e-300))
     found = identify_sensors(replace(still, noise=NOISE))
-    assert all(len(found.team.relative(0, k).unseen) > 3 for k in (1, 2))
+    assert all(len(found.team.relative(0, k).unseen) >= 3 for k in (1, 2))
     assert not found.payload.is_seen("com")
     assert not found.payload.is_seen("inertia")
 

@@ -10,17 +10,25 @@ from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.plausibility import check_units, check_weight
 from coheft.estimation.batch.recording import Recording, check_recording
-from coheft.estimation.centralised import estimate_centralised
+from coheft.estimation.inertia_derivatives import central_derivative
+from coheft.estimation.inertia_estimate import unseen_quantities
+from coheft.estimation.moments.claims import possible_load
+from coheft.estimation.moments.recorded import fit_recorded
+from coheft.estimation.moments.unknowns import THETA
+from coheft.estimation.observability import Visibility
 from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.team_registration import TeamPoses
 
 _TOO_LARGE = 1.3
 """Residuals are suspicious from this share of what noise explains on."""
 
+_HIDDEN = 1e6
+"""What is not seen of poses has so many times the variance that a fit lets it have: a stand-in for infinity."""
 _SUSPECTS = ": did the load change (--from and --to choose a part), or are the sensors worse than 'noise' says?"
 
 
 def identify_sensors(recording: Recording) -> Identification:
-    """What a central computer finds with the noise that the recording names (``coheft.estimation.centralised``).
+    """What a central computer finds with the noise that the recording names (``coheft.estimation.moments.recorded``).
 
     Args:
         recording: With twists, accelerations, wrenches, and noise.
@@ -38,23 +46,29 @@ def identify_sensors(recording: Recording) -> Identification:
     check_units(recording)
     check_weight(recording, channels[2], channels[1])
     samples = np.concatenate(channels, axis=-1).swapaxes(0, 1)
-    found = estimate_centralised(samples, recording.noise, recording.rate)
-    estimate = found.payload
+    found = fit_recorded(samples, recording.noise, recording.rate)
+    estimate = found.estimate
+    state, places, inertia = estimate.state, estimate.body.unknowns, possible_load(estimate)
+    assert state.load is not None  # it has been fitted
+    poses = np.ix_(places.poses.ravel(), places.poses.ravel())
+    team = TeamPoses(state.poses, estimate.seen[poses] + _HIDDEN * estimate.hidden[poses], Visibility())
+    to_central = central_derivative(inertia)
+    covariance = to_central @ estimate.covariance[places.theta, places.theta] @ to_central.T
     size = float(np.sqrt(np.mean(np.square(found.residual) / np.diag(found.expected))))
     remark = f"Residuals of the total wrench are {size:.2f} times as large as the sensors' noise explains"
     remark += _SUSPECTS if size > _TOO_LARGE else "."
     return Identification(
         method="likelihood",
         names=recording.names,
-        team=found.team,
+        team=team,
         payload=Payload(
-            inertia=estimate.inertia,
-            measured=Inertia.from_barycentric(estimate.parameters),
-            covariance=found.covariance,
-            unseen=estimate.unseen,
+            inertia=inertia,
+            measured=Inertia.from_barycentric(state.load[THETA]),
+            covariance=covariance,
+            unseen=unseen_quantities(covariance, inertia.mass, estimate.size),
         ),
         remarks=(remark,),
-        suspicions=unsettled(found.team, found.is_settled),
-        time=recording.time[found.rows],
+        suspicions=unsettled(team, found.is_settled),
+        time=recording.time[: len(found.residual) * found.row_samples].reshape(-1, found.row_samples).mean(axis=1),
         residual=found.residual,
     )

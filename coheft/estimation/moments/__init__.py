@@ -3,7 +3,8 @@
 Read in this order: ``rows`` (what a block becomes), ``unknowns`` and ``sensor_errors`` (what is estimated), ``body``
 (what rows say of the motion), ``moments`` (what is kept of rows), ``likelihood`` (what moments say of the unknowns),
 ``evidence`` (a quadratic that knows its noise), ``start`` and ``fit`` (the likeliest state), ``chapter`` (what stays
-when something changes), ``change`` (whether the load has changed), ``claims`` (what may be said).
+when something changes), ``change`` (whether the load has changed), ``claims`` (what may be said), ``recorded`` (all of
+this for a recording).
 
 Pure: arrays in, arrays out. It may import the rest of ``coheft.estimation``, and nothing else of coheft.
 """

@@ -47,11 +47,7 @@ def claim_of(estimate: Estimate, robot: int) -> Claim:
     hidden = estimate.hidden_poses(CLAIM_LIMITS)
     if state.load is None:
         return Claim(None, 0, np.zeros((0, 0)), (), hidden)
-    covariance, theta = estimate.covariance, state.load[THETA]
-    if not is_possible(theta):
-        information = inverse_of(covariance[unknowns.theta, unknowns.theta])
-        theta = nearest_possible(theta, information, estimate.size)
-    inertia, pose = Inertia.from_barycentric(theta), state.poses[robot]
+    covariance, inertia, pose = estimate.covariance, possible_load(estimate), state.poses[robot]
     derivative = seen_inertia_derivative(pose, inertia)
     derivative[:, 6:] = derivative[:, 6:] @ central_derivative(inertia)
     places = np.concatenate([unknowns.poses[robot], np.arange(unknowns.size)[unknowns.theta]])
@@ -63,3 +59,13 @@ def claim_of(estimate: Estimate, robot: int) -> Claim:
         known = min(known, 1)
     words = tuple(f"{each.what}: {each.remedy}" for each in unseen)
     return Claim(inertia.carried(pose.inverse()) if known else None, known, covariance[:known, :known], words, hidden)
+
+
+def possible_load(estimate: Estimate) -> Inertia:
+    """The likeliest body that can exist, in the body frame; the estimate must have a load."""
+    load = estimate.state.load
+    assert load is not None
+    theta, places = load[THETA], estimate.body.unknowns.theta
+    if not is_possible(theta):
+        theta = nearest_possible(theta, inverse_of(estimate.covariance[places, places]), estimate.size)
+    return Inertia.from_barycentric(theta)

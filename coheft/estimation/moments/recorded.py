@@ -1,0 +1,104 @@
+"""Everything that a whole recording says, in one place: the likeliest poses and load, and what they leave unexplained.
+
+rows of all samples -> moments -> poses by motion alone -> poses and load jointly
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.measurement import SAMPLE_SIZE, SensorNoise
+from coheft.estimation.moments.body import FORCING, BodyModel, load_operator, residual_covariance
+from coheft.estimation.moments.fit import Estimate, fitted
+from coheft.estimation.moments.fit_settings import FitSettings, Guess
+from coheft.estimation.moments.moments import RowMoments, SeenMoments, seen_moments
+from coheft.estimation.moments.rows import RowNoise, row_of_samples, rows_per_block
+from coheft.estimation.moments.start import first_load, first_poses
+from coheft.estimation.moments.unknowns import State
+from coheft.estimation.spatial import Array, Pose
+
+_MOST_STEPS, _CLOSE = 30, 1e-3
+"""Steps at most; a step below this share of the poses' standard deviations is the last one."""
+_LEAST = 2
+"""Samples of a row."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """What was found.
+
+    Attributes:
+        estimate: Poses and load in the first robot's grasp frame.
+        is_settled: Whether steps had become small when no more were taken.
+        row_samples: Samples of a row.
+        residual: What the load leaves of the total wrench of each row, shape (rows, 6).
+        expected: Covariance of the residual that the sensors' noise explains, shape (6, 6).
+    """
+
+    estimate: Estimate
+    is_settled: bool
+    row_samples: int
+    residual: Array
+    expected: Array
+
+
+def fit_recorded(samples: Array, noise: SensorNoise, rate: float) -> Recorded:
+    """Poses and load from all samples of all robots, taken while the load was the same.
+
+    Args:
+        samples: Consecutive, shape (n, N, 15), columns as in ``MeasurementBlock``.
+        noise: Of every robot's sensors.
+        rate: Samples per second.
+
+    Raises:
+        ValueError: Shapes do not fit, or there are fewer than two samples.
+        numpy.linalg.LinAlgError: Numbers are too large or too small to be computed with.
+    """
+    if samples.ndim != 3 or samples.shape[2] != SAMPLE_SIZE or len(samples) < _LEAST:
+        raise ValueError(f"{samples.shape=} but expected (n, N, {SAMPLE_SIZE}) with n of at least {_LEAST}")
+    second = max(_LEAST, round(rate))
+    length = min(second // rows_per_block(second, rate), len(samples))
+    rows = _rows(samples, length, noise, rate)
+    settings = FitSettings(RowNoise.of_samples(noise, length, rate), length / rate)
+    moments = RowMoments.of(rows)
+
+    def look(body: BodyModel) -> SeenMoments:
+        return seen_moments(body, moments, moments)
+
+    count = samples.shape[1]
+    state = State.first([Pose.identity()] * count, settings.errors)
+    state = first_poses(moments, state, settings.noise, 0, np.arange(count) > 0)
+    guess = Guess.of(settings.body(state), moments)
+    state = fitted(state, look, settings.expected, guess, settings, anchor=0).state
+    body = settings.body(state)
+    guess = Guess.of(body, moments)
+    state = first_load(state, look(body).wrench, guess, settings)
+    for _ in range(_MOST_STEPS):
+        estimate = fitted(state, look, settings.expected, guess, settings, anchor=0, most_steps=1)
+        state = estimate.state
+        if estimate.step < _CLOSE:
+            break
+    body, load = estimate.body, state.load
+    assert load is not None  # it has been fitted
+    explained = load_operator(load) @ body.see[FORCING]
+    return Recorded(
+        estimate=estimate,
+        is_settled=estimate.step < _CLOSE,
+        row_samples=length,
+        residual=rows @ (body.wrench - explained).T,
+        expected=residual_covariance(body, load),
+    )
+
+
+def _rows(samples: Array, length: int, noise: SensorNoise, rate: float) -> Array:
+    """Of the whole team, with the constant 1, shape (rows, 24 N + 1); samples that fill no row are left out."""
+    count = len(samples) // length
+    rows = np.array(
+        [
+            np.concatenate([row_of_samples(own, noise.gyro**2, rate) for own in part.swapaxes(0, 1)])
+            for part in samples[: count * length].reshape(count, length, *samples.shape[1:])
+        ]
+    )
+    return np.hstack([rows, np.ones((count, 1))])
