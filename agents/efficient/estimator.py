@@ -95,6 +95,10 @@ class EfficientEstimator:
             return (f"the sensors of {team.names[team.session.suspect]} contradict the motion of the team",)
         if not team.session.is_confirmed:
             return ("what was known before is being confirmed by new measurements",)
+        disputed = team.disputed(self._config.blocks(self._guards.clear_rows))
+        if disputed:
+            whose = ", ".join(disputed)
+            return (f"different rows of {whose} have come for one time: it, or a robot that hands them on, is wrong",)
         missing = team.missing()
         if missing:
             since = self._config.start_of(team.newest + 1)
@@ -254,6 +258,11 @@ class _Team:
         while self._next in self._taken or self._next < oldest:
             self._taken.discard(self._next)
             self._next += 1
+
+    def disputed(self, blocks: int) -> list[str]:
+        """Robots of which different rows for one time have come within the last so many blocks."""
+        found = self.exchange.disputed.items()
+        return [self.names[robot] for robot, block in sorted(found) if self._index - block < blocks]
 
     def missing(self) -> list[str]:
         """Robots of which no rows have come for too long; empty if all is well."""

@@ -73,10 +73,12 @@ class Exchange:
 
     Attributes:
         changed_at: Number of the newest first row of a new load that any robot has told of, -1 if none.
+        disputed: Of robots of which two different rows for one time have come, the block in which that was last so.
     """
 
     def __init__(self, team: int, count: int, own: int, hops: int, per_block: int) -> None:
         self.team, self.changed_at = team, -1
+        self.disputed: dict[int, int] = {}
         self._count, self._own, self._hops, self._per_block = count, own, hops, per_block
         self._window = max(WINDOW, 2 * hops)
         places = self._window * per_block
@@ -99,12 +101,13 @@ class Exchange:
             return
         if self.changed_at < message.changed_at < self._per_block * block:
             self.changed_at = message.changed_at
-        news, by_robot = [], self._by_robot()
+        news, again, by_robot = [], [], self._by_robot()
         numbers, whose, places = self._numbers, self._whose, len(self._numbers)
         for k, (robot, number) in enumerate(message.labels.tolist()):
             place = number % places
             if numbers[place] == number and robot >= 0 and whose[place] >> robot & 1:
-                continue  # most are heard several times
+                again.append(k)  # most are heard several times
+                continue
             age = block - number // self._per_block
             if 0 <= robot < self._count and 0 < age < self._window and number >= 0 and self._is_new(robot, number):
                 by_robot[number % len(self._numbers), robot] = message.rows[k]
@@ -112,6 +115,10 @@ class Exchange:
                     news.append(k)
         if news:
             self._news.append((message.labels[news], message.rows[news]))
+        if again:
+            robots, row_numbers = message.labels[again].T
+            differs = (by_robot[row_numbers % places, robots] != message.rows[again]).any(axis=1)
+            self.disputed |= dict.fromkeys(robots[differs].tolist(), block)
 
     def tell(self, changed_at: int) -> RowMessage:
         """What all neighbours should hear now; ``changed_at`` is when this robot found that the load changed."""

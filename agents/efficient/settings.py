@@ -21,7 +21,7 @@ class Guards:
         surprise: Probability that the wrench of one row is a surprise without a change; two in a row are looked at.
         contradiction: Probability that a robot's motion seems to contradict the team's over a window of rows without
             any fault. There are some 250 windows per second and robot, so this is one in many years.
-        clear_rows: A robot that contradicted the team is believed again after so long without a contradiction [s].
+        clear_rows: A robot that contradicted the team, or itself, is believed again after so long without that [s].
         lasting: A contradiction that lasts so long may be the poses' own: all begins anew [s].
         misfit: Probability that a stretch of rows fits as badly as that without any fault; a fit has some ten thousand.
         energy: Standard deviations by which the sum of squares of all residuals may be larger than noise makes it.

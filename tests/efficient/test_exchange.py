@@ -143,3 +143,18 @@ def test_a_message_survives_as_arrays_and_anything_else_is_none() -> None:
     for name, array in channels.items():
         for wrong in (array[..., None], array.astype(np.float64)):
             assert RowMessage.of_channels({**channels, name: wrong}) is None
+
+
+def test_two_different_rows_of_one_robot_for_one_time_are_seen_by_whoever_hears_both() -> None:
+    exchange = Exchange(TEAM, COUNT, 0, HOPS, per_block=1)
+    labels = np.array([[2, 5], [3, 5]], dtype=np.int32)
+    rows = np.array([row_of(2, 5), row_of(3, 5)], dtype=np.float32)
+    message = RowMessage(TEAM, -1, labels, rows)
+    exchange.hear(message, block=7)
+    exchange.hear(message, block=7)
+    assert not exchange.disputed
+    other = rows.copy()
+    other[1, 4] = np.nextafter(other[1, 4], np.float32(np.inf))
+    exchange.hear(replace(message, rows=other), block=8)
+    assert exchange.disputed == {3: 8}
+    assert exchange.missing(5) == [0, 1]  # the first one stays
