@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from agents.agent import ESTIMATORS
+from coheft.app.faults.run import FaultyRun
+from coheft.app.faults.schedule import Crash, FaultSchedule
 from coheft.wire.codec import encode
 from coheft.wire.estimator_settings import SeedSettings
 from coheft.wire.message_size import (
@@ -32,12 +34,12 @@ def test_it_is_known_of_all_estimators_what_they_send() -> None:
     assert set(ARRAYS) == set(BUILT_IN["estimator"]) == set(ESTIMATORS)
 
 
-@pytest.mark.parametrize("name", ["line4", "ring12"])
-def test_rows_of_all_robots_fit(name: str) -> None:
-    scenario = changed(name, load_changes=(), duration=3.0)
-    sensors = msgspec.structs.replace(scenario.sensors, block=50)
-    scenario = msgspec.structs.replace(scenario, sensors=sensors)
-    assert 0.3 * ARRAYS["efficient"](scenario) < largest_found(scenario) <= largest_message(scenario)
+@pytest.mark.parametrize("name", ["line4", "ring6"])
+def test_rows_of_all_robots_and_what_a_newcomer_is_told_fit(name: str) -> None:
+    scenario = changed(name, load_changes=(), duration=4.0)
+    again = FaultyRun(FaultSchedule(seed=1, scenario=scenario, faults=(Crash(robot="r1", start=2.0, end=2.4),)))
+    found = max(len(encode(outbox.message, "key")) for block in again for outbox in block.outboxes.values())
+    assert 0.3 * ARRAYS["efficient"](scenario) < found <= largest_message(scenario)
 
 
 def test_dynamic_consensus_fits() -> None:

@@ -5,13 +5,14 @@ block -> rows -> exchange -> complete rows -> session -> claims
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from agents.efficient.exchange import Exchange, RowMessage
+from agents.efficient.handover import CHANNEL, heard, told
 from agents.efficient.judge import Outcome, Verdict
 from agents.efficient.session import Session
 from agents.efficient.settings import Guards
@@ -34,6 +35,8 @@ from consensus.graph import diameter
 
 _FORCE_OFFSET, _TORQUE_OFFSET = 1.2, 0.06
 """Standard deviations of the offsets of force and torque sensors, where the scenario says that they have any."""
+_TOLD = 2
+"""What is known is told twice to a robot that is new."""
 
 
 class EfficientEstimator:
@@ -65,17 +68,23 @@ class EfficientEstimator:
         team = self._team
         if team is None:
             return {}
-        for channels in inbox.values():
+        is_welcoming = False
+        for name, channels in inbox.items():
             message = RowMessage.of_channels(channels)
-            if message is not None:
+            if message is not None and message.team == team.exchange.team:
                 team.exchange.hear(message, index)
+                team.adopt(channels)
+                is_welcoming |= team.welcomes(name)
         team.session.hear_of_change(team.exchange.changed_at, index * self._parts)
         if own is not None and index >= team.start:
             for part, samples in enumerate(own.samples.reshape(self._parts, -1, own.samples.shape[1])):
                 row = row_of_samples(samples, self._config.noise.gyro**2, self._config.rate)
                 team.exchange.enter(index * self._parts + part, row)
         team.take(index)
-        return dict(team.exchange.tell(team.session.changed_at).channels())
+        arrays: dict[str, Any] = team.exchange.tell(team.session.changed_at).channels()
+        if is_welcoming:
+            arrays |= team.known()
+        return arrays
 
     def fits(self, channels: Channels) -> bool:
         """See ``Estimator.fits``."""
@@ -129,14 +138,17 @@ class EfficientEstimator:
         if graph is None or name not in graph:
             self._team = None
             return
-        names, prior, anchor = sorted(graph), None, 0
+        names, prior, anchor, newcomers = sorted(graph), None, 0, list[str]()
         known = None if last is None else last.session.prior()
         if last is not None and known is not None:
             places = [last.places.get(each) for each in self._lives(names)]
+            newcomers = [each for each, then in zip(names, places, strict=True) if then is None]
             prior = known.for_team(places, self._settings)
             anchor = next(now for now, then in enumerate(places) if then is not None)
         start = max(index, self._gossip.changed_at)
-        self._team = _Team(self._lives(names), names.index(name), membership, graph, self, prior, anchor, start)
+        self._team = _Team(self._lives(names), names.index(name), membership, graph, self, start)
+        if prior is not None:
+            self._team.begin(prior, anchor, newcomers)
 
     def _lives(self, names: list[str]) -> list[tuple[str, int, int]]:
         """Of each robot its name and since when it is what it is."""
@@ -228,8 +240,6 @@ class _Team:
         membership: int,
         graph: Mapping[str, tuple[str, ...]],
         estimator: EfficientEstimator,
-        prior: Prior | None,
-        anchor: int,
         start: int,
     ) -> None:
         self.places = {life: place for place, life in enumerate(lives)}
@@ -239,10 +249,35 @@ class _Team:
         config, guards = estimator._config, estimator._guards
         self._waits = self._hops + max(2, config.blocks(guards.waiting))
         self.exchange = Exchange(membership, len(lives), own, self._hops, self._parts)
-        self.session = Session(len(lives), own, estimator._settings, guards, prior, anchor)
+        self._settings, self._guards = estimator._settings, guards
+        self._prior: tuple[Prior, int] | None = None
+        self._newcomers = dict[str, int]()
+        self.session = Session(len(lives), own, estimator._settings, guards)
         self._next, self._taken = start * self._parts, set[int]()
         self.start, self.newest, self._index = start, start - 1, start
         self.noticed: list[int] = []
+
+    def begin(self, prior: Prior, anchor: int, newcomers: Sequence[str] = ()) -> None:
+        """Go on from what is known, which robots that are new in the team are told when they are first heard of."""
+        self._prior, self._newcomers = (prior, anchor), dict.fromkeys(newcomers, _TOLD)
+        self.session = Session(len(self.names), self.own, self._settings, self._guards, prior, anchor)
+        self._next, self._taken, self.noticed = self.start * self._parts, set(), []
+
+    def adopt(self, channels: Channels) -> None:
+        """Begin with what a neighbour knows, if this robot knows nothing."""
+        if CHANNEL in channels and self._prior is None and self.session.stage is Stage.GATHERING:
+            found = heard(channels[CHANNEL], self.exchange.team, len(self.names), self._settings)
+            if found is not None:
+                self.begin(*found, self.names)
+
+    def welcomes(self, name: str) -> bool:
+        """Whether a neighbour that has just been heard has to be told what is known."""
+        self._newcomers[name] = self._newcomers.get(name, 0) - 1
+        return self._newcomers[name] >= 0
+
+    def known(self) -> Channels:
+        """What newcomers are told."""
+        return {} if self._prior is None else {CHANNEL: told(self.exchange.team, *self._prior)}
 
     def take(self, index: int) -> None:
         """All rows that are complete by now, also those behind some that are not."""

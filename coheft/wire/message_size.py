@@ -33,9 +33,9 @@ _REST = 65536
 
 
 def _of_rows(scenario: Scenario) -> int:
-    """Rows of all robots that are told twice, and as many again that come late [B]."""
-    rows = rows_per_block(scenario.sensors.block, scenario.sensors.rate)
-    return 4 * scenario.robot_count * rows * _ROW
+    """Rows of all robots that are told twice, as many again that come late, and what a newcomer is told [B]."""
+    rows, unknowns = rows_per_block(scenario.sensors.block, scenario.sensors.rate), 6 * scenario.robot_count + 19
+    return 4 * scenario.robot_count * rows * _ROW + _NUMBER * (unknowns**2 + 8 * unknowns)
 
 
 def _of_consensus(scenario: Scenario) -> int:

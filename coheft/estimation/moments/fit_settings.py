@@ -55,7 +55,12 @@ class Guess:
         mass = max(_LIGHTEST, float(np.linalg.norm(force)) / max(float(np.linalg.norm(acceleration)), 1e-9))
         theta = mass * np.concatenate([[1.0], middle, unit_point(middle)])
         theta[4:7] += mass * size**2 / 3.0
-        return Guess(theta, mass * np.repeat([1.0, size, size**2], [1, 3, 6]), size)
+        return Guess.about(theta, size)
+
+    @staticmethod
+    def about(theta: Array, size: float) -> Guess:
+        """With deviations as large as a body of this mass and size has numbers."""
+        return Guess(theta, theta[0] * np.repeat([1.0, size, size**2], [1, 3, 6]), size)
 
 
 @dataclass(frozen=True, eq=False)

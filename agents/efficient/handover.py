@@ -1,0 +1,94 @@
+"""What a robot tells a neighbour that has just begun: all that is known of the team, as one quadratic.
+
+    known = (head, theta, poses, errors, gyro offset, load, scale s, s score, s information s, s noise s)
+
+It is one array of numbers; matrices are scaled by what each unknown is known to, and only half of them is told.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from coheft.estimation.moments.chapter import Prior
+from coheft.estimation.moments.evidence import Evidence
+from coheft.estimation.moments.fit_settings import FitSettings, Guess
+from coheft.estimation.moments.unknowns import LOAD_SIZE, State, Unknowns
+from coheft.estimation.spatial import Array, Pose
+
+CHANNEL = "known"
+_HEAD = 4  # number of the team, place of the anchor, size of the load, whether expectations are in it
+_MANY_ROWS = 1e6
+_LEAST_SCALE, _ROUNDING = 1e-9, 1e-6
+
+
+def told(team: int, prior: Prior, anchor: int) -> Array:
+    """The array for a team of which this robot's session has begun with this prior and anchor."""
+    state, guess, evidence = prior.state, prior.guess, prior.evidence
+    information = evidence.information.diagonal()
+    scale = np.where(information > 0.0, 1.0 / np.sqrt(np.maximum(information, 1e-300)), 0.0)
+    assert state.load is not None  # no prior for a team is without
+    half = np.triu_indices(len(scale))
+    return np.concatenate(
+        [
+            [team, anchor, guess.size, prior.has_expectations],
+            guess.theta,
+            *(pose.numbers() for pose in state.poses),
+            state.eta.ravel(),
+            state.gyros,
+            state.load,
+            scale,
+            scale * evidence.score,
+            *((np.outer(scale, scale) * each)[half] for each in (evidence.information, evidence.noise)),
+        ]
+    )
+
+
+def heard(numbers: npt.NDArray[Any], team: int, count: int, settings: FitSettings) -> tuple[Prior, int] | None:
+    """The prior that an array holds, and the place of the anchor; None if there is none that can be right.
+
+    Args:
+        numbers: The array, all of it finite.
+        team: Number of the team.
+        count: Its robots.
+        settings: Of fits.
+    """
+    unknowns, errors = Unknowns(count, settings.errors), settings.errors
+    size, half = unknowns.size, unknowns.size * (unknowns.size + 1) // 2
+    sizes = [_HEAD, 10, Pose.SIZE * count, errors.count * count, 3, LOAD_SIZE, size, size, half, half]
+    if numbers.dtype != np.float64 or numbers.shape != (sum(sizes),):
+        return None
+    head, theta, poses, eta, gyros, load, scale, score, *matrices = np.split(numbers, np.cumsum(sizes[:-1]))
+    anchor, all_poses = int(head[1]), [Pose.of_numbers(each) for each in poses.reshape(count, -1)]
+    is_right = head[0] == team and 0 <= anchor < count and head[2] > 0.0 and theta[0] > 0.0
+    if not is_right or not all(pose.is_rigid() for pose in all_poses):
+        return None
+    information, noise = (_whole(matrix, size) for matrix in matrices)
+    is_scaled = scale > _LEAST_SCALE
+    sums = (noise, information + noise)  # the information alone is free of noise, so it may be a little indefinite
+    if not (is_scaled | (scale == 0.0)).all() or any(np.linalg.eigvalsh(each)[0] < -_ROUNDING for each in sums):
+        return None
+    unit = np.divide(1.0, scale, out=np.zeros(size), where=is_scaled)
+    information, noise = (matrix * np.outer(unit, unit) for matrix in (information, noise))
+    first = State.first(all_poses, errors).with_load(load)
+    step = np.zeros(size)
+    step[unknowns.eta], step[unknowns.gyros] = eta.reshape(count, -1), gyros
+    evidence = Evidence.of_rows(
+        unit * score,
+        information,
+        noise,
+        _MANY_ROWS,
+        settings.is_level_fitted,
+    )
+    state, guess = first.moved(step, unknowns, np.inf), Guess.about(theta, float(head[2]))
+    return Prior(state, guess, evidence, bool(head[3])), anchor
+
+
+def _whole(half: Array, size: int) -> Array:
+    """The symmetric matrix whose upper half this is."""
+    matrix = np.zeros((size, size))
+    matrix[np.triu_indices(size)] = half
+    result: Array = matrix + np.triu(matrix, 1).T
+    return result

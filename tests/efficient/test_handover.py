@@ -1,0 +1,72 @@
+"""What is known of a team survives the way to a neighbour, and what cannot be right is not taken for knowledge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from agents.efficient.handover import heard, told
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.moments.chapter import Prior
+from coheft.estimation.moments.evidence import Evidence
+from coheft.estimation.moments.fit_settings import FitSettings, Guess
+from coheft.estimation.moments.rows import RowNoise
+from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.moments.unknowns import State, Unknowns
+from coheft.estimation.spatial import Array, Pose
+
+TEAM, COUNT, ANCHOR = 9, 3, 1
+SETTINGS = FitSettings(
+    RowNoise.of_samples(SensorNoise(), 10, 500.0), 0.02, SensorErrors({"force_gain": 0.01}), is_level_fitted=True
+)
+
+
+def some_prior(rng: np.random.Generator) -> Prior:
+    unknowns = Unknowns(COUNT, SETTINGS.errors)
+    poses = [Pose.exp(rng.normal(size=6)) for _ in range(COUNT)]
+    state = State.first(poses, SETTINGS.errors).with_load(rng.normal(size=16))
+    state = state.moved(0.01 * rng.normal(size=unknowns.size), unknowns, np.inf)
+    root, noise = rng.normal(size=(2, unknowns.size, unknowns.size))
+    root[:, unknowns.poses[2]] = noise[:, unknowns.poses[2]] = 0.0  # a robot of which nothing is known
+    score = rng.normal(size=unknowns.size)
+    score[unknowns.poses[2]] = 0.0
+    evidence = Evidence.of_rows(score, 1e3 * root.T @ root, noise.T @ noise, 1e6, is_fitted=True)
+    return Prior(state, Guess.about(np.arange(1.0, 11.0), 0.7), evidence, has_expectations=True)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_told_is_heard(seed: int) -> None:
+    prior = some_prior(np.random.default_rng(seed))
+    found = heard(told(TEAM, prior, ANCHOR), TEAM, COUNT, SETTINGS)
+    assert found is not None
+    same, anchor = found
+    assert anchor == ANCHOR
+    assert (same.has_expectations, same.knows_load) == (True, True)
+    for name in ("score", "information", "noise", "doubt"):
+        expected = getattr(prior.evidence, name)
+        np.testing.assert_allclose(getattr(same.evidence, name), expected, atol=1e-9 * np.abs(expected).max())
+    for left, right in zip(same.state.poses, prior.state.poses, strict=True):
+        np.testing.assert_array_equal(left.numbers(), right.numbers())
+    for name in ("eta", "gyros", "load"):
+        np.testing.assert_allclose(getattr(same.state, name), getattr(prior.state, name), atol=1e-15)
+    np.testing.assert_allclose(same.guess.limits, prior.guess.limits)
+
+
+def test_nonsense_is_not_heard() -> None:
+    prior = some_prior(np.random.default_rng(0))
+    right = told(TEAM, prior, ANCHOR)
+    indefinite = replace(prior, evidence=replace(prior.evidence, noise=-prior.evidence.noise))
+    bent = replace(prior.state, poses=(Pose(2.0 * np.eye(3), np.zeros(3)), *prior.state.poses[1:]))
+    wrong: dict[str, Array] = {
+        "another team": told(TEAM + 1, prior, ANCHOR),
+        "no such anchor": told(TEAM, prior, COUNT),
+        "too short": right[:-1],
+        "single precision": right.astype(np.float32),
+        "a pose that is none": told(TEAM, replace(prior, state=bent), ANCHOR),
+        "noise that is none": told(TEAM, indefinite, ANCHOR),
+        "no mass": told(TEAM, replace(prior, guess=Guess.about(-np.ones(10), 0.7)), ANCHOR),
+    }
+    for what, numbers in wrong.items():
+        assert heard(numbers, TEAM, COUNT, SETTINGS) is None, what
