@@ -28,6 +28,9 @@ from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.unknowns import THETA
 from coheft.estimation.spatial import Array
 
+_ALIKE = 3.0
+"""Steps of the mass are of one drift if neither is so many times the other."""
+
 
 class Session:
     """Since the team is what it is.
@@ -70,7 +73,7 @@ class Session:
         self.stage = Stage.GATHERING
         self.changes: list[tuple[int, int]] = []
         self.verdict, self.total_wrench = Verdict(Outcome.FITS), np.zeros(6)
-        self._before: Array | None = None  # theta before the last change
+        self._loads = list[Array]()  # theta before each change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(prior)
         if prior is not None:
@@ -99,17 +102,20 @@ class Session:
         return self._known.prior() if self.stage is Stage.ESTIMATING else None
 
     def claimable(self, estimate: Estimate) -> Estimate:
-        """The estimate as it may be told: a load that changes again and again drifts meanwhile.
+        """The estimate as it may be told: a load that becomes lighter again and again, or heavier, drifts meanwhile.
 
         It may have moved on as far as with the last change, in proportion to the time since.
         """
-        if len(self.changes) < 2 or self._before is None or estimate.state.load is None:
+        if len(self.changes) < 2 or estimate.state.load is None:
+            return estimate
+        last, change = self._loads[-1] - self._loads[-2], estimate.state.load[THETA] - self._loads[-1]
+        if not 1.0 / _ALIKE < change[0] / last[0] < _ALIKE:
             return estimate
         gap = max(1, self.changes[-1][0] - self.changes[-2][0])
         since = self._known.buffer.load_rows
         if gap > self._drifting or since > 3 * gap:
             return estimate
-        step = (0.25 + 0.5 * since / gap) * (estimate.state.load[THETA] - self._before)
+        step = (0.25 + 0.5 * since / gap) * change
         theta, seen = estimate.body.unknowns.theta, estimate.seen.copy()
         seen[theta, theta] += np.outer(step, step)
         return replace(estimate, seen=seen)
@@ -237,7 +243,8 @@ class Session:
             self._pause = number + 2**self._in_vain
             self._fit()
             return False
-        self._in_vain, self._before = 0, now.state.load[THETA]
+        self._in_vain = 0
+        self._loads.append(now.state.load[THETA])
         self.changes.append((int(buffer.numbers[place]), number))
         if self._settled is None:
             theta = now.body.unknowns.theta
