@@ -56,7 +56,7 @@ SHOWN_BY = {
     "half-complete-row": _CALM,
     "wrong-row": _CALM,
     "no-lever-arm": _CALM,
-    "wrong-side": draw_schedule(307, delayed=False),
+    "wrong-side": draw_schedule(6, delayed=False),
     "no-rival": draw_schedule(2254, delayed=False),
     "no-confirmation": draw_schedule(883),
 }

@@ -178,8 +178,13 @@ def altered(draw: st.DrawFn, value: Any) -> Any:
             name = draw(st.sampled_from([name for name in value.__struct_fields__ if name != "version"]))
             return msgspec.structs.replace(value, **{name: draw(altered(getattr(value, name)))})
         case np.ndarray():
-            changed = value.copy()
-            changed.flat[draw(st.integers(0, value.size - 1))] = draw(NUMBERS)
+            changed, place = value.copy(), draw(st.integers(0, value.size - 1))
+            if value.dtype.kind == "f":
+                with np.errstate(over="ignore"):
+                    changed.flat[place] = draw(NUMBERS)
+            else:
+                limits = np.iinfo(value.dtype)
+                changed.flat[place] = draw(st.integers(int(limits.min), int(limits.max)))
             return changed
         case dict() if value:
             name = draw(st.sampled_from(sorted(value)))
