@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from agents.estimator import Channels
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.spatial import Array
 from coheft.wire.messages import LinkState, NeighbourMessage
 from coheft.wire.scenario import MAX_ROBOTS
 
@@ -28,7 +28,6 @@ _LARGEST_NUMBER = 2**62
 """No number of a record is as large that grows: there have to be larger ones that a message can hold."""
 _LARGEST_CHECKSUM = 2**32
 """Nor any that is a checksum."""
-_DEVIATIONS_SIZE = 6
 _LONGEST_NAME = 32
 
 
@@ -132,14 +131,8 @@ def is_possible(record: LinkState) -> bool:
         return False
     if not -1 <= record.ready_block < _LARGEST_NUMBER:
         return False
-    if not all(0 <= number < _LARGEST_CHECKSUM for number in (record.team, record.frame)):
+    if not 0 <= record.team < _LARGEST_CHECKSUM:
         return False
-    if len(record.neighbours) > MAX_ROBOTS or max(map(len, (record.robot, *record.neighbours))) > _LONGEST_NAME:
+    if len(record.neighbours) > MAX_ROBOTS:
         return False
-    if len(record.deviations) not in (0, _DEVIATIONS_SIZE):
-        return False
-    if not record.pose:
-        return True
-    if len(record.pose) != Pose.SIZE or not np.all(np.abs(record.pose) < LARGEST_NORM):
-        return False
-    return Pose.of_numbers(record.pose).is_rigid()
+    return max(map(len, (record.robot, *record.neighbours))) <= _LONGEST_NAME

@@ -65,8 +65,8 @@ class SeedEstimator:
         self._blocks = {block: rows for block, rows in self._blocks.items() if block > kept}
         sent = {} if own is None else {kinematics.CHANNEL: own.samples[:, KINEMATICS]}
 
-        if self._gossip.team != self._team:  # one of its members started again, let go, or took hold
-            self._team, self._inertial_phase = self._gossip.team, None
+        if self._gossip.membership != self._team:  # one of its members started again, let go, or took hold
+            self._team, self._inertial_phase = self._gossip.membership, None
         self._index = index
         graph, start = self._gossip.graph, self._gossip.start_block
         if graph is None or self._config.name not in graph:

@@ -7,8 +7,7 @@ messages does not grow with the team. Should somebody have a record wrong, it wi
 nowhere; when the robot hears it, it tells its own anew, as if it had started again, for others have believed it.
 
 The **team** is all robots that hold the load. Whenever one of them starts again with an empty memory, lets go or takes
-hold, it is another team, and everybody has to be ready for that one. When all of its members know their poses well, it
-begins anew, and has another number.
+hold, it is another team, and all of its robots have to be ready for that one.
 """
 
 from __future__ import annotations
@@ -16,17 +15,13 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterable
 from itertools import islice
-from typing import Any
 
 from msgspec.structs import replace
 
-from coheft.estimation.spatial import Array, Pose
 from coheft.wire.message_size import PER_MESSAGE
 from coheft.wire.messages import LinkState
 from coheft.wire.scenario import MAX_ROBOTS
 from consensus.graph import distances
-
-_NOT_READY: dict[str, Any] = {"ready_block": -1, "pose": (), "frame": 0, "refined": False, "deviations": ()}
 
 
 class Gossip:
@@ -82,42 +77,13 @@ class Gossip:
         """Whether this robot has told the present team that it is ready."""
         return self.own.ready_block >= 0 and self.own.team == self.membership
 
-    def announce_ready(
-        self,
-        block: int,
-        pose: Pose | None = None,
-        frame: int = 0,
-        refined: bool = False,
-        deviations: Array | None = None,
-    ) -> None:
-        """Tell everybody that this robot can take part in the present team's sums from ``block`` on.
-
-        Args:
-            block: The block.
-            pose: Its pose in the body frame.
-            frame: Number of that frame.
-            refined: Whether it knows its pose well.
-            deviations: How well, shape (6,), if that is known from a former team.
-        """
-        self._tell(
-            replace(
-                self.own,
-                ready_block=block,
-                pose=() if pose is None else tuple(pose.numbers().tolist()),
-                team=self.membership,
-                frame=frame,
-                refined=refined,
-                deviations=() if deviations is None else tuple(deviations.tolist()),
-            )
-        )
-
-    def forget_pose(self, frame: int) -> None:
-        """Take back what this robot has told of its pose; it knows that in a frame of this number, or none if 0."""
-        self._tell(replace(self.own, **_NOT_READY | {"frame": frame}))
+    def announce_ready(self, block: int) -> None:
+        """Tell all robots that this one can take part in the present team's sums from ``block`` on."""
+        self._tell(replace(self.own, ready_block=block, team=self.membership))
 
     def announce_holding(self, holding: bool, since: int) -> None:
         """Tell everybody that this robot takes hold of the load, or lets go of it, at block ``since``."""
-        self._tell(replace(self.own, holding=holding, since=since, **_NOT_READY))
+        self._tell(replace(self.own, holding=holding, since=since, ready_block=-1))
 
     def _tell(self, record: LinkState) -> None:
         is_member_same = _membership(record) == _membership(self.own)
@@ -137,21 +103,6 @@ class Gossip:
         for name in told:
             self._news.pop(name, None)
         return [self.records[name] for name in sorted(told)]
-
-    def pose(self, name: str) -> Pose | None:
-        """What a robot has told the present team of its pose, None if nothing."""
-        record = self.records[name]
-        return Pose.of_numbers(record.pose) if record.pose and record.team == self.membership else None
-
-    def deviations(self, name: str) -> tuple[float, ...]:
-        """How well a robot has told the present team that it knows its pose, empty if nothing."""
-        record = self.records[name]
-        return record.deviations if record.team == self.membership else ()
-
-    def frame(self) -> int:
-        """Number of the body frame of this team: that of the first of its members that has one; 0 if none has."""
-        frames = (self.records[name].frame for name in self.graph or ())
-        return next((frame for frame in frames if frame), 0)
 
     @property
     def changed_at(self) -> int:
@@ -187,13 +138,10 @@ class Gossip:
         self._look_at_readiness()
 
     def _look_at_readiness(self) -> None:
-        self.team, self.start_block, self.is_refined = self.membership, None, False
+        self.start_block = None
         members = [self.records[name] for name in self.graph or ()]
         if members and all(r.ready_block >= 0 and r.team == self.membership for r in members):
             self.start_block = max(self.changed_at, *(record.ready_block for record in members))
-            self.is_refined = all(record.refined for record in members)
-            if self.is_refined:
-                self.team = zlib.crc32(repr((self._identity(), "refined")).encode())
 
     def _identity(self) -> list[tuple[str, int, int]]:
         members = (self.records[name] for name in self.graph or ())
@@ -204,10 +152,6 @@ class Gossip:
     only one robot holds the load."""
     membership: int
     """Number of the present members; 0 while the graph is unknown."""
-    team: int
-    """Number of the present team: of its members, and whether they know their poses well."""
-    is_refined: bool
-    """Whether they do."""
     start_block: int | None
     """The block at which everybody is ready, the same for all agents; None while somebody is not."""
 

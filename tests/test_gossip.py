@@ -14,7 +14,6 @@ from coheft.wire.messages import LinkState, NeighbourMessage
 from coheft.wire.scenario import Graph
 from consensus.gossip import Gossip
 from consensus.graph import Neighbours, build_graph, diameter, distances
-from tests.estimation.team import random_pose
 from tests.test_graph import graphs, names
 
 Edge = tuple[str, str]
@@ -139,38 +138,6 @@ def test_only_a_robot_itself_says_what_is_new_about_it() -> None:
     assert a.start_block is None  # who has believed that has left the team: it has to be another one
 
 
-@given(graphs)
-def test_poses_are_handed_on_exactly(graph: Neighbours) -> None:
-    rng = np.random.default_rng(0)
-    team = Team(graph)
-    team.meet()
-    poses = {name: random_pose(rng) for name in graph}
-    for name, robot in team.robots.items():
-        robot.announce_ready(7, poses[name])
-    team.meet()
-    for robot in team.robots.values():
-        for name, pose in poses.items():
-            found = robot.pose(name)
-            assert found is not None
-            np.testing.assert_array_equal(found.numbers(), pose.numbers())
-
-
-def test_who_told_no_pose_has_none() -> None:
-    robot = Gossip("a", ["b"])
-    robot.announce_ready(3)
-    assert robot.pose("a") is None
-
-
-def test_the_body_frame_is_that_of_the_first_robot_that_has_one() -> None:
-    team = Team(build_graph(Graph(kind="line"), names(3)))
-    team.meet()
-    assert {robot.frame() for robot in team.robots.values()} == {0}
-    for name, frame in (("r02", 7), ("r01", 5), ("r00", 0)):
-        team.robots[name].announce_ready(3, frame=frame)
-    team.meet()
-    assert {robot.frame() for robot in team.robots.values()} == {5}
-
-
 # --- teams that change ---
 
 
@@ -180,7 +147,7 @@ def test_with_a_robot_that_starts_again_it_is_another_team_that_nobody_is_ready_
 ) -> None:
     team = Team(graph)
     team.start(50)
-    (old,) = {robot.team for robot in team.robots.values()}
+    (old,) = {robot.membership for robot in team.robots.values()}
     restarted = data.draw(st.sampled_from(sorted(graph)))
     former = team.robots[restarted].own
     team.restart(restarted)
@@ -189,10 +156,9 @@ def test_with_a_robot_that_starts_again_it_is_another_team_that_nobody_is_ready_
     for robot in team.robots.values():
         robot.hear([replace(former, sequence=99)])  # came late: from before
         assert robot.graph == graph
-        assert robot.team != old
+        assert robot.membership != old
         assert robot.start_block is None
-        assert all(robot.pose(name) is None for name in graph)
-    assert len({robot.team for robot in team.robots.values()}) == 1
+    assert len({robot.membership for robot in team.robots.values()}) == 1
     team.everybody_ready(100)
     team.meet()
     assert {robot.start_block for robot in team.robots.values()} == {100}
@@ -202,7 +168,7 @@ def test_with_a_robot_that_starts_again_it_is_another_team_that_nobody_is_ready_
 def test_a_robot_that_lets_go_is_no_member_until_it_takes_hold_again(graph: Neighbours, data: st.DataObject) -> None:
     team = Team(graph)
     team.start(10)
-    (first,) = {robot.team for robot in team.robots.values()}
+    (first,) = {robot.membership for robot in team.robots.values()}
     loose = data.draw(st.sampled_from(sorted(graph)))
     team.robots[loose].announce_holding(False, 30)
     team.meet()
@@ -218,7 +184,7 @@ def test_a_robot_that_lets_go_is_no_member_until_it_takes_hold_again(graph: Neig
     assert {robot.start_block for robot in team.robots.values()} == {30 if is_connected else None}
     team.robots[loose].announce_holding(True, 60)
     team.meet()
-    (last,) = {robot.team for robot in team.robots.values()}
+    (last,) = {robot.membership for robot in team.robots.values()}
     assert last != first  # it is the same robots, but one of them holds the load elsewhere
     team.everybody_ready(40)
     team.meet()
@@ -256,7 +222,7 @@ def test_whatever_happened_everybody_comes_to_know_the_same(
     assert one.records == {name: robot.own for name, robot in team.robots.items()}
     for robot in others:
         assert robot.records == one.records
-        assert (robot.graph, robot.team, robot.start_block) == (one.graph, one.team, one.start_block)
+        assert (robot.graph, robot.membership, robot.start_block) == (one.graph, one.membership, one.start_block)
 
 
 @given(graphs, st.data())
@@ -306,29 +272,3 @@ def test_robots_that_nothing_was_heard_of_are_named() -> None:
     assert team.robots["r00"].unknown() == ["r02"]
     team.meet()
     assert team.robots["r00"].unknown() == []
-
-
-def test_the_team_begins_anew_when_all_know_their_poses_well() -> None:
-    team = Team(build_graph(Graph(kind="line"), names(4)))
-    team.meet()
-    pose = random_pose(np.random.default_rng(1))
-    team.everybody_ready(20)
-    team.blocks(4)
-    roughly = {robot.team for robot in team.robots.values()}
-    assert len(roughly) == 1
-    *first, last = team.robots.values()
-    for robot in first:
-        robot.announce_ready(30, pose, frame=7, refined=True)
-    team.blocks(4)
-    assert {robot.team for robot in team.robots.values()} == roughly
-    assert not any(robot.is_refined for robot in team.robots.values())
-    last.announce_ready(40, pose, frame=7, refined=True)
-    team.blocks(4)
-    well = {robot.team for robot in team.robots.values()}
-    assert len(well) == 1
-    assert well != roughly
-    assert all(robot.is_refined and robot.start_block == 40 for robot in team.robots.values())
-    # Whoever takes hold anew has to find its pose first.
-    last.announce_holding(True, 50)
-    team.blocks(4)
-    assert not any(robot.is_refined or robot.is_ready for robot in team.robots.values())

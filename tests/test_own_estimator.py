@@ -156,9 +156,7 @@ def test_what_is_believed_of_neighbours_can_be_computed_with(pose: str, said: st
     assert f"returned what cannot be used: {said}" in refusal(write(belief=body))
 
 
-@pytest.mark.parametrize(
-    "announced", ["np.int64(3)", "3, Pose(np.ones((3, 3)), np.zeros(3))", "-2", "3, deviations=np.ones(2)"]
-)
+@pytest.mark.parametrize("announced", ["np.int64(3)", "-2"])
 def test_what_it_has_gossip_announce_is_checked(announced: str, write: Write) -> None:
     text = refusal(write(step=f"self.gossip.announce_ready({announced}); return {{}}"))
     assert "returned what cannot be used: what it has had Gossip announce is impossible, expected what Link" in text

@@ -110,31 +110,20 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
         sequence: Grows with every change; within an incarnation the highest wins.
         neighbours: Names of its neighbours.
         ready_block: From this block on it can take part in the sums of a team; -1 while it cannot.
-        pose: Its grasp frame in the body frame, rotation row by row then position [m], 12 numbers; empty while unknown,
-            or where the estimator does not need it.
         incarnation: Grows when the robot's agent starts again with an empty memory; the highest wins.
         holding: Whether it has hold of the load. One whose agent is dead still holds what it held.
         since: Block from which this is so.
         team: Number of the membership that it is ready for, see ``consensus.gossip``.
-        frame: Number of the body frame in which it knows its pose, 0 if none.
-        refined: Whether it knows that so well that the load can be weighed.
-        deviations: How well, if it knows that from a former team: standard deviations about and along the axes of the
-            body frame [rad, m], 6 numbers, such that no error of all robots' poses together is more likely than they
-            say; zeros for the robot that defines the frame; else empty.
     """
 
     robot: str
     sequence: int
     neighbours: tuple[str, ...]
     ready_block: int = -1
-    pose: tuple[float, ...] = ()
     incarnation: int = 0
     holding: bool = True
     since: int = 0
     team: int = 0
-    frame: int = 0
-    refined: bool = False
-    deviations: tuple[float, ...] = ()
 
 
 class NeighbourMessage(Message, frozen=True):
