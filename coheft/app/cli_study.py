@@ -46,6 +46,13 @@ def _are_factors(_: object, text: str) -> None:
         raise ValueError(f"expected different positive numbers, with commas between; found {text!r}")
 
 
+def _is_rate(_: object, rate: int | None) -> None:
+    from coheft.wire.scenario import SENSOR_RATES
+
+    if rate is not None and rate not in SENSOR_RATES:
+        raise ValueError(f"expected one of {', '.join(map(str, SENSOR_RATES))}; found {rate}")
+
+
 @app.command(group=EVALUATE)
 def study(
     scenario: str = "ring6",
@@ -53,9 +60,10 @@ def study(
     runs: Count = 50,
     estimators: Annotated[str, Parameter(validator=_are_estimators)] = "seed,efficient",
     noise: Annotated[str, Parameter(validator=_are_factors)] = "1",
-    at: Positive = 20.0,
+    at: Annotated[str, Parameter(validator=_are_factors)] = "20",
     after: Positive = 1.0,
     first_seed: NotNegative = 1,
+    sensor_rate: Annotated[int | None, Parameter(validator=_is_rate)] = None,
     jobs: Count | None = None,
     dask: str | None = None,
     json: ReportTarget = None,
@@ -70,7 +78,8 @@ def study(
     Parameters
     ----------
     scenario:
-        Name of a shipped scenario (see 'coheft scenarios'), or a path that ends with .toml.
+        Name of a shipped scenario (see 'coheft scenarios'), a path that ends with .toml, or 'random': a team of its
+        own for every run.
     runs:
         Number of runs, for each noise.
     estimators:
@@ -78,11 +87,13 @@ def study(
     noise:
         Factors on the scenario's noise, for instance 1,3.
     at:
-        When accuracy is judged [s]; not after the load changes.
+        When accuracy is judged [s], for instance 2,5,10; not after the load changes.
     after:
         From the scenario's first change of the load to the judgement of the recovery [s].
     first_seed:
         Of the first run; the others count on from there.
+    sensor_rate:
+        Samples per second, instead of the scenario's; its blocks stay as long as they are.
     jobs:
         Number of processes, instead of one per core.
     dask:
@@ -102,20 +113,22 @@ def study(
     from coheft.app.report import write_report
     from coheft.app.study.campaign import make_plan, run_study
     from coheft.app.study.output import print_study, write_folder
+    from coheft.app.study.random_team import RANDOM
     from coheft.wire.scenario_file import load_scenario, scenario_path
 
     plan = make_plan(
-        load_scenario(scenario),
+        None if scenario == RANDOM else load_scenario(scenario),
         runs=runs,
         estimators=_words(estimators),
         noise_scales=[float(factor) for factor in _words(noise)],
-        at=at,
+        at=[float(time) for time in _words(at)],
         after=after,
         first_seed=first_seed,
+        sensor_rate=sensor_rate,
     )
     if jobs is not None and dask is not None:
         raise UsageError("--jobs is for processes on this machine, but --dask leaves all to workers: leave one out")
-    check_outputs(scenario_path(scenario), json=json, report=report)
+    check_outputs(*([] if scenario == RANDOM else [scenario_path(scenario)]), json=json, report=report)
     console = Console(stderr=json == "-")
     with gone_if_broken_off(report), show_progress(console, "runs", plan.runs, quiet=quiet) as told:
         if report is not None:

@@ -110,23 +110,6 @@ def published_errors(judge: Judge, edges: Edges, estimates: Mapping[str, Estimat
     return Errors(poses, payload, pose_covariances, payload_covariances)
 
 
-def team_errors(judge: Judge, edges: Edges, block: int, poses: Sequence[Pose], inertia: Inertia) -> Errors:
-    """Errors of one estimate of everything, given in the first robot's frame, as all robots would see it.
-
-    No covariance is claimed.
-    """
-    names = judge.scene.robots
-    pose_of = dict(zip(names, poses, strict=True))
-    return Errors(
-        poses=np.array([pose_error(judge, i, j, pose_of[i].inverse() @ pose_of[j]) for i, j in edges]),
-        payload=np.array(
-            [_inertia_error(judge.payload(i, block), inertia.carried(pose_of[i].inverse())) for i in names]
-        ),
-        pose_covariances=np.full((len(edges), 6, 6), np.nan),
-        payload_covariances=np.full((len(names), 10, 10), np.nan),
-    )
-
-
 def pose_error(judge: Judge, name: str, other: str, estimate: Pose) -> Array:
     """Truth minus estimate of a neighbour's pose in ``F_i``: rotation vector in its axes, translation; shape (6,)."""
     truth = judge.relative_pose(name, other)

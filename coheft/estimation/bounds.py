@@ -7,8 +7,8 @@ frame with the poses, they add up to what Newton and Euler ask for. Eliminating 
 measurement per sample of ``sum_i Ad(g_i) u_i - W(motion, inertia) = 0`` with covariance
 ``sum_i Ad(g_i) Sigma Ad(g_i)^T`` (noise with lever arms). It **does depend on the poses**, through the wrenches that
 they carry: a pose that is off spoils the total. Conversely wrenches tell about poses, the more the harder the robots
-push against each other. Estimators that take poses from kinematics alone, and carry wrenches with them, forgo that: ask
-for their bound with ``poses_from_wrenches=False``. The body motion is eliminated by a Schur complement per sample.
+push against each other: the **full** bound. Estimators that take poses from kinematics alone, and carry wrenches with
+them, forgo that: theirs is the **two-step** bound. The body motion is eliminated by a Schur complement per sample.
 
 Not used, so the bound is that of estimators that do not use it either: that consecutive samples belong to one smooth
 motion (the gyro's change tells about alpha, the velocity's about a).
@@ -20,7 +20,7 @@ other.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -77,71 +77,92 @@ class JointBound:
         return result
 
 
-def joint_bound(
-    poses_in_reference: Sequence[Pose],
-    inertia_in_reference: Inertia,
-    motion: Array,
-    wrenches: Array,
-    noise: SensorNoise,
-    wrench_from: int = 0,
-    poses_from_wrenches: bool = True,
-) -> JointBound:
-    """Joint Cramér-Rao bound of the model above, at the truth.
+@dataclass(frozen=True, eq=False)
+class JointInformation:
+    """What samples tell of all poses and of the load; that of several stretches of samples may be added.
 
-    Without ``poses_from_wrenches`` it is the bound for two steps: the poses from all kinematics, ``cov_g``, then the
-    inertia from all sensors given those poses, ``I_ff^-1 + I_ff^-1 I_fg cov_g I_gf I_ff^-1`` with the blocks of the
-    joint information (the errors of the two steps are independent: the second one's score is orthogonal to the
-    residuals of the first).
-
-    Args:
-        poses_in_reference: Pose of every ``F_i`` in the body frame; the first is taken as known, usually identity.
-        inertia_in_reference: Of the body, in the body frame.
-        motion: True body motion ``(w, v, a, alpha)``, shape (n, 12).
-        wrenches: True wrench of every robot, each in its own frame, shape (n, N, 6).
-        noise: Of every robot's sensors.
-        wrench_from: Wrenches of samples before this one are not used: the bound for the load after a change, for an
-            estimator that is told the moment.
-        poses_from_wrenches: Whether what the wrenches tell about the poses may be used.
-
-    Raises:
-        ValueError: Shapes do not fit each other.
+    Attributes:
+        poses: Of the robots in the body frame, N of them.
+        inertia: Of the body, in the body frame.
+        all_sensors: Fisher information of the poses and of the inertia, shape (6 N + 10, 6 N + 10).
+        kinematics: The same from gyros, velocities and accelerometers alone.
     """
-    poses = tuple(poses_in_reference)
-    if motion.shape[1:] != (MOTION_SIZE,) or wrenches.shape != (len(motion), len(poses), 6):
-        raise ValueError(f"{motion.shape=} and {wrenches.shape=} but expected (n, 12) and (n, {len(poses)}, 6)")
-    data = (poses, inertia_in_reference, motion, wrenches, noise)
-    information = _information(*data, wrench_from)[6:, 6:]
-    covariance = np.zeros((6 * len(poses) + INERTIA_SIZE,) * 2)
-    if poses_from_wrenches:
-        covariance[6:, 6:] = _inverse(information)
-    else:
+
+    poses: tuple[Pose, ...]
+    inertia: Inertia
+    all_sensors: Array
+    kinematics: Array
+
+    @staticmethod
+    def of(
+        poses_in_reference: Sequence[Pose],
+        inertia_in_reference: Inertia,
+        motion: Array,
+        wrenches: Array,
+        noise: SensorNoise,
+    ) -> JointInformation:
+        """Information of samples, at the truth.
+
+        Args:
+            poses_in_reference: Pose of every ``F_i`` in the body frame; the first is taken as known, usually identity.
+            inertia_in_reference: Of the body, in the body frame.
+            motion: True body motion ``(w, v, a, alpha)``, shape (n, 12).
+            wrenches: True wrench of every robot, each in its own frame, shape (n, N, 6).
+            noise: Of every robot's sensors.
+
+        Raises:
+            ValueError: Shapes do not fit each other.
+        """
+        poses = tuple(poses_in_reference)
+        if motion.shape[1:] != (MOTION_SIZE,) or wrenches.shape != (len(motion), len(poses), 6):
+            raise ValueError(f"{motion.shape=} and {wrenches.shape=} but expected (n, 12) and (n, {len(poses)}, 6)")
+        all_sensors, kinematics = np.zeros((2, *(6 * len(poses) + INERTIA_SIZE,) * 2))
+        for start in range(0, len(motion), _CHUNK):
+            rows = slice(start, start + _CHUNK)
+            chunk = _information_of_chunk(poses, inertia_in_reference, motion[rows], wrenches[rows], noise)
+            all_sensors += chunk[0]
+            kinematics += chunk[1]
+        return JointInformation(poses, inertia_in_reference, all_sensors, kinematics)
+
+    def __add__(self, other: JointInformation) -> JointInformation:
+        return replace(
+            self,
+            all_sensors=self.all_sensors + other.all_sensors,
+            kinematics=self.kinematics + other.kinematics,
+        )
+
+    def without_wrenches(self) -> JointInformation:
+        """What is left of it when the load becomes another one."""
+        return replace(self, all_sensors=self.kinematics)
+
+    def full_bound(self) -> JointBound:
+        """Joint bound of poses and inertia from all sensors."""
+        covariance = np.zeros_like(self.all_sensors)
+        covariance[6:, 6:] = _inverse(self.all_sensors[6:, 6:])
+        return JointBound(self.poses, self.inertia, covariance)
+
+    def two_step_bound(self) -> JointBound:
+        """Poses from all kinematics, ``cov_g``, then the inertia from all sensors given those poses.
+
+        It is ``I_ff^-1 + I_ff^-1 I_fg cov_g I_gf I_ff^-1`` with the blocks of the joint information: the errors of the
+        two steps are independent, because the second one's score is orthogonal to the residuals of the first.
+        """
+        information = self.all_sensors[6:, 6:]
         f, g = slice(-INERTIA_SIZE, None), slice(0, -INERTIA_SIZE)
-        pose_covariance = _inverse(_information(*data, len(motion))[6:, 6:][g, g])
+        pose_covariance = _inverse(self.kinematics[6:, 6:][g, g])
         given_poses = _inverse(information[f, f])
         by_poses = -given_poses @ information[f, g]
         stacked = np.vstack([np.eye(len(pose_covariance)), by_poses])
+        covariance = np.zeros_like(self.all_sensors)
         covariance[6:, 6:] = stacked @ pose_covariance @ stacked.T
-        covariance[f, f] += given_poses
-    return JointBound(poses, inertia_in_reference, covariance)
-
-
-def _information(
-    poses: tuple[Pose, ...], inertia: Inertia, motion: Array, wrenches: Array, noise: SensorNoise, wrench_from: int
-) -> Array:
-    """Fisher information of all poses (6 each) and the inertia (10), the motions eliminated."""
-    information = np.zeros((6 * len(poses) + INERTIA_SIZE,) * 2)
-    for start in range(0, len(motion), _CHUNK):
-        rows = slice(start, start + _CHUNK)
-        information += _information_of_chunk(
-            poses, inertia, motion[rows], wrenches[rows], noise, max(0, wrench_from - start)
-        )
-    return information
+        covariance[-INERTIA_SIZE:, -INERTIA_SIZE:] += given_poses
+        return JointBound(self.poses, self.inertia, covariance)
 
 
 def _information_of_chunk(
-    poses: tuple[Pose, ...], inertia: Inertia, motion: Array, wrenches: Array, noise: SensorNoise, wrench_from: int
-) -> Array:
-    """The same for few samples: all Jacobians, whitened, at once."""
+    poses: tuple[Pose, ...], inertia: Inertia, motion: Array, wrenches: Array, noise: SensorNoise
+) -> tuple[Array, Array]:
+    """From all sensors and from kinematics alone, of few samples: all Jacobians, whitened, at once."""
     n, count = len(motion), len(poses)
     size = 6 * count + INERTIA_SIZE
     deviation = noise.per_column()
@@ -161,7 +182,12 @@ def _information_of_chunk(
     whitening = np.linalg.inv(np.linalg.cholesky(total_covariance))
     for jacobian in (by_parameters, by_motion):
         jacobian[:, -6:] = whitening @ jacobian[:, -6:]
-        jacobian[:wrench_from, -6:] = 0.0
+    return _reduced(by_parameters, by_motion), _reduced(by_parameters[:, :-6], by_motion[:, :-6])
+
+
+def _reduced(by_parameters: Array, by_motion: Array) -> Array:
+    """Information of the parameters when every sample's motion is eliminated."""
+    size = by_parameters.shape[2]
     flat = by_parameters.reshape(-1, size)
     coupling = by_motion.transpose(0, 2, 1) @ by_parameters
     nuisance = by_motion.transpose(0, 2, 1) @ by_motion + _NO_PRIOR * np.eye(MOTION_SIZE)

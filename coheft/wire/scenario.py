@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from msgspec import Meta, field
 
@@ -15,6 +15,9 @@ from coheft.wire.payload import Payload
 from coheft.wire.section import Lengths, Name, NotNegative, Section, Seed, Vector, pose_of
 from coheft.wire.via_points import ViaPoints
 
+GraphKind = Literal["ring", "line", "star", "grid", "tree", "complete", "random"]
+SensorRate = Literal[100, 125, 200, 250, 500, 1000]
+SENSOR_RATES: tuple[int, ...] = get_args(SensorRate)
 PHYSICS_RATE = 1000
 """Physics steps per second."""
 MAX_ROBOTS = 1024
@@ -90,7 +93,7 @@ class Graph(Section, frozen=True):
         seed: Of the random graph, for ``random``.
     """
 
-    kind: Literal["ring", "line", "star", "grid", "tree", "complete", "random"] = "ring"
+    kind: GraphKind = "ring"
     branches: Annotated[int, Meta(ge=1, le=64)] = 4
     edge_probability: Annotated[float, Meta(ge=0, le=1)] = 0.2
     seed: Seed = 0
@@ -126,7 +129,7 @@ class Sensors(Section, frozen=True):
         encoders: How exactly recordings tell the wrists' poses and forces. Without it they hold the sensors' samples.
     """
 
-    rate: Literal[100, 125, 200, 250, 500, 1000] = 500
+    rate: SensorRate = 500
     block: Annotated[int, Meta(ge=2, le=200)] = 10
     noise: SensorNoise = SensorNoise()
     noise_scale: Positive = 1.0

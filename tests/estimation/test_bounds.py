@@ -16,6 +16,7 @@ from coheft.estimation.body_motion import (
     perturbed,
     relative_pose_derivative,
 )
+from coheft.estimation.bounds import JointInformation
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body import Inertia, unpack_symmetric
 from coheft.estimation.spatial import Array, Pose
@@ -140,7 +141,7 @@ def small() -> tuple[Team, FullProblem, Array]:
 
 def test_bound_is_the_inverse_information_of_the_full_problem(small: tuple[Team, FullProblem, Array]) -> None:
     team, problem, jacobian = small
-    bound = bounds.joint_bound(team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise)
+    bound = JointInformation.of(team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise).full_bound()
     triangle = np.linalg.qr(jacobian, mode="r")
     full = np.linalg.inv(triangle)
     expected = (full @ full.T)[: problem.parameters, : problem.parameters]
@@ -153,7 +154,7 @@ def test_bound_is_the_inverse_information_of_the_full_problem(small: tuple[Team,
 
 def test_maximum_likelihood_reaches_the_bound(small: tuple[Team, FullProblem, Array]) -> None:
     team, problem, jacobian = small
-    bound = bounds.joint_bound(team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise)
+    bound = JointInformation.of(team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise).full_bound()
     solve = np.linalg.pinv(jacobian)
     rng = np.random.default_rng(0)
     runs = 400
@@ -182,7 +183,7 @@ def test_two_steps_bound(small: tuple[Team, FullProblem, Array]) -> None:
     """Poses from kinematics, then inertia given these poses, in the full problem linearised at the truth."""
     team, problem, jacobian = small
     wrenches = team.exact[:, :, 9:]
-    bound = bounds.joint_bound(team.poses, team.inertia, team.motion, wrenches, team.noise, poses_from_wrenches=False)
+    bound = JointInformation.of(team.poses, team.inertia, team.motion, wrenches, team.noise).two_step_bound()
     poses = 6 * (problem.count - 1)
     kinematic = np.tile(np.arange(15) < 9, problem.n * problem.count)
     first = np.r_[0:poses, problem.parameters : problem.parameters + 12 * problem.n]
@@ -201,11 +202,15 @@ def test_two_steps_bound(small: tuple[Team, FullProblem, Array]) -> None:
 def test_knowing_more_never_hurts() -> None:
     team = make_team(2, duration=2.0)
     data = (team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise)
-    joint = bounds.joint_bound(*data)
-    for other in (
-        bounds.joint_bound(*data, wrench_from=100),
-        bounds.joint_bound(*data, poses_from_wrenches=False),
-    ):
+    information = JointInformation.of(*data)
+    joint = information.full_bound()
+    first, rest = (
+        JointInformation.of(team.poses, team.inertia, team.motion[rows], team.exact[rows, :, 9:], team.noise)
+        for rows in (slice(100), slice(100, None))
+    )
+    together = first + rest
+    np.testing.assert_allclose(together.all_sensors, information.all_sensors, rtol=1e-9, atol=1e-3)
+    for other in ((first.without_wrenches() + rest).full_bound(), information.two_step_bound()):
         for worse, better in (
             (other.relative_pose(2, 4), joint.relative_pose(2, 4)),
             (other.inertia_seen_from(3), joint.inertia_seen_from(3)),
@@ -214,16 +219,17 @@ def test_knowing_more_never_hurts() -> None:
             assert np.linalg.eigvalsh((worse - better) * np.outer(scale, scale)).min() > -1e-9
 
 
-def test_wrench_from_the_end_leaves_the_load_unknown() -> None:
+def test_without_wrenches_the_load_is_unknown() -> None:
     team = make_team(2, duration=2.0)
     data = (team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise)
-    blind = bounds.joint_bound(*data, wrench_from=len(team.motion))
+    information = JointInformation.of(*data)
+    blind = information.without_wrenches().full_bound()
     assert np.diag(blind.inertia_seen_from(0)).min() > 1e6
-    two_steps = bounds.joint_bound(*data, poses_from_wrenches=False)
+    two_steps = information.two_step_bound()
     np.testing.assert_allclose(blind.relative_pose(1, 5), two_steps.relative_pose(1, 5), rtol=1e-6)
 
 
 def test_shapes_are_checked() -> None:
     team = make_team(2, duration=0.5)
     with pytest.raises(ValueError, match=r"expected \(n, 12\)"):
-        bounds.joint_bound(team.poses, team.inertia, team.motion[:, :9], team.exact[:, :, 9:], team.noise)
+        JointInformation.of(team.poses, team.inertia, team.motion[:, :9], team.exact[:, :, 9:], team.noise)

@@ -9,12 +9,15 @@ import msgspec
 
 from coheft.app.parallel import side_by_side, workers
 from coheft.app.quantities import UNITS
-from coheft.app.study.report import NoiseResult, StudyReport, summarise
+from coheft.app.study.random_team import RANDOM, random_team
+from coheft.app.study.report import Cell, StudyReport, summarise
 from coheft.app.study.trial import Moments, Trial, run_trial
 from coheft.errors import ScenarioError
 from coheft.wire.borders import first_border
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_checks import check_noise
+
+_LEAST_BLOCK = 2
 
 
 @dataclass(frozen=True)
@@ -22,14 +25,16 @@ class Plan:
     """What a study runs.
 
     Attributes:
-        scenario: Its first load change is the one to recover from; there are no later ones.
+        name: Of the scenario, or ``RANDOM``.
+        of_seed: Scenario of a seed. Its first load change is the one to recover from; there are no later ones.
         estimators: To be compared.
         noise_scales: Factors on the scenario's noise.
         seeds: One run each, per noise scale.
         moments: When runs are judged.
     """
 
-    scenario: Scenario
+    name: str
+    of_seed: Callable[[int], Scenario]
     estimators: tuple[str, ...]
     noise_scales: tuple[float, ...]
     seeds: range
@@ -40,59 +45,86 @@ class Plan:
         """Number of runs, an estimator beside another on the same data counted once."""
         return len(self.seeds) * len(self.noise_scales)
 
-    def scenarios(self) -> Iterator[Scenario]:
-        """All runs' scenarios, one noise scale after the other."""
-        sensors = self.scenario.sensors
-        for scale in self.noise_scales:
-            scaled = msgspec.structs.replace(sensors, noise_scale=scale * sensors.noise_scale)
+    def scenarios(self) -> Iterator[tuple[float, Scenario]]:
+        """All runs' scenarios and their factors on the noise, one factor after the other."""
+        for factor in self.noise_scales:
             for seed in self.seeds:
-                yield msgspec.structs.replace(self.scenario, sensors=scaled, seed=seed)
+                scenario = self.of_seed(seed)
+                sensors = scenario.sensors
+                scaled = msgspec.structs.replace(sensors, noise_scale=factor * sensors.noise_scale)
+                yield factor, msgspec.structs.replace(scenario, sensors=scaled, seed=seed)
 
 
 def make_plan(
-    scenario: Scenario,
+    scenario: Scenario | None,
     *,
     runs: int,
     estimators: Sequence[str],
     noise_scales: Sequence[float] = (1.0,),
-    at: float = 20.0,
+    at: Sequence[float] = (20.0,),
     after: float = 1.0,
     first_seed: int = 1,
+    sensor_rate: int | None = None,
 ) -> Plan:
     """Plan a study.
 
     Args:
-        scenario: Of every run, but for noise and seed.
+        scenario: Of every run, but for noise and seed; None: a random team each.
         runs: Per noise scale.
         estimators: To be compared.
         noise_scales: Factors on the scenario's noise.
         at: When accuracy is judged [s], before the load changes.
         after: From the load's change to the judgement of the recovery [s].
         first_seed: Seeds are counted from here.
+        sensor_rate: Samples per second, instead of the scenario's; blocks stay as long as they are.
 
     Raises:
-        ScenarioError: The load changes before accuracy is to be judged, or there is too little noise to speak of.
+        ScenarioError: The load changes before accuracy is to be judged, or there is too little noise to speak of, or
+            blocks are no whole number of samples.
     """
-    block = scenario.block_duration
+    first = _at_rate(random_team(first_seed) if scenario is None else scenario, sensor_rate)
+    name = RANDOM if scenario is None else scenario.name
+    block = first.block_duration
     # A change takes effect at the next border of a block.
-    changes = [(block * first_border(change.at, block), change) for change in scenario.load_changes]
+    changes = [(block * first_border(change.at, block), change) for change in first.load_changes]
     change = min((moment for moment, _ in changes), default=None)
-    at = block * max(1, round(at / block))
-    if change is not None and change < at - 0.5 * block:
+    chosen = msgspec.structs.replace(first, load_changes=tuple(c for moment, c in changes if moment == change))
+
+    def of_seed(seed: int) -> Scenario:
+        return chosen if scenario is not None else _at_rate(random_team(seed), sensor_rate)
+
+    judged = sorted({block * max(1, round(moment / block)) for moment in at})
+    if change is not None and change < judged[-1] - 0.5 * block:
         raise ScenarioError(
-            f"{scenario.name}: the load changes at {change:g} s, but accuracy is to be judged at {at:g} s: "
-            f"choose an earlier time (--at), or a scenario whose load stays as it is until then"
+            f"{name}: the load changes at {change:g} s, but accuracy is to be judged at {judged[-1]:g} s: choose an "
+            f"earlier time (--at), or a scenario whose load stays as it is until then"
         )
     plan = Plan(
-        msgspec.structs.replace(scenario, load_changes=tuple(other for moment, other in changes if moment == change)),
+        name,
+        of_seed,
         tuple(estimators),
         tuple(noise_scales),
         range(first_seed, first_seed + runs),
-        Moments(at, change, after),
+        Moments(tuple(judged), change, after),
     )
-    for run in plan.scenarios():
-        check_noise(run, scenario.name)
+    for _, run in plan.scenarios():
+        check_noise(run, name)
     return plan
+
+
+def _at_rate(scenario: Scenario, rate: int | None) -> Scenario:
+    """The same with another rate of sensors, and blocks that last as long."""
+    if rate is None:
+        return scenario
+    sensors = scenario.sensors
+    block = sensors.block * rate / sensors.rate
+    if block != round(block) or round(block) < _LEAST_BLOCK:
+        raise ScenarioError(
+            f"{scenario.name}: --sensor-rate {rate} makes {block:g} samples of a block of {scenario.block_duration:g} "
+            f"s, expected a whole number of at least {_LEAST_BLOCK}: choose another rate"
+        )
+    changed = msgspec.structs.replace(sensors, rate=rate, block=round(block))
+    return msgspec.structs.replace(scenario, sensors=changed)
 
 
 def run_study(
@@ -118,29 +150,29 @@ def run_study(
     """
     trials: dict[tuple[float, int], Trial] = {}
     with workers(jobs, dask):
-        tasks = ((scenario, plan.estimators, plan.moments) for scenario in plan.scenarios())
+        tasks = ((factor, scenario, plan.estimators, plan.moments) for factor, scenario in plan.scenarios())
         for done, (key, trial) in enumerate(side_by_side(_keyed_trial, tasks), start=1):
             trials[key] = trial
             on_progress(done)
-    own = plan.scenario.sensors.noise_scale
-    by_scale = [[trials[scale * own, seed] for seed in plan.seeds] for scale in plan.noise_scales]
-    results = [
-        NoiseResult(scale, summarise(group, plan.moments))
-        for scale, group in zip(plan.noise_scales, by_scale, strict=True)
-    ]
+    by_factor = {factor: [trials[factor, seed] for seed in plan.seeds] for factor in plan.noise_scales}
     report = StudyReport(
-        scenario=plan.scenario.name,
-        robots=plan.scenario.robot_count,
+        scenario=plan.name,
         seeds=(plan.seeds[0], plan.seeds[-1]),
         runs=len(plan.seeds),
-        at_s=plan.moments.at,
+        at_s=list(plan.moments.at),
+        noise_scales=list(plan.noise_scales),
         units=UNITS,
-        noise_scale=results[0].noise_scale,
-        results=results[0].results,
-        other_noise_scales=results[1:],
+        results=summarise(list(by_factor.values()), plan.moments, range(len(plan.moments.at))),
+        cells=[
+            Cell(factor, at, summarise([group], plan.moments, [k]))
+            for factor, group in by_factor.items()
+            for k, at in enumerate(plan.moments.at)
+        ],
     )
-    return report, by_scale[0]
+    return report, by_factor[plan.noise_scales[0]]
 
 
-def _keyed_trial(scenario: Scenario, estimators: Sequence[str], moments: Moments) -> tuple[tuple[float, int], Trial]:
-    return (scenario.sensors.noise_scale, scenario.seed), run_trial(scenario, estimators, moments)
+def _keyed_trial(
+    factor: float, scenario: Scenario, estimators: Sequence[str], moments: Moments
+) -> tuple[tuple[float, int], Trial]:
+    return (factor, scenario.seed), run_trial(scenario, estimators, moments)

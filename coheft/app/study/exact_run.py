@@ -9,9 +9,8 @@ import numpy as np
 from coheft.app.judge import Judge
 from coheft.app.quantities import Edges, Quantity
 from coheft.app.study.samples import TeamSamples
-from coheft.estimation.bounds import JointBound, joint_bound
-from coheft.estimation.centralised import sum_up
-from coheft.estimation.measurement import WRENCH
+from coheft.estimation.bounds import JointBound, JointInformation
+from coheft.estimation.measurement import KINEMATICS, WRENCH
 from coheft.estimation.spatial import Array
 from coheft.wire.scenario import Scenario
 
@@ -42,48 +41,36 @@ class ExactRun:
     Args:
         scenario: With the errors of the real sensors.
         exact: The samples of exact ones.
+        edges: Which relative poses are asked for.
+        samples_per_second: With which information is integrated, whatever the sensors' rate is.
     """
 
-    def __init__(self, scenario: Scenario, exact: TeamSamples) -> None:
-        self._scenario = scenario
+    def __init__(
+        self, scenario: Scenario, exact: TeamSamples, edges: Edges, samples_per_second: int = _BOUND_RATE
+    ) -> None:
+        self._scenario, self._edges = scenario, edges
         self._judge = Judge(exact.scene, exact.truths)
         self._wrenches = exact.samples[:, :, WRENCH]
         in_payload = [self._judge.pose_payload_in[name].inverse() for name in exact.scene.robots]
         self._poses = [in_payload[0].inverse() @ pose for pose in in_payload]
-        sensors = scenario.sensors
-        self._motion = sum_up(exact.samples, self._poses, sensors.noise, sensors.rate).motion
+        first = exact.samples[:, 0, KINEMATICS]  # the body frame is the first robot's
+        slopes = np.gradient(first[:, :3], 1.0 / scenario.sensors.rate, axis=0)
+        self._motion = np.hstack([first, slopes])
+        self._step = max(1, scenario.sensors.rate // samples_per_second)
 
-    def bounds(
-        self,
-        edges: Edges,
-        blocks: int,
-        load_since: int = 0,
-        poses_from_wrenches: bool = False,
-        samples_per_second: int = _BOUND_RATE,
-    ) -> Bounds:
-        """Bounds at some moment of the run.
+    def information(self, first: int, end: int) -> JointInformation:
+        """What all sensors tell in the blocks from ``first`` up to ``end``, during which the load is the same."""
+        block, step, names = self._scenario.sensors.block, self._step, self._judge.scene.robots
+        chosen = np.arange(first * block + step // 2, end * block, step)
+        # Every sample that was chosen stands for ``step`` of them.
+        noise = self._scenario.noise.scaled(step**-0.5)
+        payload = self._judge.payload(names[0], end - 1)
+        return JointInformation.of(self._poses, payload, self._motion[chosen], self._wrenches[chosen], noise)
 
-        Args:
-            edges: Which relative poses are asked for.
-            blocks: All samples of so many blocks are known.
-            load_since: The block with which the load came that lies there.
-            poses_from_wrenches: See ``joint_bound``.
-            samples_per_second: With which information is integrated, whatever the sensors' rate is.
-        """
-        names, sensors = self._judge.scene.robots, self._scenario.sensors
-        step = max(1, sensors.rate // samples_per_second)
-        chosen = np.arange(step // 2, blocks * sensors.block, step)
-        bound: JointBound = joint_bound(
-            self._poses,
-            self._judge.payload(names[0], blocks - 1),
-            self._motion[chosen],
-            self._wrenches[chosen],
-            # Every sample that was chosen stands for ``step`` of them.
-            self._scenario.noise.scaled(step**-0.5),
-            wrench_from=int(np.searchsorted(chosen, load_since * sensors.block)),
-            poses_from_wrenches=poses_from_wrenches,
-        )
+    def seen(self, bound: JointBound) -> Bounds:
+        """A bound as all robots see it."""
+        names = self._judge.scene.robots
         return Bounds(
-            poses=np.array([bound.relative_pose(names.index(i), names.index(j)) for i, j in edges]),
+            poses=np.array([bound.relative_pose(names.index(i), names.index(j)) for i, j in self._edges]),
             payload=np.array([bound.inertia_seen_from(k) for k in range(len(names))]),
         )

@@ -12,16 +12,18 @@ from rich.table import Table
 from coheft.app.figures import make_folder
 from coheft.app.report import write_report
 from coheft.app.study.plots import plot_curves, plot_ratios
-from coheft.app.study.report import StudyReport
+from coheft.app.study.report import Cell, StudyReport
 from coheft.app.study.tables import (
     HEADER,
     LEGEND,
     RECOVERY_HEADER,
     accuracy_rows,
+    caption,
     markdown,
     recovery_rows,
     sentences,
     title,
+    together,
 )
 from coheft.app.study.trial import Trial
 from coheft.app.wide_table import print_table
@@ -51,24 +53,29 @@ def write_folder(report: StudyReport, trials: Sequence[Trial], folder: Path) -> 
 def print_study(console: Console, report: StudyReport) -> None:
     """Show the outcome."""
     console.print(f"{title(report)}\n")
-    for noise in report.all_scales():
-        print_table(console, _table(f"noise × {noise.noise_scale:g}", HEADER[:_WIDTH], accuracy_rows(noise)))
-        recovery = [result.recovery for result in noise.results.values() if result.recovery is not None]
-        if recovery:
-            caption = f"noise × {noise.noise_scale:g}, {recovery[0].seconds_after:g} s after the load had changed"
-            console.print()
-            print_table(console, _table(caption, RECOVERY_HEADER, recovery_rows(noise)))
+    for cell in report.cells:
+        print_table(console, _table(caption(cell), HEADER[:_WIDTH], accuracy_rows(cell)))
         console.print()
-        for name, result in noise.results.items():
-            for line in sentences(name, result):
-                console.print(line, highlight=False)
+    if len(report.cells) > 1:
+        for line in together(report):
+            console.print(line, highlight=False)
         console.print()
+    recovery = [result.recovery for result in report.results.values() if result.recovery is not None]
+    if recovery:
+        whole = Cell(report.noise_scales[0], report.at_s[-1], report.results)
+        words = f"{recovery[0].seconds_after:g} s after the load had changed"
+        print_table(console, _table(words, RECOVERY_HEADER, recovery_rows(whole)))
+        console.print()
+    for name, result in report.results.items():
+        for line in sentences(name, result):
+            console.print(line, highlight=False)
+    console.print()
     for line in LEGEND:
         console.print(line, style="dim", highlight=False)
 
 
-def _table(caption: str, header: Sequence[str], rows: Iterable[tuple[str, ...]]) -> Table:
-    table = Table(title=caption, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=0)
+def _table(words: str, header: Sequence[str], rows: Iterable[tuple[str, ...]]) -> Table:
+    table = Table(title=words, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=0)
     for k, name in enumerate(header):
         table.add_column(name, justify="left" if k < 2 else "right", no_wrap=True)
     previous = ""

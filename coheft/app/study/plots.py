@@ -10,26 +10,27 @@ import numpy as np
 from coheft.app.figures import figure_to
 from coheft.app.quantities import QUANTITIES
 from coheft.app.study.report import Accuracy, StudyReport
-from coheft.app.study.tables import NAMES
+from coheft.app.study.tables import NAMES, caption
 from coheft.app.study.trial import Trial
 
 _COLOURS = {"seed": "#c45a00", "efficient": "#0b62a4"}
 
 
 def plot_ratios(report: StudyReport, path: Path) -> None:
-    """Errors over bounds with their sampling intervals, for every noise scale.
+    """Errors over bounds with their sampling intervals, for every noise and time.
 
     Raises:
         MissingPackageError: The package that draws is not installed.
     """
-    scales = report.all_scales()
-    with figure_to(path, 1.0 + 5.0 * len(scales), 3.6) as figure:
-        row = np.atleast_1d(figure.subplots(1, len(scales), sharey=True))
-        for axes, noise in zip(row, scales, strict=True):
-            for k, (estimator, result) in enumerate(noise.results.items()):
+    with figure_to(path, 1.0 + 5.0 * len(report.cells), 3.6) as figure:
+        row = np.atleast_1d(figure.subplots(1, len(report.cells), sharey=True))
+        for axes, cell in zip(row, report.cells, strict=True):
+            for k, (estimator, result) in enumerate(cell.results.items()):
                 found: list[Accuracy] = [getattr(result, quantity.name) for quantity in QUANTITIES]
-                ratios = np.array([(a.ratio, a.ratio_low, a.ratio_high) for a in found], dtype=np.float64)
-                places = np.arange(len(found)) + 0.2 * (k - 0.5 * (len(noise.results) - 1))
+                ratios = np.array(
+                    [(a.ratio_full, a.ratio_full_low, a.ratio_full_high) for a in found], dtype=np.float64
+                )
+                places = np.arange(len(found)) + 0.2 * (k - 0.5 * (len(cell.results) - 1))
                 reach = np.abs(ratios[:, 1:] - ratios[:, :1]).T
                 style = {"fmt": "o", "capsize": 4, "color": _COLOURS.get(estimator)}
                 axes.errorbar(places, ratios[:, 0], reach, label=estimator, **style)
@@ -38,7 +39,7 @@ def plot_ratios(report: StudyReport, path: Path) -> None:
             axes.set_yscale("log")
             axes.yaxis.set_major_formatter("{x:g}")
             axes.yaxis.set_minor_formatter("{x:g}")
-            axes.set_title(f"noise × {noise.noise_scale:g}")
+            axes.set_title(caption(cell))
         row[0].legend()
         figure.supylabel("RMS error / bound")
 

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
 
 import msgspec
 import numpy as np
 
-from coheft.app.quantities import ALL_TEN, QUANTITIES, Quantity
+from coheft.app.quantities import ALL_TEN, QUANTITIES, Errors, Quantity
 from coheft.app.study.detection import Detection, judge_detection
+from coheft.app.study.exact_run import Bounds
 from coheft.app.study.statistics import Interval, normalised_square, ratio_of_roots, root_mean
-from coheft.app.study.trial import Moments, Outcome, Trial
+from coheft.app.study.trial import Moments, Trial
 from coheft.estimation.spatial import Array
+
+T = TypeVar("T")
 
 Number = float | None
 """None where nothing was claimed, so nothing can be said."""
@@ -23,11 +28,12 @@ class Accuracy(msgspec.Struct, frozen=True):
 
     Attributes:
         rms: Root mean square error, of a vector's or matrix's (Frobenius) norm.
-        bound: Cramér-Rao bound of the same, for poses from kinematics and inertia from all sensors given those poses.
-        bound_with_wrenches: The same if wrenches were used to find the poses as well.
-        ratio: ``rms / bound``.
-        ratio_low: Start of its 95 % sampling interval, over runs.
-        ratio_high: End of it.
+        bound_full: Cramér-Rao bound of the same from all sensors.
+        bound_two_step: That of poses from kinematics alone, and inertia from all sensors given those poses.
+        ratio_full: ``rms / bound_full``; over several times or noises, of errors that are scaled by their bounds.
+        ratio_full_low: Start of its 95 % sampling interval, over runs.
+        ratio_full_high: End of it.
+        ratio_two_step: ``rms / bound_two_step``, likewise.
         nees: Normalised error squared per degree of freedom, of one robot per run: 1 if the stated covariance is right.
         nees_low: Start of the interval in which it lies in 95 of 100 studies with a right covariance.
         nees_high: End of it.
@@ -35,11 +41,12 @@ class Accuracy(msgspec.Struct, frozen=True):
     """
 
     rms: Number
-    bound: Number
-    bound_with_wrenches: Number
-    ratio: Number
-    ratio_low: Number
-    ratio_high: Number
+    bound_full: Number
+    bound_two_step: Number
+    ratio_full: Number
+    ratio_full_low: Number
+    ratio_full_high: Number
+    ratio_two_step: Number
     nees: Number
     nees_low: Number
     nees_high: Number
@@ -54,14 +61,31 @@ class Consistency(msgspec.Struct, frozen=True):
     nees_high: Number
 
 
+class Cells(msgspec.Struct, frozen=True):
+    """How many NEES are what they should be, each of one quantity at one time and noise.
+
+    Attributes:
+        count: Of them.
+        outside_95: How many lie outside their 95 % interval.
+        outside_9999: And outside their 99.99 % interval.
+    """
+
+    count: int
+    outside_95: int
+    outside_9999: int
+
+
 class Recovered(msgspec.Struct, frozen=True):
-    """Accuracy some time after the change; the bound is that of an estimator that was told the moment."""
+    """Accuracy some time after the change; the bound is the full one of an estimator that was told the moment."""
 
     rms: Number
-    bound: Number
-    ratio: Number
-    ratio_low: Number
-    ratio_high: Number
+    bound_full: Number
+    ratio_full: Number
+    ratio_full_low: Number
+    ratio_full_high: Number
+    nees: Number
+    nees_low: Number
+    nees_high: Number
     missing: int
 
 
@@ -90,16 +114,17 @@ class EstimatorResult(msgspec.Struct, frozen=True):
     com: Accuracy
     inertia: Accuracy
     all_ten: Consistency
-    decentralised_over_centralised: dict[str, Number]
+    cells: Cells
     detection: Detection
     recovery: Recovery | None
     impossible_payloads: int
 
 
-class NoiseResult(msgspec.Struct, frozen=True):
-    """Results at one noise scale, by estimator."""
+class Cell(msgspec.Struct, frozen=True):
+    """Results at one noise and one time, by estimator."""
 
     noise_scale: float
+    at_s: float
     results: dict[str, EstimatorResult]
 
 
@@ -108,115 +133,157 @@ class StudyReport(msgspec.Struct, frozen=True):
 
     Attributes:
         scenario: Its name.
-        robots: Number of robots.
         seeds: First and last one.
         runs: Number of runs per noise scale.
         at_s: When accuracy was judged [s].
+        noise_scales: Factors on the scenario's noise.
         units: Of ``rms`` and bounds.
-        noise_scale: Factor on the scenario's noise, the first that was asked for.
-        results: At that noise, by estimator.
-        other_noise_scales: Results at the others.
+        results: At all of these times and noises together, by estimator.
+        cells: At each noise and time.
     """
 
     scenario: str
-    robots: int
     seeds: tuple[int, int]
     runs: int
-    at_s: float
+    at_s: list[float]
+    noise_scales: list[float]
     units: dict[str, str]
-    noise_scale: float
     results: dict[str, EstimatorResult]
-    other_noise_scales: list[NoiseResult]
-
-    def all_scales(self) -> list[NoiseResult]:
-        """Results of all noise scales, in the order that was asked for."""
-        return [NoiseResult(self.noise_scale, self.results), *self.other_noise_scales]
+    cells: list[Cell]
 
 
-def summarise(trials: Sequence[Trial], moments: Moments) -> dict[str, EstimatorResult]:
-    """Results by estimator, of runs that differ in their seed alone."""
-    return {name: _of_estimator(name, trials, moments) for name in trials[0].outcomes}
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """One run of one estimator at one time."""
+
+    seed: int
+    errors: Errors
+    full: Bounds
+    two_step: Bounds | None = None
 
 
-def _of_estimator(name: str, trials: Sequence[Trial], moments: Moments) -> EstimatorResult:
-    outcomes = [trial.outcomes[name] for trial in trials]
-    accuracies = {quantity.name: _accuracy(quantity, name, trials) for quantity in QUANTITIES}
-    nees = _nees(ALL_TEN, trials, outcomes)
+def summarise(groups: Sequence[Sequence[Trial]], moments: Moments, times: Sequence[int]) -> dict[str, EstimatorResult]:
+    """Results by estimator.
+
+    Args:
+        groups: For each noise its runs, which differ in their seed alone.
+        moments: When they were judged.
+        times: Which of these count.
+    """
+    return {name: _of_estimator(name, groups, moments, times) for name in groups[0][0].outcomes}
+
+
+def _of_estimator(
+    name: str, groups: Sequence[Sequence[Trial]], moments: Moments, times: Sequence[int]
+) -> EstimatorResult:
+    outcomes = [trial.outcomes[name] for group in groups for trial in group]
+    cells = [
+        [_Judged(trial.seed, trial.outcomes[name].errors[k], trial.full[k], trial.two_step[k]) for trial in group]
+        for group in groups
+        for k in times
+    ]
+    nees = _nees(ALL_TEN, cells)
     return EstimatorResult(
-        **accuracies,
+        **{quantity.name: _accuracy(quantity, cells) for quantity in QUANTITIES},
         all_ten=Consistency(_number(nees.value), _number(nees.low), _number(nees.high)),
-        decentralised_over_centralised={q.name: _over_centralised(q, trials, outcomes) for q in QUANTITIES},
+        cells=_cells([*QUANTITIES, ALL_TEN], cells),
         detection=judge_detection([outcome.notices for outcome in outcomes], moments.change, moments.end),
-        recovery=_recovery(name, trials, moments),
+        recovery=_recovery(name, groups, moments),
         impossible_payloads=sum(outcome.impossible_payloads for outcome in outcomes),
     )
 
 
-def _accuracy(quantity: Quantity, name: str, trials: Sequence[Trial]) -> Accuracy:
-    outcomes = [trial.outcomes[name] for trial in trials]
-    squares = [quantity.squares(outcome.errors.of(quantity)) for outcome in outcomes]
-    bounds = [quantity.expected_squares(trial.bound.of(quantity)) for trial in trials]
-    with_wrenches = [quantity.expected_squares(trial.bound_with_wrenches.of(quantity)) for trial in trials]
-    ratio, nees = ratio_of_roots(squares, bounds), _nees(quantity, trials, outcomes)
+def _accuracy(quantity: Quantity, cells: Sequence[Sequence[_Judged]]) -> Accuracy:
+    squares, full, two_step = _squares(quantity, cells)
+    ratio, other, nees = _scaled_ratio(squares, full), _scaled_ratio(squares, two_step), _nees(quantity, cells)
     return Accuracy(
-        rms=_number(root_mean(squares)),
-        bound=_number(root_mean(_where_known(bounds, squares))),
-        bound_with_wrenches=_number(root_mean(_where_known(with_wrenches, squares))),
-        ratio=_number(ratio.value),
-        ratio_low=_number(ratio.low),
-        ratio_high=_number(ratio.high),
+        rms=_number(root_mean(_flat(squares))),
+        bound_full=_number(root_mean(_where_known(full, squares))),
+        bound_two_step=_number(root_mean(_where_known(two_step, squares))),
+        ratio_full=_number(ratio.value),
+        ratio_full_low=_number(ratio.low),
+        ratio_full_high=_number(ratio.high),
+        ratio_two_step=_number(other.value),
         nees=_number(nees.value),
         nees_low=_number(nees.low),
         nees_high=_number(nees.high),
-        missing=int(sum(np.isnan(s).sum() for s in squares)),
+        missing=int(sum(np.isnan(s).sum() for s in _flat(squares))),
     )
 
 
-def _nees(quantity: Quantity, trials: Sequence[Trial], outcomes: Sequence[Outcome]) -> Interval:
+_Squares = list[list[Array]]
+"""By cell and run."""
+
+
+def _squares(quantity: Quantity, cells: Sequence[Sequence[_Judged]]) -> tuple[_Squares, _Squares, _Squares]:
+    """Squared errors, and what the full and the two-step bound let them be."""
+    return (
+        [[quantity.squares(one.errors.of(quantity)) for one in cell] for cell in cells],
+        [[quantity.expected_squares(one.full.of(quantity)) for one in cell] for cell in cells],
+        [[quantity.expected_squares((one.two_step or one.full).of(quantity)) for one in cell] for cell in cells],
+    )
+
+
+def _flat(cells: Sequence[Sequence[T]]) -> list[T]:
+    """Of all cells one after another."""
+    return [one for cell in cells for one in cell]
+
+
+def _scaled_ratio(squares: _Squares, bounds: _Squares) -> Interval:
+    """Of roots of mean squares; every cell counts the same, and all times and noises of a run belong together."""
+    scales = [float(np.mean(np.concatenate(cell))) for cell in bounds]
+    runs = range(len(bounds[0]))
+
+    def by_run(cells: _Squares) -> list[Array]:
+        return [np.concatenate([cell[k] / scale for cell, scale in zip(cells, scales, strict=True)]) for k in runs]
+
+    return ratio_of_roots(by_run(squares), by_run(bounds))
+
+
+def _nees(quantity: Quantity, cells: Sequence[Sequence[_Judged]], confidence: float = 0.95) -> Interval:
     """Of one robot or edge per run, because those of one run are not independent: each in turn."""
     errors, covariances = [], []
-    for trial, outcome in zip(trials, outcomes, strict=True):
-        found, claimed = outcome.errors.of(quantity), outcome.errors.covariances_of(quantity)
-        chosen, part = trial.seed % len(found), quantity.components
+    for one in _flat(cells):
+        found, claimed = one.errors.of(quantity), one.errors.covariances_of(quantity)
+        chosen, part = one.seed % len(found), quantity.components
         errors.append(found[chosen, part])
         covariances.append(claimed[chosen, part, part])
-    return normalised_square(errors, covariances)
+    return normalised_square(errors, covariances, confidence, alike=len(cells))
 
 
-def _over_centralised(quantity: Quantity, trials: Sequence[Trial], outcomes: Sequence[Outcome]) -> Number:
-    squares = [quantity.squares(outcome.errors.of(quantity)) for outcome in outcomes]
-    references = [quantity.squares(trial.centralised.of(quantity)) for trial in trials]
-    return _number(ratio_of_roots(squares, references).value)
+def _cells(quantities: Sequence[Quantity], cells: Sequence[Sequence[_Judged]]) -> Cells:
+    """Count what is outside."""
+
+    def outside(confidence: float) -> int:
+        found = [_nees(quantity, [cell], confidence) for quantity in quantities for cell in cells]
+        return sum(not math.isnan(one.value) and not one.low <= one.value <= one.high for one in found)
+
+    return Cells(len(quantities) * len(cells), outside(0.95), outside(0.9999))
 
 
-def _recovery(name: str, trials: Sequence[Trial], moments: Moments) -> Recovery | None:
+def _recovery(name: str, groups: Sequence[Sequence[Trial]], moments: Moments) -> Recovery | None:
     if moments.change is None:
         return None
-    found = {q.name: _recovered(q, name, trials) for q in QUANTITIES if q.of_payload}
+    cells = [
+        [
+            _Judged(trial.seed, recovered, trial.recovery_bound)
+            for trial in group
+            if (recovered := trial.outcomes[name].recovered) is not None and trial.recovery_bound is not None
+        ]
+        for group in groups
+    ]
+    found = {q.name: _recovered(q, cells) for q in QUANTITIES if q.of_payload}
     return Recovery(seconds_after=moments.after, **found)
 
 
-def _recovered(quantity: Quantity, name: str, trials: Sequence[Trial]) -> Recovered:
-    squares, bounds = [], []
-    for trial in trials:
-        errors, bound = trial.outcomes[name].recovered, trial.recovery_bound
-        if errors is None or bound is None:
-            raise ValueError("the load must change in all runs or in none")
-        squares.append(quantity.squares(errors.of(quantity)))
-        bounds.append(quantity.expected_squares(bound.of(quantity)))
-    ratio = ratio_of_roots(squares, bounds)
-    return Recovered(
-        rms=_number(root_mean(squares)),
-        bound=_number(root_mean(_where_known(bounds, squares))),
-        ratio=_number(ratio.value),
-        ratio_low=_number(ratio.low),
-        ratio_high=_number(ratio.high),
-        missing=int(sum(np.isnan(s).sum() for s in squares)),
-    )
+def _recovered(quantity: Quantity, cells: Sequence[Sequence[_Judged]]) -> Recovered:
+    accuracy = _accuracy(quantity, cells)
+    return Recovered(**{field: getattr(accuracy, field) for field in Recovered.__struct_fields__})
 
 
-def _where_known(values: Sequence[Array], like: Sequence[Array]) -> list[Array]:
-    return [np.where(np.isfinite(other), value, np.nan) for value, other in zip(values, like, strict=True)]
+def _where_known(values: _Squares, like: _Squares) -> list[Array]:
+    pairs = zip(_flat(values), _flat(like), strict=True)
+    return [np.where(np.isfinite(other), value, np.nan) for value, other in pairs]
 
 
 def _number(value: float) -> Number:

@@ -55,17 +55,22 @@ def ratio_of_roots(squares: Sequence[Array], references: Sequence[Array]) -> Int
     return Interval(float(np.sqrt(total[0] / total[1])), float(low), float(high))
 
 
-def normalised_square(errors: Sequence[Array], covariances: Sequence[Array]) -> Interval:
-    """Mean of ``e^T C^-1 e`` per degree of freedom, 1 if ``C`` is right, and where it then lies 95 times in 100.
+def normalised_square(
+    errors: Sequence[Array], covariances: Sequence[Array], confidence: float = _CONFIDENCE, alike: int = 1
+) -> Interval:
+    """Mean of ``e^T C^-1 e`` per degree of freedom, 1 if ``C`` is right, and where it then usually lies.
 
     Args:
         errors: One of each run, all independent, shape (d,); runs with NaN are left out.
         covariances: As claimed, shape (d, d).
+        confidence: Share of cases in which it lies in the interval.
+        alike: So many of the errors are of one run, at several times or noises: they count as one.
     """
     known = [(e, c) for e, c in zip(errors, covariances, strict=True) if np.isfinite(e).all()]
     if not known:
         return _NOTHING
     squares = [float(e @ np.linalg.solve(c, e)) for e, c in known]
-    freedom = len(known) * len(known[0][0])
-    low, high = (float(chi2.ppf(tail, freedom)) / freedom for tail in _TAILS)
-    return Interval(sum(squares) / freedom, low, high)
+    size = len(known) * len(known[0][0])
+    freedom = size / alike
+    low, high = (float(chi2.ppf(tail, freedom)) / freedom for tail in (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence))
+    return Interval(sum(squares) / size, low, high)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from coheft.app.quantities import QUANTITIES
+from coheft.app.quantities import ALL_TEN, QUANTITIES
 from coheft.app.study.detection import Detection
-from coheft.app.study.report import Accuracy, Consistency, EstimatorResult, NoiseResult, Number, Recovered, StudyReport
+from coheft.app.study.report import Accuracy, Cell, Consistency, EstimatorResult, Number, Recovered, StudyReport
 
 NAMES = {
     "pose_rotation": ("rotation", "°", 57.29577951308232),
@@ -16,60 +16,62 @@ NAMES = {
     "inertia": ("inertia", "kg·m²", 1.0),
 }
 """Of quantities: name, unit, and what to multiply SI units with."""
-HEADER = ("quantity", "estimator", "RMS", "bound", "RMS / bound", "NEES", "/ central", "honest NEES", "missing")
-RECOVERY_HEADER = ("quantity", "estimator", "RMS", "bound", "RMS / bound", "missing")
+HEADER = ("quantity", "estimator", "RMS", "bound", "RMS / bound", "NEES", "/ two-step", "honest NEES", "missing")
+RECOVERY_HEADER = ("quantity", "estimator", "RMS", "bound", "RMS / bound", "NEES", "missing")
 LEGEND = (
     "NEES: error² over stated covariance, 1 if honest; * outside its 95 % range.",
-    "/ central: RMS over that of a batch with all data. (…): 95 % range over runs.",
+    "/ two-step: RMS over the bound of poses from motion alone. (…): 95 % range.",
 )
 """What the terminal has room for."""
 EXPLANATION = (
     "rotation, translation: of the neighbours' grasp frames in the own one. RMS: root mean square error.",
-    "bound: Cramér-Rao bound of any unbiased estimator that finds poses from kinematics, and then inertia from all "
-    "sensors given those poses, with every sample of every robot. In brackets: 95 % sampling interval over runs.",
+    "bound: Cramér-Rao bound of any unbiased estimator that uses every sample of every robot's sensors, but not that "
+    "motions are smooth. In brackets: 95 % sampling interval over runs.",
     "NEES: squared error over the covariance that the robot stated, per degree of freedom; of one robot per run, "
     "because those of one run see the same data. With an honest covariance it lies within the range of 'honest NEES' "
     "95 times of 100; * marks those that do not.",
-    "/ central: RMS error over that of a batch solution with all samples of all robots in one place.",
+    "/ two-step: RMS error over the bound of estimators that find poses from kinematics alone, and then inertia from "
+    "all sensors given those poses.",
     "missing: estimates for which no number was claimed; they are left out of the other columns.",
 )
 
 
-def accuracy_rows(noise: NoiseResult) -> Iterator[tuple[str, ...]]:
+def accuracy_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
     """One row per quantity and estimator, columns as in ``HEADER``."""
     for quantity in QUANTITIES:
         name, unit, size = NAMES[quantity.name]
-        for estimator, result in noise.results.items():
+        for estimator, result in cell.results.items():
             found: Accuracy = getattr(result, quantity.name)
             yield (
                 f"{name}, {unit}",
                 estimator,
                 _plain(found.rms, size),
-                _plain(found.bound, size),
-                _with_range(found.ratio, found.ratio_low, found.ratio_high),
+                _plain(found.bound_full, size),
+                _with_range(found.ratio_full, found.ratio_full_low, found.ratio_full_high),
                 _marked(found),
-                _short(result.decentralised_over_centralised[quantity.name]),
+                _short(found.ratio_two_step),
                 _range(found.nees_low, found.nees_high),
                 str(found.missing),
             )
-    for estimator, result in noise.results.items():
+    for estimator, result in cell.results.items():
         joint = result.all_ten
         yield "all ten together", estimator, "", "", "", _marked(joint), "", _range(joint.nees_low, joint.nees_high), ""
 
 
-def recovery_rows(noise: NoiseResult) -> Iterator[tuple[str, ...]]:
+def recovery_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
     """One row per quantity and estimator, columns as in ``RECOVERY_HEADER``; none if the load did not change."""
     for key in ("mass", "com", "inertia"):
         name, unit, size = NAMES[key]
-        for estimator, result in noise.results.items():
+        for estimator, result in cell.results.items():
             if result.recovery is not None:
                 found: Recovered = getattr(result.recovery, key)
                 yield (
                     f"{name}, {unit}",
                     estimator,
                     _plain(found.rms, size),
-                    _plain(found.bound, size),
-                    _with_range(found.ratio, found.ratio_low, found.ratio_high),
+                    _plain(found.bound_full, size),
+                    _with_range(found.ratio_full, found.ratio_full_low, found.ratio_full_high),
+                    _marked(found),
                     str(found.missing),
                 )
 
@@ -93,28 +95,48 @@ def sentences(estimator: str, result: EstimatorResult) -> Iterator[str]:
 
 def title(report: StudyReport) -> str:
     """What was studied, in a line."""
+    times = ", ".join(f"{at:g}" for at in report.at_s)
     return (
-        f"{report.scenario}: {report.robots} robots, {report.runs} runs (seeds {report.seeds[0]} to "
-        f"{report.seeds[1]}) per noise scale, judged at {report.at_s:g} s"
+        f"{report.scenario}: {report.runs} runs (seeds {report.seeds[0]} to {report.seeds[1]}) per noise scale, "
+        f"judged at {times} s"
     )
+
+
+def caption(cell: Cell) -> str:
+    """Of one noise and time."""
+    return f"noise × {cell.noise_scale:g}, at {cell.at_s:g} s"
+
+
+def together(report: StudyReport) -> Iterator[str]:
+    """What all noises and times say, a line for each estimator."""
+    for estimator, result in report.results.items():
+        ratios = [getattr(result, quantity.name).ratio_full for quantity in QUANTITIES]
+        nees = [getattr(result, quantity.name).nees for quantity in (*QUANTITIES, ALL_TEN)]
+        cells = result.cells
+        yield (
+            f"{estimator}, all together: RMS / bound {', '.join(map(_short, ratios))}; NEES "
+            f"{', '.join(map(_short, nees))} (all ten last); outside 95 % range: {cells.outside_95} of {cells.count}, "
+            f"outside 99.99 %: {cells.outside_9999}."
+        )
 
 
 def markdown(report: StudyReport, pictures: dict[str, str]) -> str:
     """The report as Markdown; ``pictures`` are file names by caption."""
     parts = [f"# Study of {title(report)}"]
-    for noise in report.all_scales():
-        parts.append(f"## Noise × {noise.noise_scale:g}")
-        parts.append(_markdown_table(HEADER, list(accuracy_rows(noise))))
-        recovery = list(recovery_rows(noise))
-        if recovery:
-            after = next(r.recovery.seconds_after for r in noise.results.values() if r.recovery is not None)
-            parts.append(
-                f"{after:g} s after the load had changed, against the bound of an estimator that is told the moment:"
-            )
-            parts.append(_markdown_table(RECOVERY_HEADER, recovery))
+    for cell in report.cells:
+        parts.append(f"## {caption(cell).capitalize()}")
+        parts.append(_markdown_table(HEADER, list(accuracy_rows(cell))))
+    if len(report.cells) > 1:
+        parts.append("\n".join(f"- {line}" for line in together(report)))
+    whole = Cell(report.noise_scales[0], report.at_s[-1], report.results)
+    recovery = list(recovery_rows(whole))
+    if recovery:
+        after = next(r.recovery.seconds_after for r in report.results.values() if r.recovery is not None)
         parts.append(
-            "\n".join(f"- {line}" for name, result in noise.results.items() for line in sentences(name, result))
+            f"{after:g} s after the load had changed, against the bound of an estimator that is told the moment:"
         )
+        parts.append(_markdown_table(RECOVERY_HEADER, recovery))
+    parts.append("\n".join(f"- {line}" for name, result in report.results.items() for line in sentences(name, result)))
     parts.append("## How to read this\n\n" + "\n".join(f"- {line}" for line in EXPLANATION))
     parts.extend(f"![{caption}]({file})" for caption, file in pictures.items())
     return "\n\n".join(parts) + "\n"
@@ -152,7 +174,7 @@ def _with_range(value: Number, low: Number, high: Number) -> str:
     return "–" if value is None else f"{_short(value)} ({_range(low, high)})"
 
 
-def _marked(found: Accuracy | Consistency) -> str:
+def _marked(found: Accuracy | Consistency | Recovered) -> str:
     """NEES, with a star if an honest covariance would hardly give it."""
     if found.nees is None or found.nees_low is None or found.nees_high is None:
         return "–"

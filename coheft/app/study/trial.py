@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 
 import msgspec
 import numpy as np
@@ -17,11 +18,9 @@ from coheft.app.quantities import (
     directed_edges,
     payload_exists,
     published_errors,
-    team_errors,
 )
 from coheft.app.study.exact_run import Bounds, ExactRun
 from coheft.app.study.samples import simulate, with_exact_sensors
-from coheft.estimation.centralised import estimate_centralised
 from coheft.estimation.spatial import Array
 from coheft.wire.messages import Estimate, LoadChangeNotice
 from coheft.wire.scenario import Scenario
@@ -32,19 +31,19 @@ class Moments:
     """When a run is judged.
 
     Attributes:
-        at: Accuracy [s].
+        at: Accuracy, in order [s].
         change: Of the load [s], at the border of a block; None if it does not change.
         after: From the change to the judgement of the recovery [s].
     """
 
-    at: float
+    at: tuple[float, ...]
     change: float | None
     after: float
 
     @property
     def end(self) -> float:
         """Length of the run [s]."""
-        return self.at if self.change is None else max(self.at, self.change + self.after)
+        return self.at[-1] if self.change is None else max(self.at[-1], self.change + self.after)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,14 +66,14 @@ class Outcome:
     """What came out of one estimator.
 
     Attributes:
-        errors: At the moment of accuracy.
+        errors: At each moment of accuracy.
         recovered: Some time after the load's change; None if it does not change.
         notices: Of load changes, by robot.
         impossible_payloads: Number of published estimates of payloads that cannot exist.
         curves: Over time.
     """
 
-    errors: Errors
+    errors: tuple[Errors, ...]
     recovered: Errors | None
     notices: dict[str, list[LoadChangeNotice]]
     impossible_payloads: int
@@ -88,17 +87,15 @@ class Trial:
     Attributes:
         seed: Of sensors' noise and motions.
         outcomes: By estimator.
-        centralised: Errors of the centralised reference, at the moment of accuracy.
-        bound: For poses from kinematics and inertia from all sensors given those poses, at that moment.
-        bound_with_wrenches: For poses from all sensors.
-        recovery_bound: Like ``bound``, after the load's change, for an estimator that is told the moment.
+        full: Bound for poses and inertia from all sensors, at each moment of accuracy.
+        two_step: Bound for poses from kinematics, and inertia from all sensors given those poses.
+        recovery_bound: Like ``full``, after the load's change, for an estimator that is told the moment.
     """
 
     seed: int
     outcomes: dict[str, Outcome]
-    centralised: Errors
-    bound: Bounds
-    bound_with_wrenches: Bounds
+    full: tuple[Bounds, ...]
+    two_step: tuple[Bounds, ...]
     recovery_bound: Bounds | None
 
 
@@ -107,18 +104,20 @@ def run_trial(scenario: Scenario, estimators: Sequence[str], moments: Moments) -
     scenario = msgspec.structs.replace(scenario, duration=moments.end)
     exact = simulate(with_exact_sensors(scenario))
     edges = directed_edges(exact.scene.neighbours)
-    run = ExactRun(scenario, exact)
-    judge = Judge(exact.scene, exact.truths)
-    blocks = round(moments.at / scenario.block_duration)
+    run, judge = ExactRun(scenario, exact, edges), Judge(exact.scene, exact.truths)
+    blocks = [0, *(round(moment / scenario.block_duration) for moment in moments.at)]
+    known = list(accumulate(run.information(first, end) for first, end in pairwise(blocks)))
     recovery_bound = None
     if moments.change is not None:
-        recovery_bound = run.bounds(edges, scenario.blocks, round(moments.change / scenario.block_duration))
+        change = round(moments.change / scenario.block_duration)
+        before = known[-1] if change == blocks[-1] else run.information(0, change)
+        new = run.information(change, scenario.blocks)
+        recovery_bound = run.seen((new + before.without_wrenches()).full_bound())
     return Trial(
         seed=scenario.seed,
         outcomes={name: _outcome(scenario, name, moments, judge, edges) for name in estimators},
-        centralised=_centralised(scenario, blocks, judge, edges),
-        bound=run.bounds(edges, blocks),
-        bound_with_wrenches=run.bounds(edges, blocks, poses_from_wrenches=True),
+        full=tuple(run.seen(information.full_bound()) for information in known),
+        two_step=tuple(run.seen(information.two_step_bound()) for information in known),
         recovery_bound=recovery_bound,
     )
 
@@ -128,7 +127,7 @@ def _outcome(scenario: Scenario, estimator: str, moments: Moments, judge: Judge,
     reports = [record.estimates for record in run_in_process(chosen) if record.estimates]
     last = _latest(reports, moments.end)
     return Outcome(
-        errors=published_errors(judge, edges, _latest(reports, moments.at)),
+        errors=tuple(published_errors(judge, edges, _latest(reports, moment)) for moment in moments.at),
         recovered=None if moments.change is None else published_errors(judge, edges, last),
         notices={name: list(estimate.load_changes) for name, estimate in last.items()},
         impossible_payloads=sum(not payload_exists(e.payload) for report in reports for e in report.values()),
@@ -158,11 +157,3 @@ def _curves(judge: Judge, edges: Edges, reports: Sequence[dict[str, Estimate]]) 
         errors.append([q.squares(found.of(q))[rows[q.name]].mean() for q in QUANTITIES])
         deviations.append([q.expected_squares(found.covariances_of(q))[rows[q.name]].mean() for q in QUANTITIES])
     return Curves(np.array(times), np.sqrt(errors), np.sqrt(deviations))
-
-
-def _centralised(scenario: Scenario, blocks: int, judge: Judge, edges: Edges) -> Errors:
-    measured = simulate(msgspec.structs.replace(scenario, duration=blocks * scenario.block_duration))
-    estimate = estimate_centralised(
-        measured.samples, scenario.noise, scenario.sensors.rate, with_offset=scenario.efficient.offsets
-    )
-    return team_errors(judge, edges, blocks - 1, estimate.poses, estimate.inertia)

@@ -1,0 +1,41 @@
+"""Teams drawn at random: a study of them shows what holds for robots and loads that no one chose."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.wire.payload import Box, Payload
+from coheft.wire.scenario import Graph, GraphKind, Motion, Perimeter, Robots, Scenario
+from coheft.wire.scenario_checks import check_scenario
+
+RANDOM = "random"
+"""Instead of a scenario's name: every run has a team of its own."""
+_GRAPHS: tuple[GraphKind, ...] = ("ring", "line", "star", "complete", "random")
+_MOST_ROBOTS = 8
+_LONGEST = 600.0
+
+
+def random_team(seed: int) -> Scenario:
+    """The team of a seed: two to eight robots that hold a plate with a lump on it, in any graph."""
+    rng = np.random.default_rng(seed)
+
+    def number(least: float, most: float) -> float:
+        return round(float(rng.uniform(least, most)), 3)
+
+    width, depth = number(0.6, 1.4), number(0.4, 0.9)
+    plate = Box(mass=number(2.0, 10.0), size=(width, depth, number(0.03, 0.2)))
+    place = (number(-0.4, 0.4) * width, number(-0.4, 0.4) * depth, number(0.05, 0.15))
+    lump = Box(mass=number(0.5, 5.0), size=(0.2, 0.15, 0.15), position=place)
+    perimeter = Perimeter(count=int(rng.integers(2, _MOST_ROBOTS + 1)), extent=(width, depth), seed=seed)
+    graph = Graph(kind=_GRAPHS[rng.integers(len(_GRAPHS))], edge_probability=number(0.1, 0.5), seed=seed)
+    scenario = Scenario(
+        name=f"{RANDOM}-{seed}",
+        payload=Payload(boxes=(plate, lump)),
+        robots=Robots(perimeter=perimeter),
+        graph=graph,
+        motion=Motion(translation=number(0.03, 0.08), rotation=number(0.1, 0.4)),
+        duration=_LONGEST,
+        seed=seed,
+    )
+    check_scenario(scenario, scenario.name)
+    return scenario
