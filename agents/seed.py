@@ -118,11 +118,11 @@ class SeedEstimator:
             converged=payload is not None and is_converged(payload, self._config.converged),
             payload=payload,
             poses=poses,
-            total_block=phase.completeness.newest,
+            total_block=phase.newest,
             total_wrench=phase.total_wrench,
             not_observable=missing,
             load_changes=self._load_changes.notices,
-            learned_block=phase.completeness.newest,
+            learned_block=phase.newest,
         )
 
     def doubts(self) -> tuple[str, ...]:
@@ -130,9 +130,9 @@ class SeedEstimator:
         phase = self._inertial_phase
         if phase is None:
             return ("the team's sums have not begun",)
-        if phase.completeness.newest < 0:
+        if phase.newest < 0:
             return ("the team's sums have just begun",)
-        gap = phase.completeness.gap(self._index + 1)
+        gap = phase.gap(self._index + 1)
         return () if gap is None else (gap,)
 
     def _update_pose(self, name: str, own: Array, other: Array) -> None:

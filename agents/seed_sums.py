@@ -10,7 +10,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from agents.completeness import Completeness
 from agents.estimator import Channels
 from agents.load_changes import LoadChanges
 from coheft.estimation.angular_acceleration import AngularAcceleration, gyro_derivative
@@ -38,6 +37,8 @@ _SURPRISED_BLOCKS = 2
 """So many surprising blocks in a row are a load change."""
 _SETTLED = 1.0
 """None is noticed so soon after the filter has started or noticed one [s]."""
+_PATIENCE = 0.25
+"""After so long without a complete sum, the load may have changed unnoticed [s]."""
 
 
 class SeedSums:
@@ -50,7 +51,7 @@ class SeedSums:
         load_changes: Told of those that are noticed.
 
     Attributes:
-        completeness: Follows the blocks whose totals have come.
+        newest: The newest block whose totals have come, -1 while there is none.
         total_wrench: Total wrench (6,) about the origin of ``F_i`` at the last sample of the newest one.
     """
 
@@ -70,7 +71,7 @@ class SeedSums:
         self._filter: JointRls | None = None
         self._surprised = 0
         self._quiet_until = np.inf
-        self.completeness = Completeness(config, self._rounds, settling=0)
+        self.newest = -1
         self.total_wrench = np.zeros(6)
         self._load_changes = load_changes
         self.start_sums()
@@ -175,9 +176,15 @@ class SeedSums:
             )
         return stages
 
+    def gap(self, block: int) -> str | None:
+        """Why the load may have changed unnoticed by now, the start of a block; None if it cannot have."""
+        if block - 1 - self._rounds - self.newest <= self._config.blocks(_PATIENCE):
+            return None
+        return f"no complete sum of the team since {self._config.start_of(self.newest + 1):.2f} s"
+
     def _take_in(self, leaving: int, index: int, samples: Array, average: Array) -> None:
         total = self._members * average[:, :6]
-        self.completeness.note(leaving)
+        self.newest = leaving
         self.total_wrench = total[-1]
         if self._filter is None:
             self._filter = self._new_filter(centre=self._agreed[2:5])

@@ -15,7 +15,6 @@ import numpy as np
 
 from agents.agent import Agent
 from coheft.estimation.measurement import MeasurementBlock, SensorNoise
-from coheft.estimation.motion_fusion import CHANNELS
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose, rotation_exp
 from coheft.wire.codec import encode
@@ -29,6 +28,8 @@ from consensus.rounds import make_rounds
 from consensus.schedule import choose_schedule
 
 BLOCK = 10
+CHANNELS = 18
+"""Numbers that are summed per sample."""
 Kind = Literal["ring", "grid", "tree"]
 KINDS: tuple[Kind, ...] = ("ring", "grid", "tree")
 

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from coheft.errors import ScenarioError, SimulationError
-from coheft.estimation.body_motion import grasp_measurements
-from coheft.estimation.centralised import sum_up
-from coheft.estimation.measurement import GYRO, KINEMATICS
+from coheft.estimation.measurement import GYRO, SAMPLE_SIZE
+from coheft.estimation.moments.body import FORCING, load_operator, residual_covariance
+from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.rows import RowNoise, row_of_samples
+from coheft.estimation.moments.unknowns import State
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array
 from coheft.wire.grasps import place_grasps
@@ -22,6 +24,8 @@ from physics_server.simulation import Simulation
 from tests.physics_run import excitation, reference, run, samples, scenario
 
 ARMS = scenario("arms4")
+LENGTH = 10
+"""Samples of a row."""
 
 
 def test_sensors_at_the_wrists_read_one_rigid_body_and_all_that_moves_it() -> None:
@@ -38,19 +42,20 @@ def test_sensors_at_the_wrists_read_one_rigid_body_and_all_that_moves_it() -> No
 
 def disagreement(measured: Array, truth: Truth) -> float:
     """Root mean square over time of what differs most between samples (N, n, 15) and a rigid body, in sigmas."""
-    noise = ARMS.sensors.noise
-    grasps = place_grasps(ARMS)
-    sums = sum_up(measured.swapaxes(0, 1), grasps, noise, ARMS.sensors.rate)
-    by_robot = zip(grasps, measured[..., KINEMATICS], strict=True)
-    motion_errors = np.array([kinematics - grasp_measurements(grasp, sums.motion) for grasp, kinematics in by_robot])
+    grasps, sensors = place_grasps(ARMS), ARMS.sensors
+    noise = RowNoise.of_samples(sensors.noise, LENGTH, sensors.rate)
+    settings = FitSettings(noise, LENGTH / sensors.rate)
+    blocks = measured.swapaxes(0, 1).reshape(-1, LENGTH, len(grasps), SAMPLE_SIZE)
+    rows = np.array([[row_of_samples(own, 0.0, sensors.rate) for own in block.swapaxes(0, 1)] for block in blocks])
+    rows = np.hstack([rows.reshape(len(rows), -1), np.ones((len(rows), 1))])
     payload = Inertia(truth.payload.mass, truth.payload.com, truth.payload.tensor)
-    w, _, a, alpha = np.split(sums.motion, 4, axis=1)
-    wrench_error = sums.wrench - payload.wrench(w, a, alpha)
-    errors = (
-        motion_errors / noise.per_column()[KINEMATICS],
-        wrench_error / np.sqrt(np.diag(sums.fusion.wrench_covariance)),
-    )
-    return max(float(np.sqrt(np.square(error).mean(axis=-2)).max()) for error in errors)
+    load = np.concatenate([np.zeros(6), payload.barycentric()])
+    body = settings.body(State.first(grasps, settings.errors).with_load(load))
+    of_motion = rows @ body.whitened_residuals().T
+    of_wrench = rows @ (body.wrench - load_operator(load) @ body.see[FORCING]).T
+    errors = of_motion, of_wrench / np.sqrt(np.diag(residual_covariance(body, load)))
+    # Rows are less noisy than samples.
+    return max(float(np.sqrt(np.square(error).mean(axis=0)).max()) for error in errors) / np.sqrt(LENGTH)
 
 
 def test_hands_sag_as_springs_do() -> None:

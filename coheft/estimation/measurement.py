@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Annotated
 
 import msgspec
@@ -51,14 +50,6 @@ class SensorNoise(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def scaled(self, factor: float) -> SensorNoise:
         """The same sensors, ``factor`` times as noisy."""
         return SensorNoise(*(factor * getattr(self, name) for name in self.__struct_fields__))
-
-
-@lru_cache(maxsize=64)
-def kinematic_weights(noise: SensorNoise) -> Array:
-    """Weights of a sample's ``(w, v, a)``, the inverse variances of their noise, shape (9,); read only."""
-    weights: Array = noise.per_column()[KINEMATICS] ** -2
-    weights.flags.writeable = False
-    return weights
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,12 +83,6 @@ class SeenInformation:
     unseen_count: int
     limits: Visibility
 
-    def step(self, score: Array) -> Array:
-        """Newton step (6 k,) along the directions that were seen, none along the others."""
-        directions, values = self.directions[:, self.unseen_count :], self.values[self.unseen_count :]
-        result: Array = directions @ ((directions.T @ score) / values)
-        return result
-
     def inverse(self) -> Array:
         """Inverse of the information; unseen directions get 1000 times the limit, a stand-in for infinity."""
         values = np.concatenate([np.full(self.unseen_count, _FLOOR), self.values[self.unseen_count :]])
@@ -101,23 +95,18 @@ class SeenInformation:
         return tuple(UnseenDirection(column[:3], column[3:]) for column in _named_basis(basis).T)
 
 
-def seen_information(information: Array, limits: Visibility, doubt: Array | None = None) -> SeenInformation:
+def seen_information(information: Array, limits: Visibility) -> SeenInformation:
     """Divide the information on k poses by what has been seen of them.
 
     Args:
         information: Of the perturbations ``(rotation, translation)``, shape (6 k, 6 k), symmetric; need not be
             definite.
         limits: When a direction counts as seen.
-        doubt: Part of the information that may be noise, same shape.
     """
     scale = np.concatenate([limits.scale()] * (len(information) // 6))
     scales = scale[:, None] * scale
     values, vectors = np.linalg.eigh(information * scales)
-    certain = values
-    if doubt is not None:
-        certain = values - (vectors * ((doubt * scales) @ vectors)).sum(axis=0)
-    order = np.argsort(certain >= 1.0, kind="stable")
-    return SeenInformation(values[order], scale[:, None] * vectors[:, order], int((certain < 1.0).sum()), limits)
+    return SeenInformation(values, scale[:, None] * vectors, int((values < 1.0).sum()), limits)
 
 
 def doubt_of(noise: Array, count: float) -> Array:
@@ -129,41 +118,6 @@ def doubt_of(noise: Array, count: float) -> Array:
     """
     result: Array = _DOUBT / np.sqrt(max(count, 1.0)) * noise
     return result
-
-
-@dataclass(frozen=True, eq=False)
-class AllSeen:
-    """Information on several poses of which every direction was seen.
-
-    Attributes:
-        covariance: Its inverse, shape (6 k, 6 k).
-    """
-
-    covariance: Array
-
-    def step(self, score: Array) -> Array:
-        """Newton step (6 k,)."""
-        result: Array = self.covariance @ score
-        return result
-
-    def inverse(self) -> Array:
-        """The covariance."""
-        return self.covariance
-
-
-def all_seen(information: Array, limits: Visibility, doubt: Array) -> AllSeen | None:
-    """The information on many poses if it is plain that every direction was seen, else None.
-
-    Where k is large, this takes a tenth of the time of ``seen_information``, which finds what the directions are.
-    Arguments as there.
-    """
-    scale = np.tile(limits.scale(), len(information) // 6)
-    try:
-        np.linalg.cholesky((information - doubt) * np.outer(scale, scale) - np.eye(len(scale)))
-    except np.linalg.LinAlgError:
-        return None
-    covariance = np.linalg.inv(information)
-    return AllSeen(0.5 * (covariance + covariance.T))
 
 
 def _named_basis(basis: Array) -> Array:

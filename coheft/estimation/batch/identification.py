@@ -10,8 +10,8 @@ from coheft.estimation.batch.doubts import doubts_about
 from coheft.estimation.batch.holds import Holds
 from coheft.estimation.batch.loop_closure import LoopError
 from coheft.estimation.batch.payload import Payload
+from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.spatial import Array
-from coheft.estimation.team_registration import TeamPoses
 
 
 @dataclass(frozen=True, eq=False)

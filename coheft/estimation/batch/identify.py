@@ -20,11 +20,11 @@ from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals
+from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.inertia_derivatives import central_derivative
 from coheft.estimation.observability import PoseEstimate
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import TeamPoses
 
 _COM_STEP = 1e-4
 """For differences [m]."""

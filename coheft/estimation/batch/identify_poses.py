@@ -37,12 +37,12 @@ from coheft.estimation.batch.pose_differences import derivative_by_poses, turned
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, EDGE, Signals, signals_of
 from coheft.estimation.batch.statistics import SPAN
+from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.batch.wrist_poses import WristPoses
 from coheft.estimation.inertia import INERTIA_SIZE
 from coheft.estimation.inertia_derivatives import seen_inertia_derivative
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.team_registration import TeamPoses
 
 _POSES_PER_SECOND = 25.0
 _LARGEST_TURN, _LARGEST_SHIFT = 1.0, 0.01

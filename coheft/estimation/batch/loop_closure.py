@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.body_motion import perturbation_between, perturbed, relative_pose_derivative
 from coheft.estimation.observability import Visibility
 from coheft.estimation.spatial import Array, Pose, skew
-from coheft.estimation.team_registration import TeamPoses
 from coheft.estimation.uncertain_pose import UncertainPose
 
 _STEPS = 20

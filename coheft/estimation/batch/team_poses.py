@@ -1,0 +1,34 @@
+"""Poses of a whole team as a batch method states them, with their joint covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.body_motion import relative_pose_derivative
+from coheft.estimation.observability import PoseEstimate, Visibility, seen_information
+from coheft.estimation.spatial import Array, Pose
+
+
+@dataclass(frozen=True, eq=False)
+class TeamPoses:
+    """Poses of all robots and how well they are known.
+
+    Attributes:
+        poses: In the body frame; the first, the reference robot's, defines it.
+        covariance: Of all perturbations, shape (6 N, 6 N); zero for the first.
+        limits: When a direction counts as seen.
+    """
+
+    poses: tuple[Pose, ...]
+    covariance: Array
+    limits: Visibility
+
+    def relative(self, i: int, j: int) -> PoseEstimate:
+        """``pose_j_in_i`` of two different robots."""
+        derivative = relative_pose_derivative(self.poses[i], self.poses[j])
+        by_robot = self.covariance.reshape(len(self.poses), 6, len(self.poses), 6)
+        covariance = derivative @ by_robot[[i, j]][:, :, [i, j]].reshape(12, 12) @ derivative.T
+        seen = seen_information(np.linalg.inv(covariance).astype(np.float64), self.limits)
+        return PoseEstimate(self.poses[i].inverse() @ self.poses[j], covariance, seen.unseen())
