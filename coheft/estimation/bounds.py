@@ -131,9 +131,12 @@ class JointInformation:
             kinematics=self.kinematics + other.kinematics,
         )
 
-    def without_wrenches(self) -> JointInformation:
-        """What is left of it when the load becomes another one."""
-        return replace(self, all_sensors=self.kinematics)
+    def with_another_load(self) -> JointInformation:
+        """What is left of it when the load becomes another one: what poses it has shown, whatever the load was."""
+        f, g = slice(-INERTIA_SIZE, None), slice(0, -INERTIA_SIZE)
+        of_poses, by_load = np.zeros_like(self.all_sensors), self.all_sensors[g, f]
+        of_poses[g, g] = self.all_sensors[g, g] - by_load @ _inverse(self.all_sensors[f, f]) @ by_load.T
+        return replace(self, all_sensors=of_poses)
 
     def full_bound(self) -> JointBound:
         """Joint bound of poses and inertia from all sensors."""

@@ -112,7 +112,7 @@ def run_trial(scenario: Scenario, estimators: Sequence[str], moments: Moments) -
         change = round(moments.change / scenario.block_duration)
         before = known[-1] if change == blocks[-1] else run.information(0, change)
         new = run.information(change, scenario.blocks)
-        recovery_bound = run.seen((new + before.without_wrenches()).full_bound())
+        recovery_bound = run.seen((new + before.with_another_load()).full_bound())
     return Trial(
         seed=scenario.seed,
         outcomes={name: _outcome(scenario, name, moments, judge, edges) for name in estimators},
