@@ -68,11 +68,8 @@ def test_neighbours_take_messages_of_every_estimator_that_the_run_can_come_to_us
 @pytest.mark.parametrize("name", ["ring3", "ring24", "grid48"])
 def test_the_largest_arrays_of_an_own_estimator_fit_beside_all_that_is_told_of_robots(name: str) -> None:
     scenario = changed(name)
-    names, pose = scenario.robot_names, 12 * (0.1,)
-    records = [
-        LinkState(name, 2**60, names, 2**60, pose, 2**60, True, 2**60, 2**31, 2**31, True, pose[:6])
-        for name in names[:PER_MESSAGE]
-    ]
+    names = scenario.robot_names
+    records = [LinkState(name, 2**60, names, 2**60, 2**60, True, 2**60, 2**31) for name in names[:PER_MESSAGE]]
     channels = {"all": np.zeros(largest_arrays(scenario) // 8)}
     message = NeighbourMessage(sender="r1", block=2**60, gossip=records, channels=channels, incarnation=2**60)
     assert len(encode(message, "key")) <= message_limit(scenario)

@@ -29,6 +29,7 @@ from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.spatial import Pose
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
+from coheft.wire.message_size import MOST_TOLD
 from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
 from consensus.gossip import Gossip
 from consensus.graph import diameter
@@ -272,6 +273,8 @@ class _Team:
 
     def welcomes(self, name: str) -> bool:
         """Whether a neighbour that has just been heard has to be told what is known."""
+        if len(self.names) > MOST_TOLD:
+            return False
         self._newcomers[name] = self._newcomers.get(name, 0) - 1
         return self._newcomers[name] >= 0
 
