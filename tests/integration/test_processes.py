@@ -132,7 +132,7 @@ def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
                 robot=first, block=now, answers=now, motion=motion * np.nan, wrench=np.zeros(6)
             ),
         }
-        lost, short_pose = (LinkState("r3", 9, (), 0, pose) for pose in ((np.nan,) * 12, (1.0, 2.0, 3.0)))
+        long_past, never = LinkState("r3", 9, (), since=-1), LinkState("r3", 9, (), ready_block=-2)
         not_finite, too_short = np.full((10, 9), np.nan), np.zeros((9, 9))
 
         def said(block: int, gossip: LinkState | None = None, **channels: Array) -> NeighbourMessage:
@@ -144,8 +144,8 @@ def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
         to_agent: dict[str, Message | bytes] = {
             "sender is 'nobody'": NeighbourMessage(sender="nobody", block=now, gossip=[], channels={}),
             "1000000": said(1000000),
-            f"{now + 1}": said(now + 1, lost),
-            f"{now + 2}": said(now + 2, short_pose),
+            f"{now + 1}": said(now + 1, long_past),
+            f"{now + 2}": said(now + 2, never),
             "finite": said(now + 3, kinematics=not_finite),
             "not a NeighbourMessage": b"rubbish",
         }
