@@ -9,9 +9,9 @@ import pytest
 
 from coheft.app.faults.invariants import Watch
 from coheft.app.faults.run import FaultyRun
-from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, Loss, Partition, Release, SensorFault
+from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, Lie, Loss, Partition, Release, SensorFault
 from coheft.wire.messages import Estimate
-from coheft.wire.scenario import LoadChange
+from coheft.wire.scenario import Graph, LoadChange
 from tests.in_process import changed, run_with_faults
 
 FROM = 4.5
@@ -88,6 +88,19 @@ def test_an_agent_that_starts_again_gets_to_know_what_its_neighbours_know(robot:
     payloads = [story.at(name, FROM + 0.5 + AT_ONCE).payload for name in (robot, "r2")]
     mine, other = (np.sqrt(payload.covariance[0, 0]) for payload in payloads if payload is not None)
     assert mine == pytest.approx(other, rel=0.05)
+
+
+def test_a_robot_that_changes_rows_on_the_way_is_contradicted_by_the_other_way_round() -> None:
+    """In a ring; numbers that are off by so little contradict no motion."""
+    scenario = changed("ring3", duration=FROM + 1.0, load_changes=(), graph=Graph(kind="ring"))
+    lie = Lie(robot="r2", start=FROM, end=FROM + 1.0, seed=1, how="scaled", size=1.0001)
+    run = FaultyRun(FaultSchedule(seed=1, scenario=scenario, faults=(lie,)))
+    estimates = [block.outboxes[name].estimate for block in run for name in ("r1", "r3")]
+    told = [estimate for estimate in estimates if estimate is not None and estimate.time > FROM + 0.1]
+    assert told
+    for estimate in told:
+        assert estimate.status == "stale"
+        assert any(reason.startswith("different rows of r1") for reason in estimate.reasons)
 
 
 @pytest.mark.parametrize("robot", ["r1", "r3"])

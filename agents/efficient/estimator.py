@@ -260,7 +260,8 @@ class _Team:
 
     def begin(self, prior: Prior, anchor: int, newcomers: Sequence[str] = ()) -> None:
         """Go on from what is known, which robots that are new in the team are told when they are first heard of."""
-        self._prior, self._newcomers = (prior, anchor), dict.fromkeys(newcomers, _TOLD)
+        self._prior = prior, anchor
+        self._newcomers = dict.fromkeys(newcomers, _TOLD) if len(self.names) <= MOST_TOLD else {}
         self.session = Session(len(self.names), self.own, self._settings, self._guards, prior, anchor)
         self._next, self._taken, self.noticed = self.start * self._parts, set(), []
 
@@ -273,10 +274,10 @@ class _Team:
 
     def welcomes(self, name: str) -> bool:
         """Whether a neighbour that has just been heard has to be told what is known."""
-        if len(self.names) > MOST_TOLD:
-            return False
-        self._newcomers[name] = self._newcomers.get(name, 0) - 1
-        return self._newcomers[name] >= 0
+        times = self._newcomers.pop(name, 0)
+        if times > 1:
+            self._newcomers[name] = times - 1
+        return times > 0
 
     def known(self) -> Channels:
         """What newcomers are told."""

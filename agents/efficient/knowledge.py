@@ -16,7 +16,7 @@ from coheft.estimation.moments.fit import MOST_STEPS, Estimate, Look, fitted
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import ROW_SIZE
-from coheft.estimation.moments.start import first_load, first_poses
+from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
 from coheft.estimation.moments.unknowns import Flags, State
 from coheft.estimation.spatial import Pose
 
@@ -142,13 +142,10 @@ class Knowledge:
 
     def _from_scratch(self, state: State, is_unknown: Flags, look: Look) -> State:
         """Poses from far away, by motion alone."""
-        settings, kept = self._settings, self.buffer.moments_kept()
-        state = first_poses(kept, state, settings.noise, self._anchor, is_unknown)
-        if self._chapter.prior is not None:
-            return state
-        state = state.with_load(None)
-        guess = Guess.of(settings.body(state), kept)
-        return fitted(state, look, self._chapter.said_before, guess, settings, self._anchor).state
+        settings, kept, chapter = self._settings, self.buffer.moments_kept(), self._chapter
+        if chapter.prior is not None:
+            return first_poses(kept, state, settings.noise, self._anchor, is_unknown)
+        return poses_by_motion(state, is_unknown, kept, look, chapter.said_before, settings, self._anchor)
 
     def _know(self, estimate: Estimate) -> None:
         """From now on this is what is known, and how rows are seen."""

@@ -109,7 +109,7 @@ class Session:
         if len(self.changes) < 2 or estimate.state.load is None:
             return estimate
         last, change = self._loads[-1] - self._loads[-2], estimate.state.load[THETA] - self._loads[-1]
-        if not 1.0 / _ALIKE < change[0] / last[0] < _ALIKE:
+        if not last[0] ** 2 / _ALIKE < change[0] * last[0] < last[0] ** 2 * _ALIKE:
             return estimate
         gap = max(1, self.changes[-1][0] - self.changes[-2][0])
         since = self._known.buffer.load_rows

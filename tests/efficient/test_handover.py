@@ -22,6 +22,9 @@ SETTINGS = FitSettings(
     RowNoise.of_samples(SensorNoise(), 10, 500.0), 0.02, SensorErrors({"force_gain": 0.01}), is_level_fitted=True
 )
 
+SCALE = 4 + 10 + COUNT * (Pose.SIZE + SETTINGS.errors.count) + 3 + 16
+"""Where the scale of the first unknown is told."""
+
 
 def some_prior(rng: np.random.Generator) -> Prior:
     unknowns = Unknowns(COUNT, SETTINGS.errors)
@@ -66,6 +69,7 @@ def test_nonsense_is_not_heard() -> None:
         "single precision": right.astype(np.float32),
         "a pose that is none": told(TEAM, replace(prior, state=bent), ANCHOR),
         "noise that is none": told(TEAM, indefinite, ANCHOR),
+        "a scale that is none": np.where(np.arange(len(right)) == SCALE, 1e-12, right),
         "no mass": told(TEAM, replace(prior, guess=Guess.about(-np.ones(10), 0.7)), ANCHOR),
     }
     for what, numbers in wrong.items():

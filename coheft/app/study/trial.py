@@ -110,7 +110,7 @@ def run_trial(scenario: Scenario, estimators: Sequence[str], moments: Moments) -
     recovery_bound = None
     if moments.change is not None:
         change = round(moments.change / scenario.block_duration)
-        before = known[-1] if change == blocks[-1] else run.information(0, change)
+        before = known[-1] + run.information(blocks[-1], change)
         new = run.information(change, scenario.blocks)
         recovery_bound = run.seen((new + before.with_another_load()).full_bound())
     return Trial(

@@ -15,7 +15,7 @@ from coheft.estimation.moments.fit import Estimate, fitted
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.moments import RowMoments, SeenMoments, seen_moments
 from coheft.estimation.moments.rows import RowNoise, row_of_samples, rows_per_block
-from coheft.estimation.moments.start import first_load, first_poses
+from coheft.estimation.moments.start import first_load, poses_by_motion
 from coheft.estimation.moments.unknowns import State
 from coheft.estimation.spatial import Array, Pose
 
@@ -69,9 +69,7 @@ def fit_recorded(samples: Array, noise: SensorNoise, rate: float) -> Recorded:
 
     count = samples.shape[1]
     state = State.first([Pose.identity()] * count, settings.errors)
-    state = first_poses(moments, state, settings.noise, 0, np.arange(count) > 0)
-    guess = Guess.of(settings.body(state), moments)
-    state = fitted(state, look, settings.expected, guess, settings, anchor=0).state
+    state = poses_by_motion(state, np.arange(count) > 0, moments, look, settings.expected, settings, anchor=0)
     body = settings.body(state)
     guess = Guess.of(body, moments)
     state = first_load(state, look(body).wrench, guess, settings)

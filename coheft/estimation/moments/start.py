@@ -6,12 +6,16 @@ p_ij from  v_j = R_ij^T (v_i + w_i x p_ij)
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from coheft.estimation.moments import rows
+from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.derivatives import MotionDerivatives
+from coheft.estimation.moments.evidence import Evidence
+from coheft.estimation.moments.fit import Look, fitted
 from coheft.estimation.moments.fit_settings import POSE_LIMITS, FitSettings, Guess
 from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.moments import RowMoments, WrenchMoments
@@ -67,6 +71,31 @@ def first_poses(moments: RowMoments, known: State, noise: RowNoise, anchor: int,
         spread = (np.trace(turning) + pull) * np.eye(3) - turning
         poses[robot] = poses[anchor] @ Pose(rotation, np.linalg.solve(spread, turned))
     return replace(known, poses=tuple(poses))
+
+
+def poses_by_motion(
+    state: State,
+    is_unknown: Flags,
+    kept: RowMoments,
+    look: Look,
+    before: Callable[[BodyModel], Evidence],
+    settings: FitSettings,
+    anchor: int,
+) -> State:
+    """The state with poses that are not known from far away, fitted to the motion alone; it has no load.
+
+    Args:
+        state: Poses that are known, and sensors.
+        is_unknown: Whose poses are not, shape (N,).
+        kept: Moments of rows.
+        look: Moments that are fitted to, at a state.
+        before: What is known besides, at a state.
+        settings: Of the fit.
+        anchor: The robot whose pose stays what it is.
+    """
+    state = first_poses(kept, state, settings.noise, anchor, is_unknown).with_load(None)
+    guess = Guess.of(settings.body(state), kept)
+    return fitted(state, look, before, guess, settings, anchor).state
 
 
 def _likeliest_rotation(likeness: Array) -> Array:
