@@ -2,6 +2,7 @@
 
 Read ``exchange`` (rows are handed on from neighbour to neighbour), ``knowledge`` (rows, chapters before, and the fit),
 ``sight`` (how rows look with it), ``monitor`` (whose sensors contradict the team), ``judge`` (whether rows fit),
-``stages`` and ``session`` (when what is done), ``settings`` (what guards), ``estimator`` (the interface to the agent).
+``stages`` and ``session`` (when what is done), ``settings`` (what guards), ``team`` (all of this while the team is what
+it is, ``handover`` for robots that are new), ``estimator`` (the interface to the agent).
 The mathematics is ``coheft.estimation.moments``.
 """

@@ -5,22 +5,20 @@ block -> rows -> exchange -> complete rows -> session -> claims
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from agents.efficient.exchange import Exchange, RowMessage
-from agents.efficient.handover import CHANNEL, heard, told
+from agents.efficient.exchange import RowMessage
 from agents.efficient.judge import Outcome, Verdict
-from agents.efficient.session import Session
 from agents.efficient.settings import Guards
 from agents.efficient.stages import Stage
+from agents.efficient.team import Team
 from agents.estimator import Belief, Channels, is_converged
 from coheft.estimation.body_motion import relative_pose_derivative
 from coheft.estimation.measurement import MeasurementBlock
-from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.claims import Claim, claim_of
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings
@@ -29,15 +27,11 @@ from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.spatial import Pose
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
-from coheft.wire.message_size import MOST_TOLD
 from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
 from consensus.gossip import Gossip
-from consensus.graph import diameter
 
 _FORCE_OFFSET, _TORQUE_OFFSET = 1.2, 0.06
 """Standard deviations of the offsets of force and torque sensors, where the scenario says that they have any."""
-_TOLD = 2
-"""What is known is told twice to a robot that is new."""
 
 
 class EfficientEstimator:
@@ -56,7 +50,7 @@ class EfficientEstimator:
             torque_offset=_TORQUE_OFFSET if has_offsets else 0.0,
             memory=None if config.efficient.memory == "window" else config.efficient.memory,
         )
-        self._team: _Team | None = None
+        self._team: Team | None = None
         self._belief = Belief("poses", False, None, {})
         self._believed: tuple[Estimate, Stage] | None = None
         self._former_changes: tuple[LoadChangeNotice, ...] = ()
@@ -147,7 +141,9 @@ class EfficientEstimator:
             prior = known.for_team(places, self._settings)
             anchor = next(now for now, then in enumerate(places) if then is not None)
         start = max(index, self._gossip.changed_at)
-        self._team = _Team(self._lives(names), names.index(name), membership, graph, self, start)
+        waits = max(2, self._config.blocks(self._guards.waiting))
+        details = self._parts, waits, self._settings, self._guards
+        self._team = Team(self._lives(names), names.index(name), membership, graph, start, *details)
         if prior is not None:
             self._team.begin(prior, anchor, newcomers)
 
@@ -156,7 +152,7 @@ class EfficientEstimator:
         records = [self._gossip.records[name] for name in names]
         return [(record.robot, record.incarnation, record.since) for record in records]
 
-    def _notices(self, team: _Team) -> tuple[LoadChangeNotice, ...]:
+    def _notices(self, team: Team) -> tuple[LoadChangeNotice, ...]:
         start, parts = self._config.start_of, self._parts
         new = (
             LoadChangeNotice(start(noticed + 1), start(first // parts))
@@ -164,7 +160,7 @@ class EfficientEstimator:
         )
         return (*self._former_changes, *new)
 
-    def _said(self, team: _Team, estimate: Estimate) -> Belief:
+    def _said(self, team: Team, estimate: Estimate) -> Belief:
         """What the claims of an estimate are for this robot."""
         state, unknowns, own = estimate.state, estimate.body.unknowns, team.own
         claim = claim_of(team.session.claimable(estimate), own)
@@ -220,91 +216,3 @@ def _payload(claim: Claim) -> PayloadEstimate | None:
         inertia.tensor if claim.known > 4 else None,
         claim.covariance,
     )
-
-
-class _Team:
-    """Exchange and session while the team is what it is, and which rows have been taken.
-
-    Attributes:
-        places: Place of each robot by its name and life.
-        names: Of its robots.
-        own: Place of this one.
-        start: First block in which all of them hold the load.
-        noticed: Block in which each change of the load was noticed.
-        newest: Newest block of which a row was taken, -1 if none.
-    """
-
-    def __init__(
-        self,
-        lives: list[tuple[str, int, int]],
-        own: int,
-        membership: int,
-        graph: Mapping[str, tuple[str, ...]],
-        estimator: EfficientEstimator,
-        start: int,
-    ) -> None:
-        self.places = {life: place for place, life in enumerate(lives)}
-        self.names, self.own = [name for name, _, _ in lives], own
-        self._parts = estimator._parts
-        self._hops = diameter(graph)
-        config, guards = estimator._config, estimator._guards
-        self._waits = self._hops + max(2, config.blocks(guards.waiting))
-        self.exchange = Exchange(membership, len(lives), own, self._hops, self._parts)
-        self._settings, self._guards = estimator._settings, guards
-        self._prior: tuple[Prior, int] | None = None
-        self._newcomers = dict[str, int]()
-        self.session = Session(len(lives), own, estimator._settings, guards)
-        self._next, self._taken = start * self._parts, set[int]()
-        self.start, self.newest, self._index = start, start - 1, start
-        self.noticed: list[int] = []
-
-    def begin(self, prior: Prior, anchor: int, newcomers: Sequence[str] = ()) -> None:
-        """Go on from what is known, which robots that are new in the team are told when they are first heard of."""
-        self._prior = prior, anchor
-        self._newcomers = dict.fromkeys(newcomers, _TOLD) if len(self.names) <= MOST_TOLD else {}
-        self.session = Session(len(self.names), self.own, self._settings, self._guards, prior, anchor)
-        self._next, self._taken, self.noticed = self.start * self._parts, set(), []
-
-    def adopt(self, channels: Channels) -> None:
-        """Begin with what a neighbour knows, if this robot knows nothing."""
-        if CHANNEL in channels and self._prior is None and self.session.stage is Stage.GATHERING:
-            found = heard(channels[CHANNEL], self.exchange.team, len(self.names), self._settings)
-            if found is not None:
-                self.begin(*found, self.names)
-
-    def welcomes(self, name: str) -> bool:
-        """Whether a neighbour that has just been heard has to be told what is known."""
-        times = self._newcomers.pop(name, 0)
-        if times > 1:
-            self._newcomers[name] = times - 1
-        return times > 0
-
-    def known(self) -> Channels:
-        """What newcomers are told."""
-        return {} if self._prior is None else {CHANNEL: told(self.exchange.team, *self._prior)}
-
-    def take(self, index: int) -> None:
-        """All rows that are complete by now, also those behind some that are not."""
-        self._index = index
-        for number in range(self._next, (index + 1) * self._parts):
-            row = None if number in self._taken else self.exchange.complete(number)
-            if row is not None:
-                self.session.take(number, row)
-                self._taken.add(number)
-                self.newest = max(self.newest, number // self._parts)
-        self.noticed += [index] * (len(self.session.changes) - len(self.noticed))
-        oldest = (index - self._waits) * self._parts
-        while self._next in self._taken or self._next < oldest:
-            self._taken.discard(self._next)
-            self._next += 1
-
-    def disputed(self, blocks: int) -> list[str]:
-        """Robots of which different rows for one time have come within the last so many blocks."""
-        found = self.exchange.disputed.items()
-        return [self.names[robot] for robot, block in sorted(found) if self._index - block < blocks]
-
-    def missing(self) -> list[str]:
-        """Robots of which no rows have come for too long; empty if all is well."""
-        if self._index - self.newest <= self._waits:
-            return []
-        return [self.names[robot] for robot in self.exchange.missing((self.newest + 1) * self._parts)]
