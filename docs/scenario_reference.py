@@ -42,6 +42,8 @@ position = [0.1, 0.0, 0.1]
 A rotation is a rotation vector. Keys without a default can be left out, unless they are required. Unknown keys and
 values out of range are errors, which name the key, what was found, and what is allowed.
 
+Single values can be changed without a file: `coheft run ring3 --set sensors.noise_scale=2 --set load_changes[0].at=8`.
+
 This page is made from the code, by `python docs/scenario_reference.py`.
 """
 
@@ -64,7 +66,8 @@ def _sections(place: str, section: type[msgspec.Struct]) -> Iterator[tuple[str, 
 def _inner(kind: types.Type) -> tuple[types.Type, bool]:
     """The type without "or none", and what it is a list of; and whether it is a list."""
     if isinstance(kind, types.UnionType):
-        kind = next(inner for inner in kind.types if not isinstance(inner, types.NoneType))
+        inner = [each for each in kind.types if not isinstance(each, types.NoneType)]
+        kind = next((each for each in inner if isinstance(each, types.StructType)), inner[0])
     return (kind.item_type, True) if isinstance(kind, types.VarTupleType) else (kind, False)
 
 

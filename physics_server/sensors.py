@@ -1,4 +1,4 @@
-"""The robots' sensors: exact readings of the engine, plus white noise and constant offsets."""
+"""The robots' sensors: exact readings of the engine, plus white noise and constant errors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, WRENCH
 from coheft.estimation.spatial import Array
-from coheft.wire.scenario import Scenario, SensorOffset
+from coheft.wire.scenario import Scenario
 
 # Exactly w, v and the proper acceleration a of the grasp frame in its own axes; the order of a sample's columns.
 _KINDS = {
@@ -35,15 +35,22 @@ class Sensors:
 
     Attributes:
         offsets: Constant errors of each robot, shape (N, 15), columns as in ``MeasurementBlock``.
+        gains: Relative ones, shape (N, 15).
     """
 
     offsets: Array
+    gains: Array
 
     def __init__(self, scenario: Scenario, robots: Sequence[str]) -> None:
         seeds = np.random.SeedSequence(scenario.seed).spawn(len(robots))
         self._streams = [np.random.default_rng(seed) for seed in seeds]
-        bounds = _offset_per_column(scenario.sensors.offset)
-        self.offsets = np.array([stream.uniform(-bounds, bounds) for stream in self._streams])
+        for stream in self._streams:
+            stream.random(SAMPLE_SIZE)  # former releases drew errors here: so a seed still has the noise that it had
+        errors, of_errors = scenario.sensor_errors, [np.random.default_rng(seed.spawn(1)[0]) for seed in seeds]
+        # A sensor's gain is one number: that of its first axis.
+        drawn = np.array([stream.standard_normal((2, SAMPLE_SIZE)) for stream in of_errors])
+        self.offsets = errors.offsets() * drawn[:, 0]
+        self.gains = errors.gains() * np.repeat(drawn[:, 1, ::3], 3, axis=1)
         self._deviation = scenario.noise.per_column()
 
     def measure(self, kinematics: Array, wrenches: Array) -> Array:
@@ -63,11 +70,5 @@ class Sensors:
         measured *= self._deviation
         measured += self.offsets[:, None]
         measured[..., KINEMATICS] += kinematics.swapaxes(0, 1)
-        measured[..., WRENCH] += wrenches.swapaxes(0, 1)
+        measured[..., WRENCH] += wrenches.swapaxes(0, 1) * (1.0 + self.gains[:, None, WRENCH])
         return measured
-
-
-def _offset_per_column(offset: SensorOffset) -> Array:
-    """Bound of each column's offset, shape (15,)."""
-    bounds = [offset.gyro, offset.velocity, offset.acceleration, offset.force, offset.torque]
-    return np.repeat(np.array(bounds, dtype=np.float64), 3)

@@ -12,10 +12,11 @@ from coheft.app.quantities import payload_error, payload_exists
 from coheft.estimation.body_motion import perturbation_between
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.tolerance import SensorTolerance
 from coheft.wire.estimator_settings import EfficientSettings
 from coheft.wire.messages import Estimate
 from coheft.wire.payload import Box, Payload
-from coheft.wire.scenario import Graph, Grasp, LoadChange, Perimeter, Scenario, SensorOffset
+from coheft.wire.scenario import Graph, Grasp, LoadChange, Perimeter, Scenario
 from tests.in_process import Recording, assert_good, changed, run_with_faults
 
 DROPPED = LoadChange(at=6.0, mass=2.0, position=(-0.1, 0.15, 0.07))
@@ -187,15 +188,16 @@ def test_where_only_gravity_shows_the_load_its_mass_is_known_and_nothing_else(wh
 
 
 def test_constant_offsets_of_force_and_torque_sensors_are_estimated_along() -> None:
-    offset = SensorOffset(force=2.0, torque=0.1)
+    offset = SensorTolerance(force_offset=1.2, torque_offset=0.06)
     base = scenario(duration=10.0)
-    biased = msgspec.structs.replace(base, sensors=msgspec.structs.replace(base.sensors, offset=offset))
-    aware = run_with_faults(msgspec.structs.replace(biased, efficient=with_settings(offsets=True)))
+    told = msgspec.structs.replace(base, sensors=msgspec.structs.replace(base.sensors, tolerance=offset))
+    aware = run_with_faults(told)
     assert_sure_and_right(aware)
     assert_possible(aware)
     assert set(map(tuple, changes(aware).values())) == {()}
     # What the sensors say in excess turns with the robots: to those who do not know, no load fits.
-    unaware = run_with_faults(biased)
+    biased = msgspec.structs.replace(base.sensors, errors=offset)
+    unaware = run_with_faults(msgspec.structs.replace(base, sensors=biased))
     for estimate in unaware.last().values():
         assert estimate.status != "valid"
 

@@ -9,7 +9,8 @@ from scipy import stats
 
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.spatial import Array
-from coheft.wire.scenario import Scenario, SensorOffset
+from coheft.estimation.tolerance import SensorTolerance
+from coheft.wire.scenario import Scenario
 from physics_server.simulation import Simulation
 from tests.physics_run import excitation, run, samples, scenario
 
@@ -63,19 +64,52 @@ def test_noise_of_a_robot_depends_neither_on_the_others_nor_on_the_blocks():
     np.testing.assert_allclose(noise(40, block=20), few, atol=1e-9)
 
 
-def test_offsets_are_constant_within_their_bounds_and_each_robots_own():
+ERRORS = SensorTolerance(
+    gyro_offset=0.01, acceleration_offset=0.1, force_offset=2.0, torque_offset=0.2, force_gain=0.02, torque_gain=0.01
+)
+
+
+def with_errors(chosen: Scenario, **keys: SensorTolerance | str) -> Scenario:
+    return msgspec.structs.replace(chosen, sensors=msgspec.structs.replace(chosen.sensors, **keys))
+
+
+def test_errors_are_constant_as_large_as_told_and_each_robots_own():
     exact = scenario("ring24")
-    bounds = SensorOffset(gyro=0.01, velocity=0.0, acceleration=0.1, force=2.0, torque=0.2)
-    biased = msgspec.structs.replace(exact, sensors=msgspec.structs.replace(exact.sensors, offset=bounds))
-    offsets = measured(biased, 20) - measured(exact, 20)
-    np.testing.assert_allclose(offsets, np.broadcast_to(offsets[:, :1], offsets.shape), atol=1e-12)
-    sizes = np.repeat([0.01, 0.0, 0.1, 2.0, 0.2], 3)
-    assert (np.abs(offsets) <= sizes + 1e-12).all()
-    for column in np.flatnonzero(sizes):
-        of_robots = offsets[:, 0, column] / sizes[column]
-        assert of_robots.min() < 0.0 < of_robots.max()
-        assert np.abs(of_robots).max() > 0.25
-        assert len(np.unique(of_robots.round(9))) == len(of_robots)
+    truth, read = measured(exact, 20), measured(with_errors(exact, tolerance=ERRORS), 20)
+    force = slice(9, 15)
+    gains = np.stack([read[:, 1:, k] - read[:, :1, k] for k in range(9, 15)], axis=-1)
+    steps = truth[:, 1:, force] - truth[:, :1, force]
+    of_axes = np.einsum("nbk,nbk->nk", gains, steps) / np.einsum("nbk,nbk->nk", steps, steps) - 1.0
+    np.testing.assert_allclose(of_axes, np.repeat(of_axes[:, [0, 3]], 3, axis=1), atol=1e-9)
+    offsets = read - truth
+    offsets[..., force] -= truth[..., force] * of_axes[:, None]
+    np.testing.assert_allclose(offsets, np.broadcast_to(offsets[:, :1], offsets.shape), atol=1e-9)
+    assert not offsets[..., 3:6].any()
+    for drawn, told in ((offsets[:, 0, :3], 0.01), (offsets[:, 0, 6:9], 0.1), (offsets[:, 0, 9:12], 2.0)):
+        assert len(np.unique(drawn.round(9))) == drawn.size
+        low, high = stats.chi2.ppf([UNLIKELY / 2, 1 - UNLIKELY / 2], drawn.size)
+        assert low < np.square(drawn / told).sum() < high
+    for drawn, told in ((of_axes[:, 0], 0.02), (of_axes[:, 3], 0.01)):
+        low, high = stats.chi2.ppf([UNLIKELY / 2, 1 - UNLIKELY / 2], drawn.size)
+        assert low < np.square(drawn / told).sum() < high
+
+
+def test_true_errors_may_be_others_than_told_or_none():
+    exact = scenario()
+    np.testing.assert_array_equal(
+        measured(with_errors(exact, tolerance=ERRORS, errors="none"), 20), measured(exact, 20)
+    )
+    np.testing.assert_array_equal(
+        measured(with_errors(exact, errors=ERRORS), 20), measured(with_errors(exact, tolerance=ERRORS), 20)
+    )
+
+
+def test_noise_is_the_same_with_errors_and_without():
+    chosen, exact = scenario(noise_scale=1.0), scenario()
+    noisy, clean = (with_errors(each, errors=ERRORS) for each in (chosen, exact))
+    np.testing.assert_allclose(
+        measured(noisy, 20) - measured(clean, 20), measured(chosen, 20) - measured(exact, 20), atol=1e-9
+    )
 
 
 def test_samples_were_taken_at_their_stamps():

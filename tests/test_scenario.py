@@ -164,6 +164,21 @@ def test_errors_tell_file_key_found_and_allowed(good: str, bad: str, key: str, f
     assert len(message) < 300
 
 
+@pytest.mark.parametrize(
+    ("line", "now"),
+    [
+        ("efficient.offsets = true", "sensors.tolerance = { force_offset = 1.2, torque_offset = 0.06 }"),
+        ("sensors.offset = { force = 2.0 }", "sensors.errors = { force_offset = 1.2 }"),
+    ],
+)
+def test_of_a_renamed_key_its_new_name_is_told_and_can_be_used(line: str, now: str) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        parse_scenario(f"{line}\n{GOOD}", "my.toml")
+    assert line.partition(" ")[0] in str(caught.value)
+    assert now in str(caught.value)
+    parse_scenario(f"{now}\n{GOOD}", "my.toml")
+
+
 def test_text_that_is_not_toml() -> None:
     with pytest.raises(ScenarioError, match=r"two.toml: not valid TOML: .*line 2"):
         parse_scenario("name = 'two'\nduration = = 3", "two.toml")

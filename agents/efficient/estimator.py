@@ -30,9 +30,6 @@ from coheft.wire.config import AgentConfig
 from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
 from consensus.gossip import Gossip
 
-_FORCE_OFFSET, _TORQUE_OFFSET = 1.2, 0.06
-"""Standard deviations of the offsets of force and torque sensors, where the scenario says that they have any."""
-
 
 class EfficientEstimator:
     """One robot. See ``agents.estimator.Estimator``."""
@@ -41,13 +38,19 @@ class EfficientEstimator:
         self._config, self._gossip, self._guards = config, gossip, Guards()
         self._parts = rows_per_block(config.block, config.rate)
         samples = config.block // self._parts
-        has_offsets = config.efficient.offsets
+        told = config.tolerance
+        kinds = {
+            "acceleration_bias": told.acceleration_offset,
+            "force_gain": told.force_gain,
+            "torque_gain": told.torque_gain,
+        }
         self._settings = FitSettings(
             RowNoise.of_samples(config.noise, samples, config.rate),
             config.block / self._parts / config.rate,
-            SensorErrors({}),
-            force_offset=_FORCE_OFFSET if has_offsets else 0.0,
-            torque_offset=_TORQUE_OFFSET if has_offsets else 0.0,
+            SensorErrors(kinds),
+            force_offset=told.force_offset,
+            torque_offset=told.torque_offset,
+            gyro_offset=told.gyro_offset,
             memory=None if config.efficient.memory == "window" else config.efficient.memory,
         )
         self._team: Team | None = None

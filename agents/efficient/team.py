@@ -15,6 +15,7 @@ from agents.efficient.stages import Stage
 from agents.estimator import Channels
 from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.unknowns import Unknowns
 from coheft.wire.message_size import MOST_TOLD
 from consensus.graph import diameter
 
@@ -73,7 +74,8 @@ class Team:
     def begin(self, prior: Prior, anchor: int, newcomers: Sequence[str] = ()) -> None:
         """Go on from what is known, which robots that are new in the team are told when they are first heard of."""
         self._prior = prior, anchor
-        self._newcomers = dict.fromkeys(newcomers, _TOLD) if len(self.names) <= MOST_TOLD else {}
+        is_told = Unknowns(len(self.names), self._settings.errors).size <= MOST_TOLD
+        self._newcomers = dict.fromkeys(newcomers, _TOLD) if is_told else {}
         self.session = Session(len(self.names), self.own, self._settings, self._guards, prior, anchor)
         self._next, self._taken, self.noticed = self.start * self._parts, set(), []
 

@@ -41,6 +41,7 @@ def run(
     scenario: str = "ring6",
     *,
     change: Annotated[list[str] | None, Parameter(negative=())] = None,
+    set: Annotated[list[str] | None, Parameter(negative=())] = None,
     duration: float | None = None,
     seed: Whole | None = None,
     estimator: str | None = None,
@@ -74,6 +75,9 @@ def run(
         when [s], mass how much [kg], at where in the payload's frame [m]. With size=0.2,0.2,0.1 it has these edge
         lengths [m], with leak=0.1 it loses so much from then on [kg/s]. t=30,remove=1 takes the first load away. May be
         given more than once.
+    set:
+        A key of the scenario and its value, as TOML has it, for instance sensors.noise_scale=3 or load_changes[0].at=8;
+        docs/scenarios.md has all keys. May be given more than once; what other options say holds.
     duration:
         Simulated time [s].
     seed:
@@ -133,7 +137,7 @@ def run(
     from coheft.wire.scenario_file import load_scenario, scenario_path
 
     chosen = override(
-        load_scenario(scenario),
+        load_scenario(scenario, set or ()),
         changes=change or (),
         duration=duration,
         seed=seed,

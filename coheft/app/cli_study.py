@@ -57,6 +57,7 @@ def _is_rate(_: object, rate: int | None) -> None:
 def study(
     scenario: str = "ring6",
     *,
+    set: Annotated[list[str] | None, Parameter(negative=())] = None,
     runs: Count = 50,
     estimators: Annotated[str, Parameter(validator=_are_estimators)] = "seed,efficient",
     noise: Annotated[str, Parameter(validator=_are_factors)] = "1",
@@ -80,6 +81,9 @@ def study(
     scenario:
         Name of a shipped scenario (see 'coheft scenarios'), a path that ends with .toml, or 'random': a team of its
         own for every run.
+    set:
+        A key of the scenario and its value, as TOML has it, for instance sensors.noise_scale=3. May be given more than
+        once.
     runs:
         Number of runs, for each noise.
     estimators:
@@ -117,7 +121,8 @@ def study(
     from coheft.wire.scenario_file import load_scenario, scenario_path
 
     plan = make_plan(
-        None if scenario == RANDOM else load_scenario(scenario),
+        None if scenario == RANDOM else load_scenario(scenario, set or ()),
+        values=set or (),
         runs=runs,
         estimators=_words(estimators),
         noise_scales=[float(factor) for factor in _words(noise)],

@@ -10,6 +10,8 @@ they carry: a pose that is off spoils the total. Conversely wrenches tell about 
 push against each other: the **full** bound. Estimators that take poses from kinematics alone, and carry wrenches with
 them, forgo that: theirs is the **two-step** bound. The body motion is eliminated by a Schur complement per sample.
 
+Constant errors of sensors that may be off (``SensorTolerance``) are unknown as well, with the tolerances as priors.
+
 Not used, so the bound is that of estimators that do not use it either: that consecutive samples belong to one smooth
 motion (the gyro's change tells about alpha, the velocity's about a).
 
@@ -21,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,6 +41,7 @@ from coheft.estimation.inertia_derivatives import barycentric_derivative, seen_i
 from coheft.estimation.measurement import KINEMATICS, WRENCH, SensorNoise
 from coheft.estimation.rigid_body import Inertia, inertia_operator, unpack_symmetric
 from coheft.estimation.spatial import Array, Pose, skew
+from coheft.estimation.tolerance import SensorTolerance
 
 _CHUNK = 256
 _NO_PRIOR = 1e-6
@@ -81,17 +85,23 @@ class JointBound:
 class JointInformation:
     """What samples tell of all poses and of the load; that of several stretches of samples may be added.
 
+    The unknowns are the poses, q errors of sensors (of kinematics first, then of wrenches), and the inertia.
+
     Attributes:
         poses: Of the robots in the body frame, N of them.
         inertia: Of the body, in the body frame.
-        all_sensors: Fisher information of the poses and of the inertia, shape (6 N + 10, 6 N + 10).
+        all_sensors: Fisher information of the unknowns, shape (6 N + q + 10, 6 N + q + 10).
         kinematics: The same from gyros, velocities and accelerometers alone.
+        errors: Standard deviations of the sensors' errors, shape (q,).
+        of_wrenches: So many of the errors are of wrenches.
     """
 
     poses: tuple[Pose, ...]
     inertia: Inertia
     all_sensors: Array
     kinematics: Array
+    errors: Array
+    of_wrenches: int
 
     @staticmethod
     def of(
@@ -100,6 +110,7 @@ class JointInformation:
         motion: Array,
         wrenches: Array,
         noise: SensorNoise,
+        tolerance: SensorTolerance | None = None,
     ) -> JointInformation:
         """Information of samples, at the truth.
 
@@ -109,6 +120,7 @@ class JointInformation:
             motion: True body motion ``(w, v, a, alpha)``, shape (n, 12).
             wrenches: True wrench of every robot, each in its own frame, shape (n, N, 6).
             noise: Of every robot's sensors.
+            tolerance: How far they may be off; None: not at all.
 
         Raises:
             ValueError: Shapes do not fit each other.
@@ -116,13 +128,16 @@ class JointInformation:
         poses = tuple(poses_in_reference)
         if motion.shape[1:] != (MOTION_SIZE,) or wrenches.shape != (len(motion), len(poses), 6):
             raise ValueError(f"{motion.shape=} and {wrenches.shape=} but expected (n, 12) and (n, {len(poses)}, 6)")
-        all_sensors, kinematics = np.zeros((2, *(6 * len(poses) + INERTIA_SIZE,) * 2))
+        errors = _errors(len(poses), SensorTolerance() if tolerance is None else tolerance)
+        all_sensors, kinematics = np.zeros((2, *(6 * len(poses) + len(errors) + INERTIA_SIZE,) * 2))
         for start in range(0, len(motion), _CHUNK):
             rows = slice(start, start + _CHUNK)
-            chunk = _information_of_chunk(poses, inertia_in_reference, motion[rows], wrenches[rows], noise)
+            chunk = _information_of_chunk(poses, inertia_in_reference, motion[rows], wrenches[rows], noise, errors)
             all_sensors += chunk[0]
             kinematics += chunk[1]
-        return JointInformation(poses, inertia_in_reference, all_sensors, kinematics)
+        deviations = np.array([error.deviation for error in errors])
+        of_wrenches = sum(error.column >= WRENCH.start for error in errors)
+        return JointInformation(poses, inertia_in_reference, all_sensors, kinematics, deviations, of_wrenches)
 
     def __add__(self, other: JointInformation) -> JointInformation:
         return replace(
@@ -140,34 +155,72 @@ class JointInformation:
 
     def full_bound(self) -> JointBound:
         """Joint bound of poses and inertia from all sensors."""
-        covariance = np.zeros_like(self.all_sensors)
-        covariance[6:, 6:] = _inverse(self.all_sensors[6:, 6:])
-        return JointBound(self.poses, self.inertia, covariance)
+        return self._bound(_inverse(self._with_prior(self.all_sensors)[6:, 6:]))
 
     def two_step_bound(self) -> JointBound:
         """Poses from all kinematics, ``cov_g``, then the inertia from all sensors given those poses.
 
+        Errors of kinematics go with the poses, those of wrenches with the inertia.
+
         It is ``I_ff^-1 + I_ff^-1 I_fg cov_g I_gf I_ff^-1`` with the blocks of the joint information: the errors of the
         two steps are independent, because the second one's score is orthogonal to the residuals of the first.
         """
-        information = self.all_sensors[6:, 6:]
-        f, g = slice(-INERTIA_SIZE, None), slice(0, -INERTIA_SIZE)
-        pose_covariance = _inverse(self.kinematics[6:, 6:][g, g])
+        information = self._with_prior(self.all_sensors)[6:, 6:]
+        second = INERTIA_SIZE + self.of_wrenches
+        f, g = slice(-second, None), slice(0, -second)
+        pose_covariance = _inverse(self._with_prior(self.kinematics)[6:, 6:][g, g])
         given_poses = _inverse(information[f, f])
         by_poses = -given_poses @ information[f, g]
         stacked = np.vstack([np.eye(len(pose_covariance)), by_poses])
-        covariance = np.zeros_like(self.all_sensors)
-        covariance[6:, 6:] = stacked @ pose_covariance @ stacked.T
-        covariance[-INERTIA_SIZE:, -INERTIA_SIZE:] += given_poses
-        return JointBound(self.poses, self.inertia, covariance)
+        covariance = stacked @ pose_covariance @ stacked.T
+        covariance[f, f] += given_poses
+        return self._bound(covariance)
+
+    def _with_prior(self, information: Array) -> Array:
+        """Together with what is known of the sensors' errors beforehand."""
+        first = 6 * len(self.poses)
+        places = np.arange(first, first + len(self.errors))
+        result = information.copy()
+        result[places, places] += self.errors**-2.0
+        return result
+
+    def _bound(self, covariance: Array) -> JointBound:
+        """Of poses and inertia, for a covariance of all unknowns but the first pose."""
+        size, poses = 6 * len(self.poses) + INERTIA_SIZE, 6 * len(self.poses) - 6
+        asked = np.r_[:poses, len(covariance) - INERTIA_SIZE : len(covariance)]
+        result = np.zeros((size, size))
+        result[6:, 6:] = covariance[np.ix_(asked, asked)]
+        return JointBound(self.poses, self.inertia, result)
+
+
+class _Error(NamedTuple):
+    """One unknown constant error: of a robot's sensor, from this column on; a gain is of three columns."""
+
+    robot: int
+    column: int
+    is_gain: bool
+    deviation: float
+
+
+def _errors(count: int, tolerance: SensorTolerance) -> list[_Error]:
+    """All that may be there, those of kinematics first."""
+    offsets, gains = tolerance.offsets(), tolerance.gains()
+    errors = [_Error(i, k, False, offsets[k]) for i in range(count) for k in np.flatnonzero(offsets).tolist()]
+    errors += [_Error(i, k, True, gains[k]) for i in range(count) for k in np.flatnonzero(gains)[::3].tolist()]
+    return sorted(errors, key=lambda error: error.column >= WRENCH.start)
 
 
 def _information_of_chunk(
-    poses: tuple[Pose, ...], inertia: Inertia, motion: Array, wrenches: Array, noise: SensorNoise
+    poses: tuple[Pose, ...],
+    inertia: Inertia,
+    motion: Array,
+    wrenches: Array,
+    noise: SensorNoise,
+    errors: Sequence[_Error],
 ) -> tuple[Array, Array]:
     """From all sensors and from kinematics alone, of few samples: all Jacobians, whitened, at once."""
     n, count = len(motion), len(poses)
-    size = 6 * count + INERTIA_SIZE
+    size = 6 * count + len(errors) + INERTIA_SIZE
     deviation = noise.per_column()
     by_parameters = np.zeros((n, 9 * count + 6, size))
     by_motion = np.empty((n, 9 * count + 6, MOTION_SIZE))
@@ -180,6 +233,14 @@ def _information_of_chunk(
         by_parameters[:, -6:, columns] = -carried_wrench_derivative(pose, wrenches[:, i])
         scaled_adjoint = pose.adjoint() * deviation[WRENCH]
         total_covariance += scaled_adjoint @ scaled_adjoint.T
+    for column, error in enumerate(errors, start=6 * count):
+        if error.column < WRENCH.start:
+            by_parameters[:, 9 * error.robot + error.column, column] = 1.0 / deviation[error.column]
+            continue
+        first, own = error.column - WRENCH.start, np.zeros((n, 6))
+        axes = slice(first, first + 3 if error.is_gain else first + 1)
+        own[:, axes] = wrenches[:, error.robot, axes] if error.is_gain else 1.0
+        by_parameters[:, -6:, column] = -own @ poses[error.robot].adjoint().T
     by_parameters[:, -6:, -INERTIA_SIZE:] = wrench_regressor(motion) @ barycentric_derivative(inertia)
     by_motion[:, -6:] = wrench_derivative(inertia, motion)
     whitening = np.linalg.inv(np.linalg.cholesky(total_covariance))

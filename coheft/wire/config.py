@@ -7,6 +7,7 @@ from typing import Any, Literal
 import msgspec
 
 from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.tolerance import SensorTolerance
 from coheft.wire.carry import Carry
 from coheft.wire.estimator_settings import Converged, EfficientSettings, SeedSettings
 from coheft.wire.message_size import LEAST_LIMIT
@@ -29,6 +30,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         name: Its own name.
         neighbours: Those it can talk with.
         noise: Of its own sensors; its neighbours' are taken to be alike.
+        tolerance: How far its sensors may be off; its neighbours' are taken to be alike.
         rate: Its sensors' samples per second.
         block: Samples per block.
         lag: Blocks from a measurement to the reference that answers it.
@@ -47,6 +49,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     name: str
     neighbours: tuple[str, ...]
     noise: SensorNoise
+    tolerance: SensorTolerance
     rate: int
     block: int
     lag: int
@@ -135,6 +138,7 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         name=name,
         neighbours=neighbours,
         noise=scenario.noise,
+        tolerance=scenario.sensors.tolerance,
         rate=scenario.sensors.rate,
         block=scenario.sensors.block,
         lag=scenario.lookahead,

@@ -31,12 +31,10 @@ class EfficientSettings(Section, frozen=True):
     """The method at the Cramér-Rao bound (``agents.efficient``).
 
     Attributes:
-        offsets: Whether force and torque sensors may have constant offsets; these are then estimated as well.
         memory: How long the past counts: "window" keeps all since the last load change that was noticed; a number
             forgets exponentially over this time [s]; over less than 0.3 s no load can be weighed.
     """
 
-    offsets: bool = False
     memory: Literal["window"] | Annotated[float, Meta(ge=0.3)] = "window"
 
 

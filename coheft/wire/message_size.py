@@ -23,8 +23,8 @@ MANY = 64
 """In larger teams exact sums go up a tree and down again: all rounds but two stay with the robots."""
 PER_MESSAGE = 32
 """Of what all robots tell each other, so many lines at most travel in a message."""
-MOST_TOLD = 64
-"""In larger teams a robot that is new is not told what is known: it would take megabytes."""
+MOST_TOLD = 450
+"""With more unknowns than these a robot that is new is not told what is known: it would take megabytes."""
 _NUMBER, _ROW = 8, 104
 """A number of the consensus; a row with its label [B]."""
 _PER_LINE = 4096
@@ -32,12 +32,14 @@ _PER_LINE = 4096
 _PER_NAME = 40
 """For a neighbour's name in such a line [B]."""
 _REST = 65536
+_MOST_ERRORS = 5
+"""Errors of a robot's sensors that are estimated along: three of the accelerometer, two gains."""
 
 
 def _of_rows(scenario: Scenario) -> int:
     """Rows of all robots that are told twice, as many again that come late, and what a newcomer is told [B]."""
     rows = rows_per_block(scenario.sensors.block, scenario.sensors.rate)
-    unknowns = 6 * min(scenario.robot_count, MOST_TOLD) + 19
+    unknowns = min((6 + _MOST_ERRORS) * scenario.robot_count + 19, MOST_TOLD)
     return 4 * scenario.robot_count * rows * _ROW + _NUMBER * (unknowns**2 + 8 * unknowns)
 
 

@@ -8,6 +8,7 @@ from msgspec import Meta, field
 
 from coheft.estimation.measurement import Positive, SensorNoise
 from coheft.estimation.spatial import Pose
+from coheft.estimation.tolerance import SensorTolerance
 from coheft.wire.carry import Carry
 from coheft.wire.encoders import EncoderErrors
 from coheft.wire.estimator_settings import Converged, EfficientSettings, SeedSettings
@@ -99,24 +100,6 @@ class Graph(Section, frozen=True):
     seed: Seed = 0
 
 
-class SensorOffset(Section, frozen=True):
-    """Size of constant sensor errors: each axis of each robot draws its own, uniform in plus or minus this.
-
-    Attributes:
-        gyro: Of the angular velocity [rad/s].
-        velocity: Of the velocity [m/s].
-        acceleration: Of the acceleration [m/s²].
-        force: Of the force [N].
-        torque: Of the torque [N·m].
-    """
-
-    gyro: NotNegative = 0.0
-    velocity: NotNegative = 0.0
-    acceleration: NotNegative = 0.0
-    force: NotNegative = 0.0
-    torque: NotNegative = 0.0
-
-
 class Sensors(Section, frozen=True):
     """Sampling and errors of the sensors.
 
@@ -125,7 +108,9 @@ class Sensors(Section, frozen=True):
         block: Samples that travel in one message.
         noise: Standard deviations per sample, with ``noise_scale`` at least a thousandth of the default.
         noise_scale: Multiplies all of ``noise``. Not 0: estimators weigh samples by their noise.
-        offset: Constant errors.
+        tolerance: How far sensors may be off, as the robots are told. They estimate what is not 0 along.
+        errors: How far they are off: ``drawn`` from the tolerance, ``none``, or drawn from standard deviations of their
+            own, of which no robot is told.
         encoders: How exactly recordings tell the wrists' poses and forces. Without it they hold the sensors' samples.
     """
 
@@ -133,7 +118,8 @@ class Sensors(Section, frozen=True):
     block: Annotated[int, Meta(ge=2, le=200)] = 10
     noise: SensorNoise = SensorNoise()
     noise_scale: Positive = 1.0
-    offset: SensorOffset = SensorOffset()
+    tolerance: SensorTolerance = SensorTolerance()
+    errors: Literal["drawn", "none"] | SensorTolerance = "drawn"
     encoders: EncoderErrors | None = None
 
 
@@ -196,7 +182,7 @@ class Scenario(Section, frozen=True):
         carry: A common path along which they carry the payload.
         load_changes: What happens to the payload.
         duration: Length of the run [s].
-        seed: Of the sensors' noise and offsets and of the robots' choice of motion.
+        seed: Of the sensors' noise and errors and of the robots' choice of motion.
         estimator: Which method the agents use: ``efficient``, ``seed``, or one of your own, see docs/own.md.
         seed_method: Settings of the estimator ``seed``.
         efficient: Settings of the estimator ``efficient``.
@@ -237,6 +223,17 @@ class Scenario(Section, frozen=True):
     def noise(self) -> SensorNoise:
         """The sensors' noise, scale included."""
         return self.sensors.noise.scaled(self.sensors.noise_scale)
+
+    @property
+    def sensor_errors(self) -> SensorTolerance:
+        """What the sensors' true errors are drawn from."""
+        match self.sensors.errors:
+            case "drawn":
+                return self.sensors.tolerance
+            case "none":
+                return SensorTolerance()
+            case told:
+                return told
 
     @property
     def robot_count(self) -> int:

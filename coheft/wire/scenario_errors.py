@@ -19,6 +19,13 @@ _GONE = {
     "efficient.refit_share": "all is fitted anew whenever there are 15 % more measurements",
 }
 """Keys of former releases, and why they are not needed any more."""
+_RENAMED = {
+    "efficient.offsets": "a robot is told how far its sensors may be off, 'offsets = true' being the same as "
+    "sensors.tolerance = { force_offset = 1.2, torque_offset = 0.06 }",
+    "sensors.offset": "errors are drawn with standard deviations, a largest one of 2 N being about the same as "
+    "sensors.errors = { force_offset = 1.2 }",
+}
+"""Keys of former releases, and what there is now."""
 _SHOWN = 100
 """Characters of a key or a value that an error shows."""
 
@@ -37,12 +44,14 @@ def explain(error: msgspec.ValidationError, table: dict[str, object], section: t
     text = message[: match.start()] if match else message
     unknown = re.search(r"unknown field `(.*)`", text, re.DOTALL)
     if unknown is not None:
-        kind = _type_at(section, place)
+        kind = _parted(_type_at(section, place))
         allowed = [field.encode_name for field in kind.fields] if isinstance(kind, types.StructType) else []
         hint = did_you_mean(unknown.group(1), allowed)
         key = _short(f"{place}.{unknown.group(1)}".lstrip("."))
         if key in _GONE:
             return f"key '{key}': it is of a former release and has no successor: {_GONE[key]}. Delete the line"
+        if key in _RENAMED:
+            return f"key '{key}': it is of a former release; now {_RENAMED[key]}"
         return f"key '{key}': there is no such key.{hint} Allowed here: {', '.join(allowed)}"
     missing = re.search(r"missing required field `(.*)`", text)
     if missing is not None:
@@ -66,9 +75,11 @@ def _expected(text: str, place: str, kind: types.Type | None) -> str:
     match kind:
         case types.LiteralType(values=values):
             return f"expected one of {', '.join(map(as_toml, values))}"
-        case types.UnionType(types=alternatives) if text.startswith("Invalid enum value"):
+        case types.UnionType(types=alternatives) if text.startswith("Invalid enum value") or kind != _parted(kind):
             words = [word for each in alternatives if isinstance(each, types.LiteralType) for word in each.values]
-            return f"expected one of {', '.join(map(as_toml, words))}, a number"
+            is_section = any(isinstance(each, types.StructType) for each in alternatives)
+            other = f"a section, written [{key}]" if is_section else "a number"
+            return f"expected one of {', '.join(map(as_toml, words))}, {other}"
         case types.StrType(pattern=str()):
             return f"expected {NAME_IN_WORDS}"
         case types.TupleType(item_types=items):
@@ -90,7 +101,7 @@ def _type_at(section: type[msgspec.Struct], place: str) -> types.Type | None:
     """What the section has at a place; None if there is no such key."""
     kind: types.Type = types.type_info(section)
     for part in re.findall(r"[^.\[\]]+", place):
-        match _without_null(kind):
+        match _parted(_without_null(kind)):
             case types.StructType(fields=fields):
                 found = [field.type for field in fields if field.encode_name == part]
                 if not found:
@@ -101,6 +112,13 @@ def _type_at(section: type[msgspec.Struct], place: str) -> types.Type | None:
             case types.TupleType(item_types=items):
                 kind = items[int(part)]
     return _without_null(kind)
+
+
+def _parted(kind: types.Type | None) -> types.Type | None:
+    """Of several types the one that has parts."""
+    if not isinstance(kind, types.UnionType):
+        return kind
+    return next((each for each in kind.types if isinstance(each, types.StructType)), kind)
 
 
 def _without_null(kind: types.Type) -> types.Type:

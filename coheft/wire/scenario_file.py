@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import sys
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -19,6 +20,7 @@ from coheft.wire.payload_file import read_files
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_checks import check_changes_come, check_choices, check_scenario, check_settings_used
 from coheft.wire.scenario_errors import did_you_mean, explain
+from coheft.wire.set_values import set_values
 
 _IN_CLONE, _INSTALLED = Path(__file__).resolve().parents[2] / "configs", Path(sys.prefix) / "share/coheft/configs"
 CONFIG_FOLDER = _IN_CLONE if _IN_CLONE.is_dir() else _INSTALLED
@@ -45,8 +47,8 @@ def scenario_path(source: str | Path) -> Path:
     return shipped[str(source)]
 
 
-def load_scenario(source: str | Path) -> Scenario:
-    """Read a scenario from a TOML file, or a shipped one by its name.
+def load_scenario(source: str | Path, values: Sequence[str] = ()) -> Scenario:
+    """Read a scenario from a TOML file, or a shipped one by its name, with some values changed, see ``set_values``.
 
     Raises:
         ScenarioError: There is no such file or name, or its contents cannot be used.
@@ -64,16 +66,18 @@ def load_scenario(source: str | Path) -> Scenario:
         text = data.decode("utf-8-sig")  # Windows puts a byte-order mark first
     except UnicodeDecodeError as error:
         raise ScenarioError(f"{path}: not UTF-8 text: {error}") from error
-    return parse_scenario(text, str(path), path.parent)
+    origin = " ".join([str(path), *([f"with {' '.join(f'--set {value}' for value in values)}"] if values else [])])
+    return parse_scenario(text, origin, path.parent, values)
 
 
-def parse_scenario(text: str, origin: str, folder: Path = Path()) -> Scenario:
+def parse_scenario(text: str, origin: str, folder: Path = Path(), values: Sequence[str] = ()) -> Scenario:
     """Scenario from TOML text.
 
     Args:
         text: What the file holds.
         origin: Names it in errors.
         folder: What the paths in it are relative to.
+        values: To be put into it, see ``set_values``.
 
     Raises:
         ScenarioError: It is not TOML, or not a scenario, or a file that it names cannot be used.
@@ -82,6 +86,7 @@ def parse_scenario(text: str, origin: str, folder: Path = Path()) -> Scenario:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also for a number of too many digits, and for deep nesting
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
+    set_values(table, values)
     try:
         scenario = msgspec.convert(table, Scenario)
     except msgspec.ValidationError as error:

@@ -20,6 +20,7 @@ from coheft.estimation.bounds import JointInformation
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body import Inertia, unpack_symmetric
 from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.tolerance import SensorTolerance
 from tests.estimation.team import Team, make_team, random_pose
 
 
@@ -150,6 +151,46 @@ def test_bound_is_the_inverse_information_of_the_full_problem(small: tuple[Team,
         bound.covariance[6:, 6:] * np.outer(scale, scale), expected * np.outer(scale, scale), atol=1e-4
     )
     assert not bound.covariance[:6].any()
+
+
+TOLERANCES = [
+    SensorTolerance(gyro_offset=1e-4, velocity_offset=1e-3, acceleration_offset=1e-3),
+    SensorTolerance(force_offset=0.01, torque_offset=1e-3, force_gain=1e-3, torque_gain=1e-3),
+    SensorTolerance(gyro_offset=1e-4, force_offset=0.01, torque_gain=1e-3),
+]
+
+
+@pytest.mark.parametrize("tolerance", TOLERANCES, ids=["kinematics", "wrenches", "some"])
+def test_errors_of_sensors_are_unknowns_with_a_prior(
+    small: tuple[Team, FullProblem, Array], tolerance: SensorTolerance
+) -> None:
+    team, problem, jacobian = small
+    bound = JointInformation.of(
+        team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise, tolerance
+    ).full_bound()
+    axes, sensors = [[column] for column in range(15)], [[9, 10, 11], [12, 13, 14]]
+    kinds = [(tolerance.offsets(), np.ones_like(team.exact), axes), (tolerance.gains(), team.exact, sensors)]
+    columns, deviations = [], []
+    for robot in range(problem.count):
+        for errors, effect, groups in kinds:
+            for group in groups:
+                if errors[group[0]] > 0.0:
+                    error = np.zeros_like(team.exact)
+                    error[:, robot, group] = effect[:, robot, group]
+                    columns.append((error / team.noise.per_column()).ravel())
+                    deviations.append(errors[group[0]])
+    extended = np.block(
+        [
+            [jacobian, np.array(columns).T],
+            [np.zeros((len(columns), problem.size)), np.diag(1.0 / np.array(deviations))],
+        ]
+    )
+    full = np.linalg.inv(np.linalg.qr(extended, mode="r"))
+    expected = (full @ full.T)[: problem.parameters, : problem.parameters]
+    scale = 1.0 / np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        bound.covariance[6:, 6:] * np.outer(scale, scale), expected * np.outer(scale, scale), atol=1e-4
+    )
 
 
 def test_maximum_likelihood_reaches_the_bound(small: tuple[Team, FullProblem, Array]) -> None:

@@ -58,6 +58,7 @@ class Plan:
 def make_plan(
     scenario: Scenario | None,
     *,
+    values: Sequence[str] = (),
     runs: int,
     estimators: Sequence[str],
     noise_scales: Sequence[float] = (1.0,),
@@ -70,6 +71,7 @@ def make_plan(
 
     Args:
         scenario: Of every run, but for noise and seed; None: a random team each.
+        values: For random teams, see ``set_values``; a scenario has its own already.
         runs: Per noise scale.
         estimators: To be compared.
         noise_scales: Factors on the scenario's noise.
@@ -82,7 +84,7 @@ def make_plan(
         ScenarioError: The load changes before accuracy is to be judged, or there is too little noise to speak of, or
             blocks are no whole number of samples.
     """
-    first = _at_rate(random_team(first_seed) if scenario is None else scenario, sensor_rate)
+    first = _at_rate(random_team(first_seed, values) if scenario is None else scenario, sensor_rate)
     name = RANDOM if scenario is None else scenario.name
     block = first.block_duration
     # A change takes effect at the next border of a block.
@@ -91,7 +93,7 @@ def make_plan(
     chosen = msgspec.structs.replace(first, load_changes=tuple(c for moment, c in changes if moment == change))
 
     def of_seed(seed: int) -> Scenario:
-        return chosen if scenario is not None else _at_rate(random_team(seed), sensor_rate)
+        return chosen if scenario is not None else _at_rate(random_team(seed, values), sensor_rate)
 
     judged = sorted({block * max(1, round(moment / block)) for moment in at})
     if change is not None and change < judged[-1] - 0.5 * block:

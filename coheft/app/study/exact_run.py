@@ -65,7 +65,8 @@ class ExactRun:
         # Every sample that was chosen stands for ``step`` of them.
         noise = self._scenario.noise.scaled(step**-0.5)
         payload = self._judge.payload(names[0], end - 1)
-        return JointInformation.of(self._poses, payload, self._motion[chosen], self._wrenches[chosen], noise)
+        motion, wrenches, tolerance = self._motion[chosen], self._wrenches[chosen], self._scenario.sensors.tolerance
+        return JointInformation.of(self._poses, payload, motion, wrenches, noise, tolerance)
 
     def seen(self, bound: JointBound) -> Bounds:
         """A bound as all robots see it."""

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import msgspec
 import numpy as np
 
+from coheft.errors import ScenarioError
 from coheft.wire.payload import Box, Payload
 from coheft.wire.scenario import Graph, GraphKind, Motion, Perimeter, Robots, Scenario
 from coheft.wire.scenario_checks import check_scenario
+from coheft.wire.scenario_errors import explain
+from coheft.wire.set_values import set_values
 
 RANDOM = "random"
 """Instead of a scenario's name: every run has a team of its own."""
@@ -15,8 +21,16 @@ _MOST_ROBOTS = 8
 _LONGEST = 600.0
 
 
-def random_team(seed: int) -> Scenario:
-    """The team of a seed: two to eight robots that hold a plate with a lump on it, in any graph."""
+def random_team(seed: int, values: Sequence[str] = ()) -> Scenario:
+    """The team of a seed: two to eight robots that hold a plate with a lump on it, in any graph.
+
+    Args:
+        seed: Of all that is drawn.
+        values: Keys that are not drawn, see ``set_values``.
+
+    Raises:
+        ScenarioError: A value cannot be used.
+    """
     rng = np.random.default_rng(seed)
 
     def number(least: float, most: float) -> float:
@@ -37,5 +51,11 @@ def random_team(seed: int) -> Scenario:
         duration=_LONGEST,
         seed=seed,
     )
+    table = msgspec.json.decode(msgspec.json.encode(scenario))
+    set_values(table, values)
+    try:
+        scenario = msgspec.convert(table, Scenario)
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{scenario.name}: {explain(error, table)}") from error
     check_scenario(scenario, scenario.name)
     return scenario

@@ -12,7 +12,7 @@ from coheft.errors import ScenarioError
 from coheft.estimation.spatial import Array
 from coheft.wire.config import agent_config
 from coheft.wire.messages import Reference, Scene, Truth
-from coheft.wire.scenario import Scenario, SensorOffset
+from coheft.wire.scenario import Scenario
 from consensus.graph import build_graph
 from physics_server.simulation import Simulation
 
@@ -59,8 +59,8 @@ def simulate(scenario: Scenario) -> TeamSamples:
 
 
 def with_exact_sensors(scenario: Scenario) -> Scenario:
-    """The same run, seen by sensors without noise and offsets."""
-    exact = msgspec.structs.replace(scenario.sensors, noise_scale=0.0, offset=SensorOffset())
+    """The same run, seen by sensors without noise and errors."""
+    exact = msgspec.structs.replace(scenario.sensors, noise_scale=0.0, errors="none")
     return msgspec.structs.replace(scenario, sensors=exact)
 
 
