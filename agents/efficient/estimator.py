@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.efficient.exchange import RowMessage
 from agents.efficient.judge import Outcome, Verdict
-from agents.efficient.settings import Guards
+from agents.efficient.settings import Guards, fit_settings
 from agents.efficient.stages import Stage
 from agents.efficient.team import Team
 from agents.estimator import Belief, Channels, is_converged
@@ -21,9 +21,6 @@ from coheft.estimation.body_motion import relative_pose_derivative
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.moments.claims import Claim, claim_of
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.fit_settings import FitSettings
-from coheft.estimation.moments.rows import RowNoise, row_of_samples, rows_per_block
-from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.spatial import Pose
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
@@ -36,23 +33,6 @@ class EfficientEstimator:
 
     def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
         self._config, self._gossip, self._guards = config, gossip, Guards()
-        self._parts = rows_per_block(config.block, config.rate)
-        samples = config.block // self._parts
-        told = config.tolerance
-        kinds = {
-            "acceleration_bias": told.acceleration_offset,
-            "force_gain": told.force_gain,
-            "torque_gain": told.torque_gain,
-        }
-        self._settings = FitSettings(
-            RowNoise.of_samples(config.noise, samples, config.rate),
-            config.block / self._parts / config.rate,
-            SensorErrors(kinds),
-            force_offset=told.force_offset,
-            torque_offset=told.torque_offset,
-            gyro_offset=told.gyro_offset,
-            memory=None if config.efficient.memory == "window" else config.efficient.memory,
-        )
         self._team: Team | None = None
         self._belief = Belief("poses", False, None, {})
         self._believed: tuple[Estimate, Stage] | None = None
@@ -73,11 +53,9 @@ class EfficientEstimator:
                 team.exchange.hear(message, index)
                 team.adopt(channels)
                 is_welcoming |= team.welcomes(name)
-        team.session.hear_of_change(team.exchange.changed_at, index * self._parts)
+        team.hear_of_change(index)
         if own is not None and index >= team.start:
-            for part, samples in enumerate(own.samples.reshape(self._parts, -1, own.samples.shape[1])):
-                row = row_of_samples(samples, self._config.noise.gyro**2, self._config.rate)
-                team.exchange.enter(index * self._parts + part, row)
+            team.enter(index, own.samples)
         team.take(index)
         arrays: dict[str, Any] = team.exchange.tell(team.session.changed_at).channels()
         if is_welcoming:
@@ -141,12 +119,10 @@ class EfficientEstimator:
         if last is not None and known is not None:
             places = [last.places.get(each) for each in self._lives(names)]
             newcomers = [each for each, then in zip(names, places, strict=True) if then is None]
-            prior = known.for_team(places, self._settings)
+            prior = known.for_team(places, fit_settings(self._config, len(names)))
             anchor = next(now for now, then in enumerate(places) if then is not None)
         start = max(index, self._gossip.changed_at)
-        waits = max(2, self._config.blocks(self._guards.waiting))
-        details = self._parts, waits, self._settings, self._guards
-        self._team = Team(self._lives(names), names.index(name), membership, graph, start, *details)
+        self._team = Team(self._lives(names), membership, graph, start, self._config, self._guards)
         if prior is not None:
             self._team.begin(prior, anchor, newcomers)
 
@@ -156,9 +132,9 @@ class EfficientEstimator:
         return [(record.robot, record.incarnation, record.since) for record in records]
 
     def _notices(self, team: Team) -> tuple[LoadChangeNotice, ...]:
-        start, parts = self._config.start_of, self._parts
+        start, times = self._config.start_of, team.times
         new = (
-            LoadChangeNotice(start(noticed + 1), start(first // parts))
+            LoadChangeNotice(start(noticed + 1), start(times.first_block(first)))
             for noticed, (first, _) in zip(team.noticed, team.session.changes, strict=True)
         )
         return (*self._former_changes, *new)

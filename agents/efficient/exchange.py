@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from agents.efficient.row_times import RowTimes
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.spatial import Array
 
@@ -69,19 +70,19 @@ class Exchange:
         count: Robots of the team.
         own: Place of this one among them.
         hops: Diameter of the graph.
-        per_block: Rows of a block.
+        times: Of rows.
 
     Attributes:
         changed_at: Number of the newest first row of a new load that any robot has told of, -1 if none.
         disputed: Of robots of which two different rows for one time have come, the block in which that was last so.
     """
 
-    def __init__(self, team: int, count: int, own: int, hops: int, per_block: int) -> None:
+    def __init__(self, team: int, count: int, own: int, hops: int, times: RowTimes) -> None:
         self.team, self.changed_at = team, -1
         self.disputed: dict[int, int] = {}
-        self._count, self._own, self._hops, self._per_block = count, own, hops, per_block
+        self._count, self._own, self._hops, self._times = count, own, hops, times
         self._window = max(WINDOW, 2 * hops)
-        places = self._window * per_block
+        places = times.complete(self._window) + 1
         self._rows = np.ones((places, ROW_SIZE * count + 1))
         # Of each place in the table the number of its rows, and whose they are, a bit for each robot.
         self._numbers, self._whose, self._all = [-1] * places, [0] * places, (1 << count) - 1
@@ -99,7 +100,7 @@ class Exchange:
         """Take in what a neighbour told before this block."""
         if message.team != self.team:
             return
-        if self.changed_at < message.changed_at < self._per_block * block:
+        if self.changed_at < message.changed_at < self._times.begun_from(block):
             self.changed_at = message.changed_at
         news, again, by_robot = [], [], self._by_robot()
         numbers, whose, places = self._numbers, self._whose, len(self._numbers)
@@ -108,7 +109,7 @@ class Exchange:
             if numbers[place] == number and robot >= 0 and whose[place] >> robot & 1:
                 again.append(k)  # most are heard several times
                 continue
-            age = block - number // self._per_block
+            age = block - self._times.last_block(number)
             if 0 <= robot < self._count and 0 < age < self._window and number >= 0 and self._is_new(robot, number):
                 by_robot[number % len(self._numbers), robot] = message.rows[k]
                 if age < self._hops + _LATE:  # else it has reached all robots

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from agents.efficient.row_times import MANY
 from agents.efficient.settings import Guards
 from agents.efficient.sight import Sight
 from coheft.estimation.moments.chapter import Chapter, Prior
@@ -49,7 +50,7 @@ class Knowledge:
         self, count: int, anchor: int, settings: FitSettings, guards: Guards, prior: Prior | None = None
     ) -> None:
         self._count, self._anchor, self._settings = count, anchor, settings
-        self._growth = guards.growth_of_errors if settings.errors.count else guards.growth
+        self._growth = guards.growth_of_many if settings.errors.count or count > MANY else guards.growth
         self.least = max(4, round(guards.first_rows / settings.period))
         memory, size = settings.memory, ROW_SIZE * count + 1
         self._page = 0 if memory is None else max(4, round(memory / _PAGES_IN_MEMORY / settings.period))

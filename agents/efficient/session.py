@@ -85,7 +85,7 @@ class Session:
         self._monitor = Monitor(self._count, self._guards)
         self.suspect: int | None = None
         self._settled: Settled | None = None  # the load before the last change, while that is undecided
-        self._surprises, self._look_until, self._in_vain, self._pause = 0, -1, 0, -1
+        self._surprises, self._look_until, self._pause = 0, -1, -1
         self._unconfirmed = 0  # so many rows must still fit what was known
         self._doubted_at = self._contradicted_at = -1
         self._forgot_at = -self._calm
@@ -228,22 +228,16 @@ class Session:
                 return False
             self._fit(before=buffer.start, keeps_motion=True)  # wrenches may be of another load
         since, size = known.sight.likeliest_change(buffer)
-        if size <= 1.0:
+        now = known.estimate
+        if size <= 1.0 or now is None or self._surprise(buffer.start + since, now) < self._guards.worth_a_fit:
             self._unconfirmed = max(0, self._unconfirmed - 1)
             return False
         now = self._fit(before=buffer.start + since)
-        since, _ = known.sight.likeliest_change(buffer)
-        assert now.state.load is not None
-        place = buffer.start + since
-        moments = wrench_moments(now.body, RowMoments.of(buffer.window(place)))
-        evidence = wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, now.state.load)
-        if surprise(evidence, now.covariance, now.body.unknowns.theta) <= 1.0:
-            is_recent = number < self._pause + 2 ** (self._guards.patience + 1)
-            self._in_vain = min(self._in_vain + 1, self._guards.patience) if is_recent else 1
-            self._pause = number + 2**self._in_vain
+        place = buffer.start + known.sight.likeliest_change(buffer)[0]
+        if now.state.load is None or self._surprise(place, now) <= 1.0:
+            self._pause = number + buffer.count - place  # until there are twice as many rows
             self._fit()
             return False
-        self._in_vain = 0
         self._loads.append(now.state.load[THETA])
         self.changes.append((int(buffer.numbers[place]), number))
         if self._settled is None:
@@ -251,6 +245,13 @@ class Session:
             self._settled = Settled(now.state.load, now.covariance[theta, theta])
         self._forget_load(place, Event.LOAD_CHANGED, now)
         return True
+
+    def _surprise(self, place: int, now: Estimate) -> float:
+        """How much all rows from a place on look like another load, with all unknown that is unknown."""
+        moments = wrench_moments(now.body, RowMoments.of(self._known.buffer.window(place)))
+        assert now.state.load is not None
+        evidence = wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, now.state.load)
+        return surprise(evidence, now.covariance, now.body.unknowns.theta)
 
     def _forget_load(self, place: int, event: Event, now: Estimate) -> None:
         """From this place on the load has to be found anew."""

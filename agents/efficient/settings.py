@@ -4,8 +4,31 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from agents.efficient.row_times import RowTimes
 from coheft.estimation.chi_square import chi_square_threshold
-from coheft.estimation.moments.rows import KINEMATICS_SIZE, WRENCH_SIZE
+from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.rows import KINEMATICS_SIZE, WRENCH_SIZE, RowNoise
+from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.wire.config import AgentConfig
+
+
+def fit_settings(config: AgentConfig, count: int) -> FitSettings:
+    """What a robot's fits take for granted in a team of so many."""
+    told, row = config.tolerance, RowTimes.of_team(count, config.block, config.rate).row
+    kinds = {
+        "acceleration_bias": told.acceleration_offset,
+        "force_gain": told.force_gain,
+        "torque_gain": told.torque_gain,
+    }
+    return FitSettings(
+        RowNoise.of_samples(config.noise, row, config.rate),
+        row / config.rate,
+        SensorErrors(kinds),
+        force_offset=told.force_offset,
+        torque_offset=told.torque_offset,
+        gyro_offset=told.gyro_offset,
+        memory=None if config.efficient.memory == "window" else config.efficient.memory,
+    )
 
 
 @dataclass(frozen=True)
@@ -14,11 +37,13 @@ class Guards:
 
     Attributes:
         growth: All is fitted anew when the load has so many times as many rows: its deviations have then shrunk by 7 %.
-        growth_of_errors: The same where sensors' errors are declared, because such fits cost more.
+        growth_of_many: The same where sensors' errors are declared, or robots are many: such fits cost more.
         first_rows: Time over which rows of a load are gathered before it is fitted [s], twice as long where nothing is
             known: enough turning to see poses, and sensors that are off.
         turn: Each robot looks for a change of the load once in this time, in turn with the others [s].
         surprise: Probability that the wrench of one row is a surprise without a change; two in a row are looked at.
+        worth_a_fit: A second look needs two fits. It is worth them if, poses being uncertain, a change is at least so
+            surprising, over the threshold: less than 1, because some of these rows may have been fitted already.
         contradiction: Probability that a robot's motion seems to contradict the team's over a window of rows without
             any fault. There are some 250 windows per second and robot, so this is one in many years.
         clear_rows: A robot that contradicted the team, or itself, is believed again after so long without that [s].
@@ -40,14 +65,14 @@ class Guards:
         waiting: Rows are missing when none of the whole team has come for so long, and the time on the way [s].
         confirming: After rows were missing, or in another team, what was known holds only when it has fitted new rows
             for so long [s]: the load may have changed meanwhile.
-        patience: After n second looks in vain there is none for ``2**n`` rows, with n at most this.
     """
 
     growth: float = 1.15
-    growth_of_errors: float = 1.3
+    growth_of_many: float = 1.3
     first_rows: float = 0.3
     turn: float = 0.48
     surprise: float = 4e-5
+    worth_a_fit: float = 0.5
     contradiction: float = 1e-11
     clear_rows: float = 0.3
     lasting: float = 1.5
@@ -64,7 +89,6 @@ class Guards:
     undecided: float = 4.0
     waiting: float = 0.15
     confirming: float = 0.1
-    patience: int = 4
 
     @property
     def largest_surprise(self) -> float:

@@ -9,13 +9,15 @@ from collections.abc import Mapping, Sequence
 
 from agents.efficient.exchange import Exchange
 from agents.efficient.handover import CHANNEL, heard, told
+from agents.efficient.row_times import OwnRows, RowTimes
 from agents.efficient.session import Session
-from agents.efficient.settings import Guards
+from agents.efficient.settings import Guards, fit_settings
 from agents.efficient.stages import Stage
 from agents.estimator import Channels
 from coheft.estimation.moments.chapter import Prior
-from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.unknowns import Unknowns
+from coheft.estimation.spatial import Array
+from coheft.wire.config import AgentConfig
 from coheft.wire.message_size import MOST_TOLD
 from consensus.graph import diameter
 
@@ -28,19 +30,17 @@ class Team:
 
     Args:
         lives: Of each robot its name, and since when it is what it is.
-        own: Place of this one.
         membership: Number of the team.
         graph: Of the team.
         start: First block in which all of them hold the load.
-        parts: Rows of a block.
-        waits: So many blocks longer than it takes to get here a row of the whole team is waited for.
-        settings: Of fits.
+        config: Of this robot.
         guards: Thresholds and times.
 
     Attributes:
         places: Place of each robot by its name and life.
         names: Of its robots.
-        own: Place of this one.
+        own: Place of this robot.
+        times: Of rows.
         start: First block in which all of them hold the load.
         noticed: Block in which each change of the load was noticed.
         newest: Newest block of which a row was taken, -1 if none.
@@ -49,25 +49,24 @@ class Team:
     def __init__(
         self,
         lives: list[tuple[str, int, int]],
-        own: int,
         membership: int,
         graph: Mapping[str, tuple[str, ...]],
         start: int,
-        parts: int,
-        waits: int,
-        settings: FitSettings,
+        config: AgentConfig,
         guards: Guards,
     ) -> None:
         self.places = {life: place for place, life in enumerate(lives)}
-        self.names, self.own = [name for name, _, _ in lives], own
-        hops = diameter(graph)
-        self._parts, self._waits = parts, hops + waits
-        self.exchange = Exchange(membership, len(lives), own, hops, parts)
-        self._settings, self._guards = settings, guards
+        self.names = [name for name, _, _ in lives]
+        self.own, hops = self.names.index(config.name), diameter(graph)
+        self.times = times = RowTimes.of_team(len(lives), config.block, config.rate)
+        self._own_rows = OwnRows(times, config.noise.gyro**2, config.rate)
+        self._waits = hops + max(2, config.blocks(guards.waiting)) + times.spanned - 1
+        self.exchange = Exchange(membership, len(lives), self.own, hops, times)
+        self._settings, self._guards = fit_settings(config, len(lives)), guards
         self._prior: tuple[Prior, int] | None = None
         self._newcomers = dict[str, int]()
-        self.session = Session(len(lives), own, settings, guards)
-        self._next, self._taken = start * parts, set[int]()
+        self.session = Session(len(lives), self.own, self._settings, guards)
+        self._next, self._taken = times.begun_from(start), set[int]()
         self.start, self.newest, self._index = start, start - 1, start
         self.noticed: list[int] = []
 
@@ -77,7 +76,7 @@ class Team:
         is_told = Unknowns(len(self.names), self._settings.errors).size <= MOST_TOLD
         self._newcomers = dict.fromkeys(newcomers, _TOLD) if is_told else {}
         self.session = Session(len(self.names), self.own, self._settings, self._guards, prior, anchor)
-        self._next, self._taken, self.noticed = self.start * self._parts, set(), []
+        self._next, self._taken, self.noticed = self.times.begun_from(self.start), set(), []
 
     def adopt(self, channels: Channels) -> None:
         """Begin with what a neighbour knows, if this robot knows nothing."""
@@ -97,17 +96,26 @@ class Team:
         """What newcomers are told."""
         return {} if self._prior is None else {CHANNEL: told(self.exchange.team, *self._prior)}
 
+    def enter(self, index: int, samples: Array) -> None:
+        """A block of this robot's own samples, shape (B, 15)."""
+        for number, row in self._own_rows.add(index, samples):
+            self.exchange.enter(number, row)
+
+    def hear_of_change(self, index: int) -> None:
+        """What other robots have told until this block of changes of the load."""
+        self.session.hear_of_change(self.exchange.changed_at, self.times.begun_from(index))
+
     def take(self, index: int) -> None:
         """All rows that are complete by now, also those behind some that are not."""
         self._index = index
-        for number in range(self._next, (index + 1) * self._parts):
+        for number in range(self._next, self.times.complete(index)):
             row = None if number in self._taken else self.exchange.complete(number)
             if row is not None:
                 self.session.take(number, row)
                 self._taken.add(number)
-                self.newest = max(self.newest, number // self._parts)
+                self.newest = max(self.newest, self.times.last_block(number))
         self.noticed += [index] * (len(self.session.changes) - len(self.noticed))
-        oldest = (index - self._waits) * self._parts
+        oldest = self.times.begun_from(index - self._waits)
         while self._next in self._taken or self._next < oldest:
             self._taken.discard(self._next)
             self._next += 1
@@ -121,4 +129,4 @@ class Team:
         """Robots of which no rows have come for too long; empty if all is well."""
         if self._index - self.newest <= self._waits:
             return []
-        return [self.names[robot] for robot in self.exchange.missing((self.newest + 1) * self._parts)]
+        return [self.names[robot] for robot in self.exchange.missing(self.times.begun_from(self.newest + 1))]

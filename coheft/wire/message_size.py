@@ -38,7 +38,7 @@ _MOST_ERRORS = 5
 
 def _of_rows(scenario: Scenario) -> int:
     """Rows of all robots that are told twice, as many again that come late, and what a newcomer is told [B]."""
-    rows = rows_per_block(scenario.sensors.block, scenario.sensors.rate)
+    rows = rows_per_block(scenario.sensors.block, scenario.sensors.rate)  # as many or, in large teams, fewer
     unknowns = min((6 + _MOST_ERRORS) * scenario.robot_count + 19, MOST_TOLD)
     return 4 * scenario.robot_count * rows * _ROW + _NUMBER * (unknowns**2 + 8 * unknowns)
 

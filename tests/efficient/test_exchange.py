@@ -11,11 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.efficient.exchange import WINDOW, Exchange, RowMessage
+from agents.efficient.row_times import RowTimes
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.spatial import Array
 
 TEAM, COUNT = 77, 4
 HOPS = COUNT - 1
+EACH_BLOCK, TWO_PER_BLOCK = RowTimes(10, 10), RowTimes(10, 5)
 
 
 def row_of(robot: int, number: int) -> Array:
@@ -27,7 +29,7 @@ def expected(number: int) -> Array:
 
 
 def line() -> list[Exchange]:
-    return [Exchange(TEAM, COUNT, own, HOPS, per_block=1) for own in range(COUNT)]
+    return [Exchange(TEAM, COUNT, own, HOPS, EACH_BLOCK) for own in range(COUNT)]
 
 
 def neighbours(robot: int) -> list[int]:
@@ -75,7 +77,7 @@ def test_a_row_that_never_comes_delays_no_other() -> None:
 
 @given(st.permutations(range(6)))
 def test_the_order_in_which_rows_come_makes_no_difference(order: list[int]) -> None:
-    exchange = Exchange(TEAM, COUNT, 0, HOPS, per_block=1)
+    exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     for number in order:
         exchange.enter(number, row_of(0, number))
         labels = np.array([[robot, number] for robot in range(1, COUNT)], dtype=np.int32)
@@ -92,20 +94,20 @@ def heard(exchange: Exchange, label: tuple[int, int], block: int = 10, team: int
 
 @pytest.mark.parametrize("label", [(COUNT, 9), (-1, 9), (1, 10), (1, 99), (1, -1), (1, 10 - WINDOW)])
 def test_rows_of_unknown_robots_of_the_future_and_of_long_ago_are_left_out(label: tuple[int, int]) -> None:
-    exchange = Exchange(TEAM, COUNT, 0, HOPS, per_block=1)
+    exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     heard(exchange, label)
     assert len(exchange.tell(-1).rows) == 0
 
 
 def test_rows_and_news_of_another_team_are_left_out() -> None:
-    exchange = Exchange(TEAM, COUNT, 0, HOPS, per_block=1)
+    exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     heard(exchange, (1, 9), team=TEAM + 1)
     assert len(exchange.tell(-1).rows) == 0
     assert exchange.changed_at == -1
 
 
 def test_the_first_row_of_a_robot_and_block_counts() -> None:
-    exchange = Exchange(TEAM, COUNT, 0, HOPS, per_block=1)
+    exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     heard(exchange, (1, 9))
     again = RowMessage(TEAM, -1, np.array([[1, 9]], dtype=np.int32), np.full((1, ROW_SIZE), 7, dtype=np.float32))
     exchange.hear(again, 10)
@@ -113,7 +115,7 @@ def test_the_first_row_of_a_robot_and_block_counts() -> None:
 
 
 def test_memory_is_bounded_and_each_row_is_told_twice() -> None:
-    exchange, told = Exchange(TEAM, COUNT, 0, HOPS, per_block=2), []
+    exchange, told = Exchange(TEAM, COUNT, 0, HOPS, TWO_PER_BLOCK), []
     for block in range(3 * WINDOW):
         exchange.enter(2 * block, row_of(0, block))
         exchange.enter(2 * block + 1, row_of(0, block))
@@ -123,7 +125,7 @@ def test_memory_is_bounded_and_each_row_is_told_twice() -> None:
 
 
 def test_the_newest_change_of_the_load_is_heard_of() -> None:
-    exchange = Exchange(TEAM, COUNT, 0, HOPS, per_block=1)
+    exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     nothing = RowMessage(TEAM, 4, np.zeros((0, 2), dtype=np.int32), np.zeros((0, ROW_SIZE), dtype=np.float32))
     exchange.hear(nothing, 10)
     exchange.hear(replace(nothing, changed_at=2), 10)
@@ -146,7 +148,7 @@ def test_a_message_survives_as_arrays_and_anything_else_is_none() -> None:
 
 
 def test_two_different_rows_of_one_robot_for_one_time_are_seen_by_whoever_hears_both() -> None:
-    exchange = Exchange(TEAM, COUNT, 0, HOPS, per_block=1)
+    exchange = Exchange(TEAM, COUNT, 0, HOPS, EACH_BLOCK)
     labels = np.array([[2, 5], [3, 5]], dtype=np.int32)
     rows = np.array([row_of(2, 5), row_of(3, 5)], dtype=np.float32)
     message = RowMessage(TEAM, -1, labels, rows)

@@ -30,7 +30,7 @@ FORCE, TORQUE, WRENCH = slice(12, 15), slice(15, 18), slice(12, 18)
 PRODUCTS = slice(18, 24)
 KINEMATICS_SIZE, WRENCH_SIZE = 12, 6
 
-_LONGEST = 0.02
+LONGEST = 0.02
 """Duration of a row [s]."""
 _FASTEST, _FAST_TURNING, _TIMES = 2.0, 10.0, 3.0
 """Frequency [Hz] and angular acceleration [rad/s²] of a fast motion; what it does to slopes does not average out, so it
@@ -39,7 +39,7 @@ _SAMPLES = slice(0, 9), slice(9, 15)
 _FLAT_PRODUCTS = 3 * PACKED_ROWS + PACKED_COLUMNS
 
 
-def rows_per_block(samples: int, rate: float, longest: float = _LONGEST) -> int:
+def rows_per_block(samples: int, rate: float, longest: float = LONGEST) -> int:
     """How many rows a block is cut into: the fewest of equal length that are short enough.
 
     Each has at least two samples, so that it has a slope. Where no number of rows divides a block so, rows are longer.

@@ -1,0 +1,87 @@
+"""How one robot's blocks of samples become rows: several of each, or one of several.
+
+row n holds the samples from n L up to (n + 1) L,    L = samples of a row
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.measurement import SAMPLE_SIZE
+from coheft.estimation.moments.rows import LONGEST, row_of_samples, rows_per_block
+from coheft.estimation.spatial import Array
+
+MANY, _MOST_TIMES = 32, 5
+"""In teams of more robots than these rows are longer, in proportion to the team and at most so many times."""
+
+
+@dataclass(frozen=True)
+class RowTimes:
+    """Which row lies in which block.
+
+    Attributes:
+        block: Samples of a block.
+        row: Samples of a row, ``L``.
+    """
+
+    block: int
+    row: int
+
+    @staticmethod
+    def of_team(count: int, block: int, rate: float) -> RowTimes:
+        """For so many robots, whose sensors give so many samples per block and second."""
+        longest = LONGEST * min(_MOST_TIMES, math.ceil(count / MANY))
+        parts = rows_per_block(block, rate, longest)
+        spanned = max(1, math.floor(longest * rate / block + 1e-9)) if parts == 1 else 1
+        return RowTimes(block, block * spanned // parts)
+
+    @property
+    def spanned(self) -> int:
+        """Blocks that a row is of."""
+        return -(-self.row // self.block)
+
+    def begun_from(self, block: int) -> int:
+        """Number of the first row that begins with this block or later."""
+        return -(-block * self.block // self.row)
+
+    def complete(self, block: int) -> int:
+        """So many rows are complete at the end of this block."""
+        return (block + 1) * self.block // self.row
+
+    def first_block(self, number: int) -> int:
+        """Block in which a row begins."""
+        return number * self.row // self.block
+
+    def last_block(self, number: int) -> int:
+        """Block in which it ends."""
+        return ((number + 1) * self.row - 1) // self.block
+
+
+class OwnRows:
+    """Cuts one robot's samples into rows.
+
+    Args:
+        times: Of rows.
+        gyro_variance: Of one sample [rad²/s²].
+        rate: Samples per second.
+    """
+
+    def __init__(self, times: RowTimes, gyro_variance: float, rate: float) -> None:
+        self._times, self._gyro_variance, self._rate = times, gyro_variance, rate
+        self._kept, self._end = np.zeros((0, SAMPLE_SIZE)), 0
+
+    def add(self, index: int, samples: Array) -> list[tuple[int, Array]]:
+        """Numbers and rows that a block of samples (B, 15) completes; of a row of which samples are missing nothing."""
+        size, block = self._times.row, self._times.block
+        has_gap = self._end != index * block
+        kept = samples if has_gap or not len(self._kept) else np.concatenate([self._kept, samples])
+        self._end = (index + 1) * block
+        start, end = self._end - len(kept), self._end // size
+        self._kept = kept[max(0, end * size - start) :]
+        return [
+            (number, row_of_samples(kept[number * size - start :][:size], self._gyro_variance, self._rate))
+            for number in range(-(-start // size), end)
+        ]
