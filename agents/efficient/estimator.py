@@ -80,7 +80,7 @@ class EfficientEstimator:
             return (f"the sensors of {team.names[team.session.suspect]} contradict the motion of the team",)
         if not team.session.is_confirmed:
             return ("what was known before is being confirmed by new measurements",)
-        disputed = team.disputed(self._config.blocks(self._guards.clear_rows))
+        disputed = team.disputed(self._config.blocks(self._guards.confirming))
         if disputed:
             whose = ", ".join(disputed)
             return (f"different rows of {whose} have come for one time: it, or a robot that hands them on, is wrong",)

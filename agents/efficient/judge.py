@@ -69,7 +69,7 @@ def judge(
     found = explanations(estimate.body, wrench_moments(estimate.body, buffer.moments()[1]), assumed)
     if found.both > guards.largest_constant_excess and not has_offset:
         return Verdict(Outcome.NO_LOAD)
-    is_load = found.load - found.sensor > guards.lead and _has_another_mass(estimate, assumed, guards)
+    is_load = found.load > found.sensor and _has_another_mass(estimate, assumed, guards)
     if settled is None or found.sensor < guards.largest_excess or is_load:
         return Verdict(Outcome.FITS)
     # Where torques are all measured about points of one body, it makes no difference whose torque sensor is off.

@@ -67,7 +67,7 @@ class Session:
         def rows(seconds: float, least: int = 1) -> int:
             return max(least, round(seconds / settings.period))
 
-        self._clear, self._confirming = rows(guards.clear_rows, 4), rows(guards.confirming, 3)
+        self._confirming = rows(guards.confirming, 3)
         self._waits, self._calm, self._drifting = rows(guards.waiting), rows(guards.calm), rows(guards.drifting)
         self._turn, self._lasting, self._longest = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
         self.stage = Stage.GATHERING
@@ -148,7 +148,7 @@ class Session:
             look = known.sight.look(row)
             if number == self._newest:
                 self.total_wrench = look.view[FORCING_SIZE:]
-            if not self._is_believed(number, row, look.motion, known.estimate):
+            if not self._is_believed(number, look.motion):
                 return
             place, has_moved = buffer.add(number, row)
             buffer.views[place] = look.view
@@ -168,13 +168,13 @@ class Session:
 
     # --- contradictions ---
 
-    def _is_believed(self, number: int, row: Array, residuals: Array, estimate: Estimate) -> bool:
+    def _is_believed(self, number: int, residuals: Array) -> bool:
         """Whether a row's motion may be learned from; a contradiction takes back the rows that came with it."""
         if self._known.misses_poses:
             return True
-        found = self._monitor.add(residuals, estimate.body.see @ row, estimate)
+        found = self._monitor.add(residuals)
         if found is not None:
-            if self.suspect is None or number > self._contradicted_at + self._clear:
+            if self.suspect is None or number > self._contradicted_at + self._confirming:
                 self._doubted_at = number
             if self.suspect is None:
                 self._known.take_back(number - found.rows)
@@ -183,7 +183,7 @@ class Session:
             if number - self._doubted_at > self._lasting:
                 self._start_over()
             return False
-        if self.suspect is not None and number - self._contradicted_at >= self._clear:
+        if self.suspect is not None and number - self._contradicted_at >= self._confirming:
             self.suspect, self._unconfirmed = None, self._confirming
         return self.suspect is None
 

@@ -46,13 +46,10 @@ class Guards:
             surprising, over the threshold: less than 1, because some of these rows may have been fitted already.
         contradiction: Probability that a robot's motion seems to contradict the team's over a window of rows without
             any fault. There are some 250 windows per second and robot, so this is one in many years.
-        clear_rows: A robot that contradicted the team, or itself, is believed again after so long without that [s].
         lasting: A contradiction that lasts so long may be the poses' own: all begins anew [s].
         misfit: Probability that a stretch of rows fits as badly as that without any fault; a fit has some ten thousand.
         energy: Standard deviations by which the sum of squares of all residuals may be larger than noise makes it.
         noise_tolerance: Share by which the variance of noise may be larger than it was told to be.
-        lead: By so much of the squared residuals another load must explain the wrenches better than a sensor that reads
-            something in excess: odds of ``exp(lead / 2)``.
         excess: Probability that a sensor seems to explain wrenches of another load, without reading anything in excess.
         constant_excess: Probability that one seems to have read something in excess all the time, whatever the load is.
         fresh_change: Before a load is told for the first time no stretch of its rows may look so much like another one,
@@ -63,8 +60,9 @@ class Guards:
         drifting: A load that changes again so soon drifts [s].
         undecided: After so long without an answer the load is believed to have changed [s]: a fault is over by then.
         waiting: Rows are missing when none of the whole team has come for so long, and the time on the way [s].
-        confirming: After rows were missing, or in another team, what was known holds only when it has fitted new rows
-            for so long [s]: the load may have changed meanwhile.
+        confirming: A robot that contradicted the team, or itself, is believed again after so long without that [s].
+            After that, after rows were missing, or in another team, what was known holds only when it has fitted new
+            rows for so long: the load may have changed meanwhile.
     """
 
     growth: float = 1.15
@@ -74,12 +72,10 @@ class Guards:
     surprise: float = 4e-5
     worth_a_fit: float = 0.5
     contradiction: float = 1e-11
-    clear_rows: float = 0.3
     lasting: float = 1.5
     misfit: float = 1e-13
     energy: float = 6.0
     noise_tolerance: float = 0.2
-    lead: float = 25.0
     excess: float = 1e-4
     constant_excess: float = 1e-9
     fresh_change: float = 0.65
