@@ -26,7 +26,9 @@ POSES = tuple(
 LOAD: Array = Inertia(8.0, np.array([-0.35, -0.25, 0.02]), np.diag([0.6, 0.8, 1.1])).barycentric()
 
 
-def made_up_rows(count: int, load: Array = LOAD, first: int = 0, seed: int = 1) -> Array:
+def made_up_rows(
+    count: int, load: Array = LOAD, first: int = 0, seed: int = 1, poses: tuple[Pose, ...] = POSES
+) -> Array:
     """Rows (count, 24 N + 1) from number ``first`` on."""
     rng = np.random.default_rng((seed, first))
     noise = SensorNoise()
@@ -35,7 +37,7 @@ def made_up_rows(count: int, load: Array = LOAD, first: int = 0, seed: int = 1) 
     wrench = np.einsum("nk,kij,j->ni", features(motion, np.zeros((len(times), 6))), _regressor(), load)
     shares = np.random.default_rng(5).dirichlet(np.ones(len(POSES)))
     rows = np.ones((count, 24 * len(POSES) + 1))
-    for robot, pose in enumerate(POSES):
+    for robot, pose in enumerate(poses):
         own = np.hstack([grasp_measurements(pose, motion), shares[robot] * wrench @ pose.inverse().adjoint().T])
         own += rng.normal(size=own.shape) * noise.per_column()
         for number, samples in enumerate(own.reshape(count, BLOCK, 15)):

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from agents.efficient import judge
+from agents.efficient import estimator, judge
 from agents.efficient.exchange import Exchange
 from agents.efficient.session import Session
 from coheft.errors import CoheftError
@@ -87,6 +88,30 @@ def _no_confirmation(is_confirmed: property) -> property:
     return property(lambda self: True)
 
 
+def _without(guard: str) -> Callable[[Function], Function]:
+    """A guard is switched off."""
+    return lambda guards: partial(guards, **{guard: SWITCHED_OFF[guard]})
+
+
+SWITCHED_OFF = {
+    "surprise": 1e-300,
+    "contradiction": 1e-300,
+    "lasting": 1e9,
+    "misfit": 1e-300,
+    "energy": 1e9,
+    "noise_tolerance": 0.0,
+    "excess": 1e-300,
+    "constant_excess": 1e-300,
+    "fresh_change": 1e9,
+    "calm": 0.0,
+    "mass": 0.999,
+    "drifting": 0.0,
+    "undecided": 1e9,
+    "waiting": 1e9,
+    "first_rows": 0.0,
+}
+"""Values of guards that make them do nothing."""
+
 MUTANTS: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
     "half-complete-row": (Exchange, "complete", _half_complete_row),
     "wrong-row": (Exchange, "complete", _wrong_row),
@@ -94,6 +119,7 @@ MUTANTS: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
     "wrong-side": (RowBuffer, "begin_load", _wrong_side),
     "no-rival": (judge, "explanations", _no_rival),
     "no-confirmation": (Session, "is_confirmed", _no_confirmation),
+    **{f"without-{guard.replace('_', '-')}": (estimator, "Guards", _without(guard)) for guard in SWITCHED_OFF},
 }
 """By name: where what is replaced, and by what."""
 

@@ -1,0 +1,140 @@
+"""Each guard does something: with it a robot is right, or silent; without it, it is wrong, late, or silent for good."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+
+from agents.efficient.session import Session
+from agents.efficient.settings import Guards
+from agents.efficient.stages import Stage
+from coheft.app.faults.mutants import SWITCHED_OFF
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.moments.claims import claim_of
+from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.rows import FORCE, ROW_SIZE, TORQUE, A, RowNoise
+from coheft.estimation.rigid_body import unit_point
+from coheft.estimation.spatial import Array, Pose
+from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
+
+SURE = 6.0
+"""No number that is valid is further off, in its own standard deviations."""
+
+
+@dataclass
+class Case:
+    """Rows, and what is true of what one robot makes of them.
+
+    Attributes:
+        rows: Of the team.
+        is_right: What must hold of the session and its history with the guard, and does not without it.
+        loads: True theta at each row, if not always ``LOAD``.
+        told: The noise that robots are told, in units of the true one.
+        own: Which robot.
+        missing: Rows that never come.
+    """
+
+    rows: Array
+    is_right: Callable[[Session, History], bool]
+    loads: list[Array] = field(default_factory=list)
+    told: float = 1.0
+    own: int = 0
+    missing: range = range(0)
+
+    def run(self, guards: Guards) -> tuple[Session, History]:
+        noise = RowNoise.of_samples(SensorNoise().scaled(self.told), 20, 1000.0)
+        session = Session(len(POSES), self.own, FitSettings(noise, PERIOD), guards)
+        history = History()
+        for number, row in enumerate(self.rows):
+            if number in self.missing:
+                continue
+            session.take(number, row)
+            if session.stage is Stage.ESTIMATING and session.suspect is None and session.is_confirmed:
+                history.valid.append(number)
+                history.errors.append(_error(session, self.loads[number] if self.loads else LOAD))
+        return session, history
+
+
+@dataclass
+class History:
+    """When what was known was valid, and how far it was off then at worst, in its own standard deviations."""
+
+    valid: list[int] = field(default_factory=list)
+    errors: list[float] = field(default_factory=list)
+
+    @property
+    def is_sure(self) -> bool:
+        return max(self.errors, default=0.0) < SURE
+
+
+def _error(session: Session, load: Array) -> float:
+    assert session.estimate is not None
+    assert session.estimate.state.load is not None
+    estimate = session.claimable(session.estimate)
+    known, theta = claim_of(estimate, session._own).known, estimate.body.unknowns.theta
+    errors = np.abs(session.estimate.state.load[6:] - load) / np.sqrt(estimate.covariance.diagonal()[theta])
+    return float(errors[:known].max(initial=0.0))
+
+
+def with_more(share: float) -> Array:
+    """The load with so much more mass, at one point."""
+    mass, place = share * LOAD[0], np.array([-0.2, -0.1, 0.1])
+    return LOAD + mass * np.concatenate([[1.0], place, unit_point(place)])
+
+
+def off(first: int, end: int, count: int, robot: int, column: int, size: float) -> Array:
+    """Rows of which one number of one robot is off for a time."""
+    rows = made_up_rows(count)
+    rows[first:end, ROW_SIZE * robot + column] += size
+    return rows
+
+
+def changed(share: float, before: int = 200, after: int = 100) -> tuple[Array, list[Array]]:
+    """Rows over a change of the load, and the true loads."""
+    load = with_more(share)
+    rows = np.concatenate([made_up_rows(before), made_up_rows(after, load=load, first=before)])
+    return rows, [LOAD] * before + [load] * after
+
+
+def slipped() -> Array:
+    """Rows over a grasp that slips by 5 cm."""
+    poses = (*POSES[:2], Pose(POSES[2].rotation, POSES[2].translation + np.array([0.05, 0.0, 0.0])), *POSES[3:])
+    return np.concatenate([made_up_rows(150), made_up_rows(250, first=150, poses=poses)])
+
+
+CASES = {
+    "surprise": Case(changed(0.05)[0], lambda session, _: session.changes[0][1] < 203, own=3),
+    "contradiction": Case(off(150, 170, 200, 1, A.start, 0.3), lambda _, then: not {*range(152, 170)} & {*then.valid}),
+    "lasting": Case(slipped(), lambda session, then: then.valid[-1] > 390 and session.estimate is not None),
+    "misfit": Case(off(8, 16, 200, 2, FORCE.start, 0.5), lambda _, then: then.is_sure and then.valid[0] > 40),
+    "energy": Case(made_up_rows(200), lambda _, then: then.valid[-1] < 199, told=0.8),
+    "noise_tolerance": Case(made_up_rows(400), lambda _, then: len(then.valid) > 350, told=0.94),
+    "constant_excess": Case(off(0, 400, 400, 2, FORCE.start, 0.25), lambda _, then: then.is_sure),
+    "mass": Case(off(200, 400, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
+    "waiting": Case(
+        changed(0.01, after=60)[0], lambda _, then: then.is_sure, changed(0.01)[1], missing=range(180, 210)
+    ),
+}
+
+
+@pytest.mark.parametrize("guard", CASES)
+def test_a_guard_does_something(guard: str) -> None:
+    case = CASES[guard]
+    assert case.is_right(*case.run(Guards()))
+    assert not case.is_right(*case.run(replace(Guards(), **{guard: SWITCHED_OFF[guard]})))
+
+
+def test_a_change_that_another_robot_has_noticed_is_looked_for_at_once() -> None:
+    rows, _ = changed(0.003)
+    settings = FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD)
+    one, alone, told = (Session(len(POSES), own, settings, Guards()) for own in (3, 2, 2))
+    for number, row in enumerate(rows):
+        if one.changes:
+            told.hear_of_change(one.changes[0][0], number)
+        for session in (one, alone, told):
+            session.take(number, row)
+    noticed = [session.changes[0][1] for session in (one, alone, told)]
+    assert noticed[2] <= noticed[0] + 2 < noticed[1]
