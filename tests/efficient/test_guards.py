@@ -130,7 +130,7 @@ def test_a_guard_does_something(guard: str) -> None:
 def test_a_change_that_another_robot_has_noticed_is_looked_for_at_once() -> None:
     rows, _ = changed(0.003)
     settings = FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD)
-    one, alone, told = (Session(len(POSES), own, settings, Guards()) for own in (3, 2, 2))
+    one, alone, told = (Session(len(POSES), own, settings, Guards()) for own in (2, 3, 3))
     for number, row in enumerate(rows):
         if one.changes:
             told.hear_of_change(one.changes[0][0], number)
