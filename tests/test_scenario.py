@@ -55,10 +55,6 @@ def test_the_scenarios_that_are_promised_are_there() -> None:
             'estimator = "seed"\nseed_method = { rounds = 256 }\nsensors = { block = 200 }\n',
             r"'sensors.block': found 200, and 'seed_method.rounds' = 256: .* up to 4.2 MB; expected at most 4.0 MB",
         ),
-        (
-            "sensors = { rate = 1000, block = 200 }\nrobots = { perimeter = { count = 900, extent = [1.0, 1.0] } }\n",
-            r"'sensors.block': found 200, and 'robots' = 900: messages between neighbours would take up to .* MB",
-        ),
     ],
 )
 def test_messages_that_would_be_too_large_are_refused(change: str, match: str) -> None:
@@ -68,6 +64,14 @@ def test_messages_that_would_be_too_large_are_refused(change: str, match: str) -
         parse_scenario(f'name = "large"\n{change}{payload}{robots}', "large.toml")
     smaller = change.replace("block = 200", "block = 20")
     assert parse_scenario(f'name = "large"\n{smaller}{payload}{robots}', "large.toml").sensors.block == 20
+
+
+def test_more_robots_than_each_can_know_are_refused_and_the_other_method_is_named() -> None:
+    team = 'name = "large"\npayload.boxes = [{ mass = 90.0, size = [1.4, 1.3, 0.1] }]\nrobots.perimeter.count = '
+    text = f"{team}300\nrobots.perimeter.extent = [1.0, 1.0]\n"
+    with pytest.raises(ScenarioError, match=r"'robots': found 300 .*, expected at most 128: .* With 'seed'"):
+        parse_scenario(text, "large.toml")
+    assert parse_scenario(f'estimator = "seed"\n{text}', "large.toml").robot_count == 300
 
 
 def test_good_scenario_is_good() -> None:

@@ -22,6 +22,8 @@ from coheft.wire.toml_value import as_toml
 
 _KEYS: dict[Kind, str] = {"estimator": "estimator", "motion": "motion.own"}
 """Where a scenario names which it uses."""
+_MOST_ROBOTS = 128
+"""Of a team in which each robot estimates all poses: a fit takes half a second there."""
 _LEAST_NOISE = 1e-3
 """In units of the nominal noise."""
 _LEVEL = 1e-9
@@ -83,6 +85,7 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
     check_load_places(scenario, origin)
     check_arms(scenario, origin)
     check_message_size(scenario, origin)
+    check_team_size(scenario, origin)
 
 
 def check_noise(scenario: Scenario, origin: str) -> None:
@@ -256,6 +259,20 @@ def check_message_size(scenario: Scenario, origin: str) -> None:
         f"neighbours would take up to {size / 1e6:.1f} MB; expected at most {LARGEST / 1e6:.1f} MB: make one of the "
         f"two smaller"
     )
+
+
+def check_team_size(scenario: Scenario, origin: str) -> None:
+    """Check that robots are not too many for an estimator in which each of them knows the whole team.
+
+    Raises:
+        ScenarioError: They are.
+    """
+    if scenario.estimator == "efficient" and scenario.robot_count > _MOST_ROBOTS:
+        raise ScenarioError(
+            f"{origin}: key 'robots': found {scenario.robot_count} with 'estimator' = 'efficient', expected at most "
+            f"{_MOST_ROBOTS}: there each robot finds the poses of all; memory grows as N², fits as N³ "
+            f"(docs/wide.md). With 'seed' it finds those of its neighbours only"
+        )
 
 
 def check_loads(scenario: Scenario, origin: str) -> None:

@@ -21,6 +21,7 @@ from coheft.app.faults.trial import Outcome, try_schedule
 from coheft.errors import CoheftError
 from coheft.wire.codec import encode
 from coheft.wire.scenario import LoadChange
+from tests.efficient import test_guards
 
 OUTCOME = Outcome(
     seed=3,
@@ -176,7 +177,12 @@ def test_a_mutant_leaves_nothing_behind(mutant: str):
     assert getattr(owner, method) is right
 
 
-@pytest.mark.parametrize("mutant", MUTANTS)
+def test_for_every_mutant_there_is_a_test_that_finds_it():
+    of_guards = {f"without-{guard.replace('_', '-')}" for guard in test_guards.CASES}
+    assert set(MUTANTS) == {*SHOWN_BY, *of_guards}
+
+
+@pytest.mark.parametrize("mutant", SHOWN_BY)
 def test_every_deliberate_bug_is_found(mutant: str):
     """By a number that is wrong, or because no robot is ever valid; without the bug neither happens."""
     assert not goes_wrong(SHOWN_BY[mutant])
