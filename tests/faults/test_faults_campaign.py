@@ -48,7 +48,7 @@ ONCE_BROKEN_LATE = (
     *(3161, 3567, 3585, 4081, 4631, 4645, 4897, 5179, 5921, 7753, 8525, 9669, 9813, 10195, 20091),
 )
 """With it."""
-ONCE_DRAWN = "6e43f044cbba3fe70d5a4c4ec5b7381f0b5eb18790eee9caf36b2e58ce374b2f"
+ONCE_DRAWN = "cb16d5d275d6341112d8007f77d37c232d1cfba20ef63cf9c45ed45c53750d27"
 """Digest of all these schedules."""
 
 
@@ -60,6 +60,10 @@ SHOWN_BY = {
     "wrong-side": draw_schedule(6, delayed=False),
     "no-rival": draw_schedule(2254, delayed=False),
     "no-confirmation": draw_schedule(883),
+    "without-excess": draw_schedule(4645),
+    "without-fresh-change": draw_schedule(4220, delayed=False),
+    "without-calm": draw_schedule(4220, delayed=False),
+    "without-first-rows": draw_schedule(840, delayed=False),
 }
 """A schedule for each mutant."""
 
