@@ -10,7 +10,7 @@ from typing import Any
 from coheft.errors import ScenarioError
 from coheft.wire.toml_value import as_toml
 
-_KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+|\[\d+\])*")
+_KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+|\[\d{1,9}\])*", re.ASCII)
 _BARE = re.compile(r"[A-Za-z][\w./-]*")
 """Text that may stand without quotes."""
 
@@ -45,7 +45,7 @@ def _parsed(value: str, text: str) -> object:
 
 
 def _put(table: dict[str, Any], key: str, value: object, text: str) -> None:
-    *path, last = [int(part) if part.isdigit() else part for part in re.findall(r"[^.\[\]]+", key)]
+    *path, last = [int(part[1:-1]) if part[0] == "[" else part for part in re.findall(r"\[\d+\]|[^.\[\]]+", key)]
     node: Any = table
     for depth, part in enumerate(path):
         node = _inner(node, part, f"--set {text}: key '{_joined(path[:depth])}'")
@@ -66,9 +66,10 @@ def _check(node: Any, part: str | int, where: str) -> None:
         return
     if not isinstance(node, list | dict):
         raise ScenarioError(f"{where}: found {as_toml(node)}, which has no parts")
-    if isinstance(node, dict) or isinstance(part, str):
-        kind, expected = ("a section", "a name") if isinstance(node, dict) else ("a list", "a number, from 0")
-        raise ScenarioError(f"{where}: found {part!r} for a part of {kind}, expected {expected}")
+    if isinstance(node, dict):
+        raise ScenarioError(f"{where}: found {part!r} for a part of a section, expected a name")
+    if isinstance(part, str):
+        raise ScenarioError(f"{where}: found {part!r} for a part of a list, expected a number in brackets, from [0]")
     if part >= len(node):
         raise ScenarioError(f"{where}: found number {part}, but the list has {len(node)}, counted from 0")
 
