@@ -1,1 +1,1 @@
-"""Agents: one robot, one process. The core (``agents.agent``) is pure; ``agents.process`` gives it its links."""
+"""One robot, one process. The core (``coheft.agents.agent``) is pure; ``coheft.agents.process`` gives it its links."""

@@ -11,22 +11,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.carrier import Carrier
-from agents.efficient.estimator import EfficientEstimator
-from agents.estimator import Estimator, EstimatorFactory
-from agents.inbox import NeighbourInbox
-from agents.motion import make_motion
-from agents.own import make_own
-from agents.own_estimator import OwnEstimator
-from agents.seed import SeedEstimator
-from agents.sensor_check import SensorCheck
-from agents.status import StatusKeeper
+from coheft.agents.carrier import Carrier
+from coheft.agents.efficient.estimator import EfficientEstimator
+from coheft.agents.estimator import Estimator, EstimatorFactory
+from coheft.agents.inbox import NeighbourInbox
+from coheft.agents.motion import make_motion
+from coheft.agents.own import make_own
+from coheft.agents.own_estimator import OwnEstimator
+from coheft.agents.seed import SeedEstimator
+from coheft.agents.sensor_check import SensorCheck
+from coheft.agents.status import StatusKeeper
+from coheft.consensus.gossip import Gossip
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.spatial import Array
 from coheft.wire.config import AgentConfig
 from coheft.wire.message_size import LARGEST
 from coheft.wire.messages import Estimate, NeighbourMessage, Reference
-from consensus.gossip import Gossip
 
 ESTIMATORS: dict[str, EstimatorFactory] = {"efficient": EfficientEstimator, "seed": SeedEstimator}
 """Those that come with coheft; others are found by their entry points, see ``coheft.wire.plugins``."""

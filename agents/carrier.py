@@ -11,8 +11,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from agents.common_path import CommonPath
-from agents.motion import ReferenceMotion
+from coheft.agents.common_path import CommonPath
+from coheft.agents.motion import ReferenceMotion
 from coheft.estimation.carried_motion import CarriedMotion, carried_motion
 from coheft.estimation.feedforward import load_shares, weight_deviations
 from coheft.estimation.inertia_estimate import middle_and_size

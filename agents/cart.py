@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.cart_sums import CartSums, Lost, Totals
+from coheft.agents.cart_sums import CartSums, Lost, Totals
+from coheft.consensus.gossip import Gossip
 from coheft.estimation.cart_contact import BestContact, effort, grasp_map, leverage, share
 from coheft.estimation.cart_control import Tracker
 from coheft.estimation.cart_filter import MOTION_SIZE, Push, Sighting
@@ -24,7 +25,6 @@ from coheft.estimation.spatial import Array
 from coheft.wire.cart.config import CartAgentConfig
 from coheft.wire.cart.messages import CartEstimate, CartMeasurement, CartMessage, CartPush
 from coheft.wire.cart.scenario import CartGuess
-from consensus.gossip import Gossip
 
 _REPORT_INTERVAL = 0.1
 """Time between reports to observers [s]."""

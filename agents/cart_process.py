@@ -1,6 +1,6 @@
 """One pusher of a cart in a process of its own: the pure core with its links.
 
-``python -m agents.cart_process`` reads a ``CartAgentProcessConfig`` from stdin.
+``python -m coheft.agents.cart_process`` reads a ``CartAgentProcessConfig`` from stdin.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from typing import NoReturn
 import numpy as np
 from msgspec import structs
 
-from agents.cart import CartAgent
-from agents.cart_sums import CHANNELS
-from agents.inbox import is_possible
-from agents.links import HELLO_PERIOD, AgentLinks, open_links
+from coheft.agents.cart import CartAgent
+from coheft.agents.cart_sums import CHANNELS
+from coheft.agents.inbox import is_possible
+from coheft.agents.links import HELLO_PERIOD, AgentLinks, open_links
 from coheft.errors import LinkError, MessageError
 from coheft.wire.cart.config import CartAgentConfig, CartAgentProcessConfig
 from coheft.wire.cart.messages import CartMeasurement, CartMessage

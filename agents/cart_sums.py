@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.consensus.gossip import Gossip
+from coheft.consensus.graph import hearing
+from coheft.consensus.pipeline import NeighbourStages, Pipeline
+from coheft.consensus.schedule import choose_schedule
 from coheft.estimation.spatial import Array
 from coheft.wire.cart.messages import CartMessage
-from consensus.gossip import Gossip
-from consensus.graph import hearing
-from consensus.pipeline import NeighbourStages, Pipeline
-from consensus.schedule import choose_schedule
 
 _WRENCH, _LEVERAGE, _MOTION = slice(0, 3), slice(3, 12), slice(12, 18)
 CHANNELS = 18

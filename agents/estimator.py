@@ -1,8 +1,8 @@
 """What an estimator is: the part of an agent that turns measurements and messages into beliefs.
 
 To add one: write a class with the methods of ``Estimator``. In a package of your own it gets its name by an entry
-point, see docs/own.md, and ``agents.own_estimator`` checks what its methods return; in this one it gets it in
-``agents.agent.ESTIMATORS``, ``coheft.wire.plugins.SECTIONS`` and ``coheft.wire.message_size.ARRAYS``.
+point, see docs/own.md, and ``coheft.agents.own_estimator`` checks what its methods return; in this one it gets it in
+``coheft.agents.agent.ESTIMATORS``, ``coheft.wire.plugins.SECTIONS`` and ``coheft.wire.message_size.ARRAYS``.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from coheft.consensus.gossip import Gossip
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.rigid_body import TIMES_IN_MATRIX
 from coheft.estimation.spatial import Array, Pose
@@ -22,7 +23,6 @@ from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
 from coheft.wire.estimator_settings import Converged
 from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
-from consensus.gossip import Gossip
 
 Channels = Mapping[str, npt.NDArray[Any]]
 """Arrays by name; what an agent measured is in its own grasp frame, what the team sums in a frame of its choice."""

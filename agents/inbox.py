@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from agents.estimator import Channels
+from coheft.agents.estimator import Channels
 from coheft.estimation.spatial import Array
 from coheft.wire.messages import LinkState, NeighbourMessage
 from coheft.wire.scenario import MAX_ROBOTS

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from agents.estimator import Channels
+from coheft.agents.estimator import Channels
 from coheft.estimation.measurement import KINEMATICS_SIZE
 
 CHANNEL = "kinematics"

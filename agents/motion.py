@@ -6,8 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from agents.own import make_own
-from agents.via_points import ViaPointMotion
+from coheft.agents.own import make_own
+from coheft.agents.via_points import ViaPointMotion
 from coheft.errors import PluginError
 from coheft.estimation.smooth_step import cubic_step
 from coheft.estimation.spatial import Array

@@ -12,22 +12,22 @@ from typing import TypeVar
 import msgspec
 from msgspec.structs import replace
 
-from agents.estimator import Belief, Channels, Estimator
-from agents.inbox import is_possible
-from agents.own_returns import plain_answer, plain_belief, plain_channels, plain_texts
+from coheft.agents.estimator import Belief, Channels, Estimator
+from coheft.agents.inbox import is_possible
+from coheft.agents.own_returns import plain_answer, plain_belief, plain_channels, plain_texts
+from coheft.consensus.gossip import Gossip
 from coheft.errors import MessageError, PluginError
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.spatial import Array
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import LinkState
 from coheft.wire.plugins import told
-from consensus.gossip import Gossip
 
 T = TypeVar("T")
 
 
 class OwnEstimator:
-    """See ``agents.estimator.Estimator``; every method raises ``PluginError`` if the own one's fails.
+    """See ``coheft.agents.estimator.Estimator``; every method raises ``PluginError`` if the own one's fails.
 
     Args:
         own: The user's.

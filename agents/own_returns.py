@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from agents.estimator import Belief
-from agents.inbox import LARGEST_NORM, can_be_used
+from coheft.agents.estimator import Belief
+from coheft.agents.inbox import LARGEST_NORM, can_be_used
 from coheft.errors import MessageError, one_line
 from coheft.estimation.spatial import Array, Pose
 from coheft.estimation.uncertain_pose import UncertainPose

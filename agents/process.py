@@ -1,6 +1,6 @@
 """One agent in a process of its own: the pure core with its links.
 
-``python -m agents.process`` reads an ``AgentProcessConfig`` from stdin.
+``python -m coheft.agents.process`` reads an ``AgentProcessConfig`` from stdin.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import NoReturn
 
 from msgspec import structs
 
-from agents.agent import Agent
-from agents.heartbeat import PERIOD, Heartbeat
-from agents.links import HELLO_PERIOD, SERVER, AgentLinks, open_links
-from agents.neighbour_link import NeighbourLink
+from coheft.agents.agent import Agent
+from coheft.agents.heartbeat import PERIOD, Heartbeat
+from coheft.agents.links import HELLO_PERIOD, SERVER, AgentLinks, open_links
+from coheft.agents.neighbour_link import NeighbourLink
 from coheft.errors import LinkError, MessageError
 from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
 from coheft.wire.codec import check_field

@@ -11,17 +11,17 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from agents import kinematics
-from agents.estimator import Belief, Channels, is_converged
-from agents.load_changes import LoadChanges
-from agents.seed_sums import SeedSums
+from coheft.agents import kinematics
+from coheft.agents.estimator import Belief, Channels, is_converged
+from coheft.agents.load_changes import LoadChanges
+from coheft.agents.seed_sums import SeedSums
+from coheft.consensus.gossip import Gossip
+from coheft.consensus.graph import Neighbours
 from coheft.estimation.measurement import KINEMATICS, MeasurementBlock
 from coheft.estimation.pose_rls import PoseRls
 from coheft.estimation.spatial import Array
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
-from consensus.gossip import Gossip
-from consensus.graph import Neighbours
 
 _SOLVE_EVERY = 5
 """Blocks per solution of a pose filter: poses do not change, and solving costs more than taking in."""
@@ -31,7 +31,7 @@ _UNSEEN_DEG = 20.0
 
 
 class SeedEstimator:
-    """One robot's share of the seed method. See ``agents.estimator.Estimator``."""
+    """One robot's share of the seed method. See ``coheft.agents.estimator.Estimator``."""
 
     def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
         self._config = config

@@ -10,8 +10,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from agents.estimator import Channels
-from agents.load_changes import LoadChanges
+from coheft.agents.estimator import Channels
+from coheft.agents.load_changes import LoadChanges
+from coheft.consensus.dynamic import DynamicConsensus
+from coheft.consensus.graph import Neighbours, metropolis_weight
+from coheft.consensus.pipeline import NeighbourStages
 from coheft.estimation.angular_acceleration import AngularAcceleration, gyro_derivative
 from coheft.estimation.consistency import is_possible, nearest_possible
 from coheft.estimation.inertia_derivatives import barycentric_derivative
@@ -20,9 +23,6 @@ from coheft.estimation.rigid_body import Inertia, packed_rotation, unpack_symmet
 from coheft.estimation.spatial import Array, Pose, skew
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import PayloadEstimate
-from consensus.dynamic import DynamicConsensus
-from consensus.graph import Neighbours, metropolis_weight
-from consensus.pipeline import NeighbourStages
 
 _SAMPLE_CHANNELS = 10
 """Per sample: total force and torque, angular acceleration, and 1 where these were measured or 0 where made up."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from agents.outliers import outliers
+from coheft.agents.outliers import outliers
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.spatial import Array
 

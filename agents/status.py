@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-from agents.estimator import Belief
-from agents.regular import Regular
+from coheft.agents.estimator import Belief
+from coheft.agents.regular import Regular
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import Estimate, PoseEstimate
 

@@ -40,19 +40,19 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from agents.motion import make_motion
 from benchmarks import agent_step_team
 from benchmarks.agent_step_team import COUNTED, NONE, Took, Turn, ring
 from benchmarks.figures import digits
 from benchmarks.runner import this_machine
 from benchmarks.timing import ratio
+from coheft.agents.motion import make_motion
+from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
 from coheft.estimation.spatial import Array
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.config import agent_config
 from coheft.wire.messages import Reference
 from coheft.wire.scenario import Scenario
-from consensus.graph import build_graph
-from physics_server.simulation import Simulation
 
 HERE = Path(__file__).resolve().parents[1]
 """The checkout that this is."""
@@ -280,8 +280,8 @@ def main() -> None:
     parser.add_argument("--against", metavar="PATH", type=Path, help="another checkout, measured in the same turns")
     chosen = parser.parse_args()
     against = None if chosen.against is None else chosen.against.resolve()
-    if against is not None and not (against / "agents" / "agent.py").is_file():
-        parser.error(f"{against} is no checkout of coheft")
+    if against is not None and not (against / "coheft" / "agents" / "agent.py").is_file():
+        parser.error(f"{against} is no checkout of coheft, or one of a version whose agents were not in coheft.agents")
     try:
         teams = [int(team) for team in chosen.teams.split(",")]
     except ValueError:

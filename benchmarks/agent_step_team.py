@@ -25,10 +25,12 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-import agents.agent
-from agents.agent import ESTIMATORS, Agent
-from agents.estimator import Belief, Channels
+import coheft.agents.agent
 from benchmarks.scenarios import team_scenario
+from coheft.agents.agent import ESTIMATORS, Agent
+from coheft.agents.estimator import Belief, Channels
+from coheft.consensus.gossip import Gossip
+from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.spatial import Array
@@ -36,8 +38,6 @@ from coheft.wire.codec import decode, encode
 from coheft.wire.config import AgentConfig, agent_config
 from coheft.wire.messages import Estimate, Measurements, NeighbourMessage
 from coheft.wire.scenario import Scenario
-from consensus.gossip import Gossip
-from consensus.graph import build_graph
 
 NONE = "none"
 """Name of the estimator that does no mathematics."""
@@ -236,7 +236,7 @@ def main() -> None:
     parser.add_argument("--count", action="store_true")
     chosen = parser.parse_args()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever measures gets it too, and ends stdin
-    found = Path(agents.agent.__file__).resolve()
+    found = Path(coheft.agents.agent.__file__).resolve()
     if not found.is_relative_to(chosen.root.resolve()):
         sys.exit(f"meant to measure the agents of {chosen.root}, but found those of {found.parents[1]}")
     ESTIMATORS[NONE] = NoMathematics

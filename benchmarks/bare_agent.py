@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from unittest.mock import patch
 
-from agents import process
 from benchmarks.replay import BareAgent
+from coheft.agents import process
 
 if __name__ == "__main__":
     with patch.object(process, "Agent", BareAgent):

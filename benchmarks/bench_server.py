@@ -17,13 +17,13 @@ from msgspec.structs import replace
 
 from coheft.errors import LoadError
 from coheft.estimation.spatial import Array
+from coheft.physics_server import server
+from coheft.physics_server.simulation import BlockResult, Simulation
 from coheft.wire.config import ServerConfig
 from coheft.wire.messages import LoadState, Measurements, Message, Reference
 from coheft.wire.robot_link import RobotLink
 from coheft.wire.scenario import Scenario
 from coheft.wire.supervised import supervised_main
-from physics_server import server
-from physics_server.simulation import BlockResult, Simulation
 
 SETTINGS = "benchmark"
 

@@ -17,7 +17,7 @@ from coheft.estimation.spatial import Array
 DENSE = 1100
 """Up to so many nodes all eigenvalues are computed, and the best root of a tree is searched among all."""
 _SAME = 1e-7
-"""Eigenvalues that differ by less than this share of the largest are one, as in ``consensus.schedule``."""
+"""Eigenvalues that differ by less than this share of the largest are one, as in ``coheft.consensus.schedule``."""
 _DEGREE = 8
 _ROOTS = 100
 
@@ -58,7 +58,7 @@ class Links:
         return csr_array(moved + kept)
 
     def neighbours(self) -> dict[str, tuple[str, ...]]:
-        """As ``consensus.graph`` has it."""
+        """As ``coheft.consensus.graph`` has it."""
         names = [f"r{node:0{len(str(self.count))}d}" for node in range(self.count)]
         return {
             names[node]: tuple(names[other] for other in sorted(self.adjacency[[node], :].indices.tolist()))

@@ -18,10 +18,10 @@ from benchmarks.figures import Effort, Figure, Section, Skipped
 from benchmarks.kernel_references import consensus_round
 from benchmarks.runner import run_alone
 from benchmarks.timing import interleaved, ratio
+from coheft.consensus.pipeline import NeighbourStages, Pipeline
 from coheft.errors import CoheftError
 from coheft.estimation.inertia import features, regressor_coefficients
 from coheft.estimation.spatial import Array
-from consensus.pipeline import NeighbourStages, Pipeline
 
 BLOCK = 20
 _BAR = 20.0

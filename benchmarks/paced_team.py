@@ -152,7 +152,7 @@ def paced_team(scenario: Scenario, folder: Path, replay: Mapping[str, Path] | No
         processes.start("server", "benchmarks.bench_server", plan.server)
         for name, config in plan.agents.items():
             if replay is None:
-                processes.start(name, "agents.process", config)
+                processes.start(name, "coheft.agents.process", config)
             else:
                 agent = replace(config.agent, estimator_settings={SETTING: str(replay[name])})
                 processes.start(name, "benchmarks.bare_agent", replace(config, agent=agent))

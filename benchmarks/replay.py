@@ -8,8 +8,8 @@ from pathlib import Path
 
 import msgspec
 
-from agents.agent import Outbox
 from benchmarks.stepped_team import SteppedTeam
+from coheft.agents.agent import Outbox
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.wire.codec import decode, encode
 from coheft.wire.config import AgentConfig
@@ -47,7 +47,7 @@ def sizes(path: Path) -> tuple[int, int]:
 
 
 class BareAgent:
-    """An agent that answers with what another one said once; has what ``agents.process`` needs of an ``Agent``."""
+    """An agent that answers with what another one said once; ``coheft.agents.process`` takes it for an ``Agent``."""
 
     def __init__(self, config: AgentConfig, incarnation: int, largest_arrays: int) -> None:
         self._config = config

@@ -17,9 +17,9 @@ import numpy as np
 from benchmarks.figures import Effort, Figure, Section
 from benchmarks.graphs import DENSE, Links, Spectrum, grid, radius, random, ring, slowest_mode, spectrum
 from benchmarks.runner import run_alone
+from coheft.consensus.schedule import TOLERANCE, chebyshev, finite_time, tree
 from coheft.errors import CoheftError
 from coheft.estimation.spatial import Array
-from consensus.schedule import TOLERANCE, chebyshev, finite_time, tree
 
 _BLOCK_BYTES = 20 * 18 * 8
 _TREE_BLOCKS = 2
@@ -27,7 +27,7 @@ _TREE_BLOCKS = 2
 _PERCENT = 0.01
 _SIZES: dict[Effort, tuple[int, ...]] = {"short": (100,), "usual": (100, 1024, 10_000), "full": (25, 100, 1024, 10_000)}
 _CHECKED = 100
-"""Up to so many robots the schedules are also made by ``consensus.schedule``, which must come to the same."""
+"""Up to so many robots the schedules are also made by ``coheft.consensus.schedule``, which must come to the same."""
 
 
 def measure(effort: Effort) -> Section:
@@ -96,7 +96,7 @@ def _check(links: Links, rounds: dict[str, int]) -> None:
 
 
 def chebyshev_nodes(found: Spectrum, count: int) -> Array:
-    """Roots of the Chebyshev polynomial that leaves as little as ``consensus.schedule`` allows."""
+    """Roots of the Chebyshev polynomial that leaves as little as ``coheft.consensus.schedule`` allows."""
     middle, half = 0.5 * (found.high + found.low), 0.5 * (found.high - found.low)
     share = TOLERANCE / (2.0 * count)
     rounds = math.ceil(math.acosh(1.0 / share) / math.acosh(middle / half))
@@ -115,7 +115,7 @@ def error(links: Links, nodes: Array) -> float:
 
 
 def leja_order(nodes: Array) -> Array:
-    """Each next node has the largest product of distances to those before, as in ``consensus.schedule``."""
+    """Each next node has the largest product of distances to those before, as in ``coheft.consensus.schedule``."""
     order = np.empty(len(nodes), dtype=np.int64)
     distance = np.abs(nodes)
     taken = np.zeros(len(nodes), dtype=np.bool_)

@@ -43,8 +43,8 @@ _USUAL = {key: value for key, value in os.environ.items() if key != "PYTHONDONTW
 _LEAST = "import msgspec, numpy, zenoh"
 """What an agent cannot do without; the supervisor neither."""
 _IMPORTED = {
-    "an agent": "import agents.process",
-    "the server": "import physics_server.server",
+    "an agent": "import coheft.agents.process",
+    "the server": "import coheft.physics_server.server",
     "the command": "import coheft.app.cli, coheft.app.launch",
 }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from agents.agent import Outbox
+from coheft.agents.agent import Outbox
 from coheft.app.inprocess import TeamInProcess, measured
 from coheft.errors import CoheftError
 from coheft.wire.scenario import Scenario

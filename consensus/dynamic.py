@@ -4,8 +4,8 @@
 Metropolis weights. The sum of all ``x``, carried to any one frame, always equals the sum of all inputs; the K rounds
 shrink what the agents disagree on by the K-th power of the second largest eigenvalue of ``metropolis_matrix``.
 
-The rounds are pipelined (``consensus.pipeline``), so the increment is taken over the K blocks that a value is under
-way: each value starts from where the consensus on the block K before it ended.
+The rounds are pipelined (``coheft.consensus.pipeline``), so the increment is taken over the K blocks that a value is
+under way: each value starts from where the consensus on the block K before it ended.
 
 A value that is lost on the way takes along what the sum should have conserved. Nothing that builds upon it is used; the
 agents have to start anew, all at the same block.
@@ -18,8 +18,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from coheft.consensus.pipeline import NeighbourStages, Pipeline
 from coheft.estimation.spatial import Array
-from consensus.pipeline import NeighbourStages, Pipeline
 
 
 class DynamicConsensus:

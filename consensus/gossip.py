@@ -18,10 +18,10 @@ from itertools import islice
 
 from msgspec.structs import replace
 
+from coheft.consensus.graph import distances
 from coheft.wire.message_size import PER_MESSAGE
 from coheft.wire.messages import LinkState
 from coheft.wire.scenario import MAX_ROBOTS
-from consensus.graph import distances
 
 
 class Gossip:

@@ -11,10 +11,10 @@ from typing import Protocol
 
 import numpy as np
 
+from coheft.consensus.pipeline import NeighbourStages, Pipeline
+from coheft.consensus.schedule import LaplacianSchedule, Schedule, TreeSchedule
+from coheft.consensus.tree_rounds import TreeRounds
 from coheft.estimation.spatial import Array
-from consensus.pipeline import NeighbourStages, Pipeline
-from consensus.schedule import LaplacianSchedule, Schedule, TreeSchedule
-from consensus.tree_rounds import TreeRounds
 
 Inbox = Mapping[str, Mapping[str, Array]]
 

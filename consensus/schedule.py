@@ -20,9 +20,9 @@ from typing import Literal
 
 import numpy as np
 
+from coheft.consensus.graph import Neighbours, centre, distances, laplacian
 from coheft.estimation.spatial import Array
 from coheft.wire.message_size import MANY
-from consensus.graph import Neighbours, centre, distances, laplacian
 
 TOLERANCE = 1e-10
 """Largest share of the inputs that a schedule may leave as disagreement."""

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.consensus.schedule import TreeSchedule
 from coheft.estimation.spatial import Array
-from consensus.schedule import TreeSchedule
 
 _NO_VERSION = -1
 
@@ -27,7 +27,7 @@ class _Value:
 
 
 class TreeRounds:
-    """One agent's share. See ``consensus.rounds.Rounds``, and ``make_rounds`` for the arguments."""
+    """One agent's share. See ``coheft.consensus.rounds.Rounds``, and ``make_rounds`` for the arguments."""
 
     def __init__(
         self,

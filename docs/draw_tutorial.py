@@ -13,14 +13,14 @@ from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 
 from coheft.app.inprocess import run_in_process
 from coheft.app.judge import Judge
+from coheft.consensus.graph import build_graph, laplacian
+from coheft.consensus.schedule import finite_time
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.spatial import Array, rotation_exp
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.messages import Estimate, Scene, Truth
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import load_scenario
-from consensus.graph import build_graph, laplacian
-from consensus.schedule import finite_time
-from physics_server.simulation import Simulation
 
 _AXES = ("#d43b3b", "#2f9e44", "#2f6fde")
 _TRUTH = "#111418"

@@ -13,7 +13,11 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from agents.agent import Agent
+from coheft.agents.agent import Agent
+from coheft.consensus.gossip import Gossip
+from coheft.consensus.graph import Neighbours, build_graph
+from coheft.consensus.rounds import make_rounds
+from coheft.consensus.schedule import choose_schedule
 from coheft.estimation.measurement import MeasurementBlock, SensorNoise
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose, rotation_exp
@@ -22,10 +26,6 @@ from coheft.wire.config import agent_config
 from coheft.wire.messages import NeighbourMessage
 from coheft.wire.scenario import Graph, Perimeter, Robots, Scenario
 from coheft.wire.scenario_file import load_scenario
-from consensus.gossip import Gossip
-from consensus.graph import Neighbours, build_graph
-from consensus.rounds import make_rounds
-from consensus.schedule import choose_schedule
 
 BLOCK = 10
 CHANNELS = 18

@@ -1,6 +1,6 @@
 """The cart's physics in a process of its own, in lockstep with the pushers.
 
-``python -m physics_server.cart_server`` reads a ``CartServerConfig`` from stdin.
+``python -m coheft.physics_server.cart_server`` reads a ``CartServerConfig`` from stdin.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import NoReturn
 import zenoh
 
 from coheft.errors import CoheftError, LinkError, MessageError
+from coheft.physics_server.cart import CartSimulation
 from coheft.wire.cart.config import CartServerConfig
 from coheft.wire.cart.messages import CartMeasurement, CartPush
 from coheft.wire.codec import check_array, check_field
@@ -21,7 +22,6 @@ from coheft.wire.planes import SERVER
 from coheft.wire.problem_log import ProblemLog
 from coheft.wire.supervised import supervised_main
 from coheft.wire.transport import Keys, Sender, open_session
-from physics_server.cart import CartSimulation
 
 _ANSWER_LIMIT = 30.0
 """A pusher that has not answered for so long is given up [s]."""

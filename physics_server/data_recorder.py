@@ -8,9 +8,9 @@ from coheft.estimation.batch.recording import Recording, RobotRecord, Truth
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose
+from coheft.physics_server.simulation import BlockResult
 from coheft.wire.messages import PayloadTruth, Scene
 from coheft.wire.scenario import Scenario
-from physics_server.simulation import BlockResult
 
 
 class DataRecorder:

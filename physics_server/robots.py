@@ -7,11 +7,11 @@ import time
 from collections.abc import Iterable, Mapping
 
 from coheft.errors import LinkError, MessageError
+from coheft.physics_server.absence import Absences
+from coheft.physics_server.late_answers import LateAnswers
 from coheft.wire.messages import Measurements, Message, Reference
 from coheft.wire.problem_log import ProblemLog
 from coheft.wire.robot_link import RobotLink
-from physics_server.absence import Absences
-from physics_server.late_answers import LateAnswers
 
 ANSWER_LIMIT = 10.0
 """A robot that has not answered for so long is reported [s]."""

@@ -1,6 +1,6 @@
 """The physics server in a process of its own: the simulation with its links.
 
-``python -m physics_server.server`` reads a ``ServerConfig`` from stdin.
+``python -m coheft.physics_server.server`` reads a ``ServerConfig`` from stdin.
 """
 
 from __future__ import annotations
@@ -15,6 +15,12 @@ from typing import Literal, NoReturn
 import zenoh
 
 from coheft.errors import CoheftError, one_line
+from coheft.physics_server.clock import Stopwatch, make_clock
+from coheft.physics_server.data_recorder import DataRecorder
+from coheft.physics_server.estimator_choice import EstimatorChoice
+from coheft.physics_server.request_words import in_words
+from coheft.physics_server.robots import ANSWER_LIMIT, Robots
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.config import ServerConfig
 from coheft.wire.data_file import write_recording
 from coheft.wire.inbox import Event, Inbox, LinkChange, Question, Received, Refused
@@ -36,12 +42,6 @@ from coheft.wire.requests import (
 from coheft.wire.robot_link import RobotLink
 from coheft.wire.supervised import COMMENT_AFTER, supervised_main
 from coheft.wire.transport import ROLES, Keys, Role, Sender, open_session
-from physics_server.clock import Stopwatch, make_clock
-from physics_server.data_recorder import DataRecorder
-from physics_server.estimator_choice import EstimatorChoice
-from physics_server.request_words import in_words
-from physics_server.robots import ANSWER_LIMIT, Robots
-from physics_server.simulation import Simulation
 
 GRACE = 5.0
 """Time for which the server goes on answering requests after the end of the run [s]."""

@@ -14,10 +14,10 @@ import numpy as np
 
 from coheft.errors import SimulationError
 from coheft.estimation.spatial import Array, Pose, rotation_log
+from coheft.physics_server.arm_model import HOME_ANGLES, JOINTS, hand_name, joint_addresses
+from coheft.physics_server.impedance import Arms
+from coheft.physics_server.scene import home_name
 from coheft.wire.scenario import Scenario
-from physics_server.arm_model import HOME_ANGLES, JOINTS, hand_name, joint_addresses
-from physics_server.impedance import Arms
-from physics_server.scene import home_name
 
 _POSTURE_STIFFNESS = 10.0
 """Of what the hand does not feel [N·m/rad]."""

@@ -6,10 +6,10 @@ from collections.abc import Callable, Collection
 
 import numpy as np
 
+from coheft.consensus.dynamic import DynamicConsensus
+from coheft.consensus.graph import Neighbours, metropolis_weight
+from coheft.consensus.pipeline import NeighbourStages, Pipeline
 from coheft.estimation.spatial import Array, Pose, rotation_exp
-from consensus.dynamic import DynamicConsensus
-from consensus.graph import Neighbours, metropolis_weight
-from consensus.pipeline import NeighbourStages, Pipeline
 
 SAMPLES = 3
 CHANNELS = 6

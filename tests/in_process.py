@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from agents.agent import Outbox
+from coheft.agents.agent import Outbox
 from coheft.app.inprocess import TeamInProcess, measured
 from coheft.app.judge import Judge, RobotReport
+from coheft.consensus.graph import build_graph
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.messages import Estimate, Scene, Truth
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import load_scenario
-from consensus.graph import build_graph
-from physics_server.simulation import Simulation
 
 
 def changed(name: str, **changes: object) -> Scenario:

@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping
 import msgspec
 import numpy as np
 
-from agents.motion import Excitation
+from coheft.agents.motion import Excitation
 from coheft.estimation.spatial import Array
+from coheft.physics_server.simulation import BlockResult, Simulation
 from coheft.wire.messages import Reference
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import load_scenario
 from coheft.wire.waves import draw_waves
-from physics_server.simulation import BlockResult, Simulation
 
 References = Callable[[int], Mapping[str, Reference]]
 

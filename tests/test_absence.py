@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from physics_server.absence import Absences
+from coheft.physics_server.absence import Absences
 from tests.wall_clock import WallClock, wall_clock_of
 
 
 @pytest.fixture
 def now(monkeypatch: pytest.MonkeyPatch) -> WallClock:
-    return wall_clock_of("physics_server.absence", monkeypatch)
+    return wall_clock_of("coheft.physics_server.absence", monkeypatch)
 
 
 def test_who_does_not_come_back_in_time_is_given_up_and_may_come_back_later(now: WallClock) -> None:

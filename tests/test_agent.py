@@ -9,8 +9,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.agent import Agent
-from agents.motion import Excitation
+from coheft.agents.agent import Agent
+from coheft.agents.motion import Excitation
+from coheft.consensus.graph import build_graph
 from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
 from coheft.wire.codec import encode
 from coheft.wire.config import AgentConfig, agent_config
@@ -18,7 +19,6 @@ from coheft.wire.messages import NeighbourMessage
 from coheft.wire.scenario import Graph, Motion
 from coheft.wire.scenario_file import load_scenario
 from coheft.wire.waves import draw_waves
-from consensus.graph import build_graph
 from tests.in_process import assert_good, changed, run_with_faults
 
 DURATION = 12.0

@@ -10,14 +10,14 @@ import pytest
 
 from coheft.app.hosts import free_ports
 from coheft.app.plan import make_plan
+from coheft.physics_server.clock import Lockstep, Realtime, Stopwatch
+from coheft.physics_server.robots import Robots
 from coheft.wire.inbox import Inbox
 from coheft.wire.messages import Measurements, Reference
 from coheft.wire.problem_log import ProblemLog
 from coheft.wire.robot_link import RobotLink
 from coheft.wire.scenario_file import load_scenario
 from coheft.wire.transport import Keys, Sender, open_session
-from physics_server.clock import Lockstep, Realtime, Stopwatch
-from physics_server.robots import Robots
 from tests.wall_clock import WallClock, wall_clock_of
 
 DURATION = 0.02
@@ -27,7 +27,7 @@ SAMPLES = 5
 
 @pytest.fixture
 def now(monkeypatch: pytest.MonkeyPatch) -> WallClock:
-    return wall_clock_of("physics_server.clock", monkeypatch)
+    return wall_clock_of("coheft.physics_server.clock", monkeypatch)
 
 
 def test_in_real_time_a_block_is_simulated_when_it_has_ended(now: WallClock) -> None:

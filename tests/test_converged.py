@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.estimator import inertia_std, is_converged
+from coheft.agents.estimator import inertia_std, is_converged
 from coheft.estimation.rigid_body import unpack_symmetric
 from coheft.wire.estimator_settings import Converged
 from coheft.wire.messages import PayloadEstimate

@@ -7,9 +7,9 @@ from collections import deque
 import numpy as np
 import pytest
 
+from coheft.consensus.graph import Neighbours, build_graph, metropolis_matrix
 from coheft.estimation.spatial import Array
 from coheft.wire.scenario import Graph
-from consensus.graph import Neighbours, build_graph, metropolis_matrix
 from tests.consensus_network import CHANNELS, SAMPLES, Network
 
 GRAPHS = {

@@ -8,11 +8,11 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from coheft.consensus.flood import Flood, Floods
+from coheft.consensus.graph import Neighbours, build_graph, diameter, hearing
 from coheft.estimation.spatial import Array
 from coheft.wire.message_size import PER_MESSAGE
 from coheft.wire.scenario import Graph
-from consensus.flood import Flood, Floods
-from consensus.graph import Neighbours, build_graph, diameter, hearing
 from tests.test_graph import graphs, names
 
 WIDTH = 4

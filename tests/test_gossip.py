@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from coheft.consensus.gossip import Gossip
+from coheft.consensus.graph import Neighbours, build_graph, diameter, distances
 from coheft.wire.codec import encode
 from coheft.wire.messages import LinkState, NeighbourMessage
 from coheft.wire.scenario import Graph
-from consensus.gossip import Gossip
-from consensus.graph import Neighbours, build_graph, diameter, distances
 from tests.test_graph import graphs, names
 
 Edge = tuple[str, str]

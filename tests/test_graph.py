@@ -9,9 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.wire.message_size import PER_MESSAGE
-from coheft.wire.scenario import Graph
-from consensus.graph import (
+from coheft.consensus.graph import (
     GraphError,
     Neighbours,
     build_graph,
@@ -23,6 +21,8 @@ from consensus.graph import (
     metropolis_matrix,
     metropolis_weight,
 )
+from coheft.wire.message_size import PER_MESSAGE
+from coheft.wire.scenario import Graph
 
 Kind = Literal["ring", "line", "star", "grid", "tree", "complete", "random"]
 KINDS: tuple[Kind, ...] = get_type_hints(Graph)["kind"].__args__

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from agents.inbox import AHEAD, NeighbourInbox
+from coheft.agents.inbox import AHEAD, NeighbourInbox
 from coheft.wire.messages import LinkState, NeighbourMessage
 
 NEIGHBOURS = ("b", "c")

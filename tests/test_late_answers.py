@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from physics_server.late_answers import TELL_EVERY, LateAnswers
+from coheft.physics_server.late_answers import TELL_EVERY, LateAnswers
 
 BLOCK = 0.02
 

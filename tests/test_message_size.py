@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.agent import ESTIMATORS
+from coheft.agents.agent import ESTIMATORS
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import Crash, FaultSchedule
 from coheft.wire.codec import encode

@@ -8,8 +8,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.common_path import CommonPath
-from agents.motion import make_motion
+from coheft.agents.common_path import CommonPath
+from coheft.agents.motion import make_motion
+from coheft.consensus.graph import build_graph
 from coheft.errors import ScenarioError
 from coheft.estimation.spatial import Array
 from coheft.wire.config import agent_config
@@ -18,7 +19,6 @@ from coheft.wire.reach import Reach
 from coheft.wire.scenario import Motion, Scenario
 from coheft.wire.scenario_file import load_scenario, parse_scenario
 from coheft.wire.via_points import ViaPoints
-from consensus.graph import build_graph
 from tests.physics_run import reference
 
 BLOCKS = 1000

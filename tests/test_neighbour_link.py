@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from agents.neighbour_link import KEPT, LONGEST_PAUSE, SILENCE, NeighbourLink
+from coheft.agents.neighbour_link import KEPT, LONGEST_PAUSE, SILENCE, NeighbourLink
 from coheft.wire.messages import Hello, NeighbourMessage
 
 NOW = 100.0

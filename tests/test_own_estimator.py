@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.agent import Agent
+from coheft.agents.agent import Agent
 from coheft.app.inprocess import run_in_process
 from coheft.errors import PluginError
 from coheft.wire.codec import encode
@@ -23,7 +23,7 @@ from tests.own_packages import write_package
 
 HEAD = """
 import numpy as np
-from agents.estimator import Belief
+from coheft.agents.estimator import Belief
 from coheft.estimation.spatial import Pose
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.messages import LoadChangeNotice, PayloadEstimate

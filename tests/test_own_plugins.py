@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.agent import Agent
+from coheft.agents.agent import Agent
 from coheft.app.overrides import override
 from coheft.errors import PluginError, ScenarioError
 from coheft.wire.config import agent_config
@@ -18,7 +18,7 @@ from coheft.wire.scenario_file import load_scenario, parse_scenario
 from tests.own_packages import write_package
 
 ESTIMATOR = """
-from agents.estimator import Belief
+from coheft.agents.estimator import Belief
 import numpy as np
 class Mine:
     def __init__(self, config, gossip):

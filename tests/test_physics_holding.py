@@ -8,9 +8,9 @@ import pytest
 from coheft.errors import SimulationError
 from coheft.estimation.measurement import ACCELERATION, GYRO, TWIST, WRENCH
 from coheft.estimation.rigid_body import Inertia
+from coheft.physics_server.scene import PAYLOAD_HOME
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.grasps import place_grasps
-from physics_server.scene import PAYLOAD_HOME
-from physics_server.simulation import Simulation
 from tests.physics_run import excitation, run, samples, scenario
 
 EXACT = 1e-12

@@ -14,12 +14,12 @@ from coheft.errors import LoadError, ScenarioError, SimulationError
 from coheft.estimation.measurement import ACCELERATION, GYRO
 from coheft.estimation.rigid_body import Inertia, combined
 from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.messages import Reference
 from coheft.wire.payload_extent import check_load_places
 from coheft.wire.reach import Reach
 from coheft.wire.scenario import LoadChange, Scenario
 from coheft.wire.section import Vector
-from physics_server.simulation import Simulation
 from tests.physics_run import excitation, reference, run, scenario
 
 

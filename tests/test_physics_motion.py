@@ -9,11 +9,11 @@ import pytest
 from coheft.estimation.measurement import ACCELERATION, GYRO, TWIST, WRENCH
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion, rotation_log
+from coheft.physics_server.scene import PAYLOAD_HOME
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.grasps import place_grasps
 from coheft.wire.scenario import LoadChange
 from coheft.wire.scenario_file import load_scenario
-from physics_server.scene import PAYLOAD_HOME
-from physics_server.simulation import Simulation
 from tests.physics_run import excitation, reference, run, samples, scenario
 
 EXACT = 1e-12

@@ -10,8 +10,8 @@ from scipy import stats
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.spatial import Array
 from coheft.estimation.tolerance import SensorTolerance
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario import Scenario
-from physics_server.simulation import Simulation
 from tests.physics_run import excitation, run, samples, scenario
 
 UNLIKELY = 1e-6

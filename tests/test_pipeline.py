@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from coheft.consensus.graph import build_graph, distances
+from coheft.consensus.pipeline import NeighbourStages, Pipeline
 from coheft.estimation.spatial import Array
 from coheft.wire.scenario import Graph
-from consensus.graph import build_graph, distances
-from consensus.pipeline import NeighbourStages, Pipeline
 from tests.consensus_network import CHANNELS, SAMPLES, Network
 
 ROUNDS = 4

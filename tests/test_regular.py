@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from agents.regular import Regular
+from coheft.agents.regular import Regular
 
 
 @pytest.mark.parametrize("first", [0, 3, 10])

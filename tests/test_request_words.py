@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from coheft.physics_server.request_words import in_words
 from coheft.wire.messages import Message
 from coheft.wire.requests import (
     EstimatorRequest,
@@ -14,7 +15,6 @@ from coheft.wire.requests import (
     StatusRequest,
     StopRequest,
 )
-from physics_server.request_words import in_words
 
 
 @pytest.mark.parametrize(

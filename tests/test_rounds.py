@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from coheft.consensus.graph import Neighbours, build_graph
+from coheft.consensus.pipeline import NeighbourStages, Pipeline
+from coheft.consensus.rounds import Rounds, make_rounds
+from coheft.consensus.schedule import Schedule, TreeSchedule, finite_time, tree
 from coheft.estimation.spatial import Array
 from coheft.wire.scenario import Graph
-from consensus.graph import Neighbours, build_graph
-from consensus.pipeline import NeighbourStages, Pipeline
-from consensus.rounds import Rounds, make_rounds
-from consensus.schedule import Schedule, TreeSchedule, finite_time, tree
 from tests.test_graph import names
 
 SAMPLES, WIDTH = 3, 6

@@ -30,13 +30,13 @@ from coheft.app.run_report.pictures import PICTURES, pictures_of
 from coheft.app.run_report.series import Series, SeriesFollower
 from coheft.app.run_report.states import Spans
 from coheft.app.run_report.thinned import Thinned
+from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.messages import Problem
 from coheft.wire.requests import Status
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import parse_scenario
-from consensus.graph import build_graph
-from physics_server.simulation import Simulation
 from tests.synthetic_run import HEAVY, estimate
 
 pytest.importorskip("matplotlib")

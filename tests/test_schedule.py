@@ -7,12 +7,12 @@ from collections.abc import Collection, Sequence
 import numpy as np
 import pytest
 
+from coheft.consensus.graph import Neighbours, build_graph, distances
+from coheft.consensus.pipeline import NeighbourStages, Pipeline
+from coheft.consensus.schedule import TOLERANCE, Schedule, chebyshev, choose_schedule, finite_time, tree
 from coheft.estimation.body_motion import perturbed
 from coheft.estimation.spatial import Array, Pose
 from coheft.wire.scenario import Graph
-from consensus.graph import Neighbours, build_graph, distances
-from consensus.pipeline import NeighbourStages, Pipeline
-from consensus.schedule import TOLERANCE, Schedule, chebyshev, choose_schedule, finite_time, tree
 from tests.estimation.team import random_pose
 from tests.test_graph import names
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.sensor_check import SensorCheck
+from coheft.agents.sensor_check import SensorCheck
 from coheft.estimation.measurement import SAMPLE_SIZE, SensorNoise
 from coheft.estimation.spatial import Array
 from tests.estimation.team import make_team

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from coheft.errors import ScenarioError, SimulationError
+from coheft.physics_server import simulation
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.payload import Box, Payload
 from coheft.wire.scenario import Grasp, Robots, Scenario
-from physics_server import simulation
-from physics_server.simulation import Simulation
 from tests.physics_run import excitation, run, scenario
 
 PLACES = ((0.1, 0.0, 0.0), (-0.08, 0.06, 0.02), (-0.08, -0.06, 0.02))

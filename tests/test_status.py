@@ -8,8 +8,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.estimator import Belief
-from agents.status import StatusKeeper
+from coheft.agents.estimator import Belief
+from coheft.agents.status import StatusKeeper
 from coheft.estimation.spatial import Pose
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import agent_config

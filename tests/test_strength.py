@@ -11,13 +11,13 @@ import pytest
 from coheft.errors import LoadError, ScenarioError, SimulationError
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Pose
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.grasps import place_grasps
 from coheft.wire.payload import Box, Payload
 from coheft.wire.scenario import Scenario
 from coheft.wire.scenario_file import parse_scenario
 from coheft.wire.section import Vector
 from coheft.wire.strength import Strength
-from physics_server.simulation import Simulation
 from tests.physics_run import excitation, run, scenario
 
 TWO = """

@@ -14,13 +14,13 @@ from coheft.estimation.moments.rows import RowNoise, row_of_samples
 from coheft.estimation.moments.unknowns import State
 from coheft.estimation.rigid_body import Inertia
 from coheft.estimation.spatial import Array
+from coheft.physics_server.arm_model import hand_name
+from coheft.physics_server.scene import home_name
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.grasps import place_grasps
 from coheft.wire.messages import Truth
 from coheft.wire.scenario_checks import check_scenario
 from coheft.wire.scenario_file import load_scenario
-from physics_server.arm_model import hand_name
-from physics_server.scene import home_name
-from physics_server.simulation import Simulation
 from tests.physics_run import excitation, reference, run, samples, scenario
 
 ARMS = scenario("arms4")

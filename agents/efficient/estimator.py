@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from agents.efficient.exchange import RowMessage
-from agents.efficient.judge import Outcome, Verdict
-from agents.efficient.settings import Guards, fit_settings
-from agents.efficient.stages import Stage
-from agents.efficient.team import Team
-from agents.estimator import Belief, Channels, is_converged
+from coheft.agents.efficient.exchange import RowMessage
+from coheft.agents.efficient.judge import Outcome, Verdict
+from coheft.agents.efficient.settings import Guards, fit_settings
+from coheft.agents.efficient.stages import Stage
+from coheft.agents.efficient.team import Team
+from coheft.agents.estimator import Belief, Channels, is_converged
+from coheft.consensus.gossip import Gossip
 from coheft.estimation.body_motion import relative_pose_derivative
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.moments.claims import Claim, claim_of
@@ -25,11 +26,10 @@ from coheft.estimation.spatial import Pose
 from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
-from consensus.gossip import Gossip
 
 
 class EfficientEstimator:
-    """One robot. See ``agents.estimator.Estimator``."""
+    """One robot. See ``coheft.agents.estimator.Estimator``."""
 
     def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
         self._config, self._gossip, self._guards = config, gossip, Guards()

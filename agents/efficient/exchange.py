@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from agents.efficient.row_times import RowTimes
+from coheft.agents.efficient.row_times import RowTimes
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.spatial import Array
 

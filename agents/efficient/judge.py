@@ -10,8 +10,8 @@ from enum import Enum
 
 import numpy as np
 
-from agents.efficient.settings import Guards
-from agents.efficient.sight import Sight
+from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.sight import Sight
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.misfit import Settled, excess_energy, explanations, worst_misfit
 from coheft.estimation.moments.moments import wrench_moments

@@ -9,9 +9,9 @@ import math
 
 import numpy as np
 
-from agents.efficient.row_times import MANY
-from agents.efficient.settings import Guards
-from agents.efficient.sight import Sight
+from coheft.agents.efficient.row_times import MANY
+from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.sight import Sight
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.fit import MOST_STEPS, Estimate, Look, fitted
 from coheft.estimation.moments.fit_settings import FitSettings, Guess

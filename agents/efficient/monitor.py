@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.efficient.settings import Guards
+from coheft.agents.efficient.settings import Guards
 from coheft.estimation.moments.rows import KINEMATICS_SIZE
 from coheft.estimation.spatial import Array
 

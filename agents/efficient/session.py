@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from agents.efficient.judge import Outcome, Verdict, judge
-from agents.efficient.knowledge import Knowledge
-from agents.efficient.monitor import Monitor
-from agents.efficient.settings import Guards
-from agents.efficient.stages import TRANSITIONS, Event, Stage
+from coheft.agents.efficient.judge import Outcome, Verdict, judge
+from coheft.agents.efficient.knowledge import Knowledge
+from coheft.agents.efficient.monitor import Monitor
+from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.estimation.moments.body import FORCING_SIZE
 from coheft.estimation.moments.change import surprise
 from coheft.estimation.moments.chapter import Prior

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from agents.efficient.row_times import RowTimes
+from coheft.agents.efficient.row_times import RowTimes
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, WRENCH_SIZE, RowNoise

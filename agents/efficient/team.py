@@ -7,19 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from agents.efficient.exchange import Exchange
-from agents.efficient.handover import CHANNEL, heard, told
-from agents.efficient.row_times import OwnRows, RowTimes
-from agents.efficient.session import Session
-from agents.efficient.settings import Guards, fit_settings
-from agents.efficient.stages import Stage
-from agents.estimator import Channels
+from coheft.agents.efficient.exchange import Exchange
+from coheft.agents.efficient.handover import CHANNEL, heard, told
+from coheft.agents.efficient.row_times import OwnRows, RowTimes
+from coheft.agents.efficient.session import Session
+from coheft.agents.efficient.settings import Guards, fit_settings
+from coheft.agents.efficient.stages import Stage
+from coheft.agents.estimator import Channels
+from coheft.consensus.graph import diameter
 from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.unknowns import Unknowns
 from coheft.estimation.spatial import Array
 from coheft.wire.config import AgentConfig
 from coheft.wire.message_size import MOST_TOLD
-from consensus.graph import diameter
 
 _TOLD = 2
 """What is known is told twice to a robot that is new."""

@@ -7,17 +7,17 @@ from typing import Literal
 
 import numpy as np
 
-from agents.common_path import CommonPath
+from coheft.agents.common_path import CommonPath
 from coheft.app.heard import News
 from coheft.app.record import load_ids
 from coheft.app.report import CarryPhaseReport, CarryReport, LoadDropReport
 from coheft.estimation.feedforward import internal_wrenches
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.spatial import Array, Pose, rotation_exp, rotation_from_quaternion, rotation_log
+from coheft.physics_server.scene import PAYLOAD_HOME
 from coheft.wire.messages import Scene, Truth
 from coheft.wire.requests import Status
 from coheft.wire.scenario import Scenario
-from physics_server.scene import PAYLOAD_HOME
 
 SETTLING = 2.0
 """After the feed-forward begins, and after a load change, so much later the next phase begins [s]."""

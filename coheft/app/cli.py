@@ -105,7 +105,7 @@ def server(config: GivenPath) -> int:
     config:
         Its configuration, as 'coheft run --write-configs DIR' writes it.
     """
-    return _start_by_hand("physics_server.server", config)
+    return _start_by_hand("coheft.physics_server.server", config)
 
 
 @app.command(group=PARTS)
@@ -117,7 +117,7 @@ def agent(config: GivenPath) -> int:
     config:
         Its configuration, as 'coheft run --write-configs DIR' writes it.
     """
-    return _start_by_hand("agents.process", config)
+    return _start_by_hand("coheft.agents.process", config)
 
 
 def _start_by_hand(module: str, config: Path) -> int:

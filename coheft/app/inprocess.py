@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from agents.agent import Agent, Outbox
+from coheft.agents.agent import Agent, Outbox
+from coheft.consensus.graph import build_graph
 from coheft.estimation.measurement import MeasurementBlock
+from coheft.physics_server.simulation import BlockResult, Simulation
 from coheft.wire.config import agent_config
 from coheft.wire.message_size import largest_arrays
 from coheft.wire.messages import Estimate, NeighbourMessage, Reference, Truth
 from coheft.wire.scenario import Scenario
-from consensus.graph import build_graph
-from physics_server.simulation import BlockResult, Simulation
 
 
 class TeamInProcess:

@@ -55,9 +55,9 @@ def launch(
     """
     scenario = plan.server.scenario
     with Processes(folder) as processes, observe(plan.run_file()) as observer, display:
-        processes.start(SERVER, "physics_server.server", plan.server)
+        processes.start(SERVER, "coheft.physics_server.server", plan.server)
         for name, agent in plan.agents.items():
-            processes.start(name, "agents.process", agent)
+            processes.start(name, "coheft.agents.process", agent)
         with announced(folder, _run_file(plan, processes)):
             first = _wait_for_start(observer, processes, display)
             record = Record(first.scene, scenario.duration, with_history=with_history)

@@ -14,13 +14,13 @@ import msgspec
 
 from coheft.app.hosts import FreePorts, HostPorts, Hosts, Places
 from coheft.app.run_folder import RUN_FILE, RunFile
+from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
 from coheft.wire.config import AgentProcessConfig, Neighbour, ServerConfig, agent_config
 from coheft.wire.message_size import largest_arrays, message_limit
 from coheft.wire.planes import SERVER
 from coheft.wire.scenario import Scenario
 from coheft.wire.security import Credentials, credentials_in
-from consensus.graph import build_graph
 
 Clock = Literal["lockstep", "realtime"]
 

@@ -30,8 +30,8 @@ _OTHERS_FAIL = 0.5
 """Time after the first failure in which others show theirs, the cause perhaps among them [s]."""
 _LOG_LINES = 12
 _BY_HAND = {
-    "scenario": ("physics_server.server", "a server's configuration: start it with 'coheft server'"),
-    "agent": ("agents.process", "an agent's configuration: start it with 'coheft agent'"),
+    "scenario": ("coheft.physics_server.server", "a server's configuration: start it with 'coheft server'"),
+    "agent": ("coheft.agents.process", "an agent's configuration: start it with 'coheft agent'"),
     "agents": ("", "no configuration, but tells other commands where the run is: start the parts beside it"),
 }
 """By a key that no other file of a run's parts has: what runs with it, and what it is."""

@@ -11,7 +11,7 @@ from coheft.wire.section import Section
 
 
 class SeedSettings(Section, frozen=True):
-    """The seed paper's method (``agents.seed``).
+    """The seed paper's method (``coheft.agents.seed``).
 
     Attributes:
         memory: Time over which old samples are forgotten [s]; the forgetting factor per sample is
@@ -28,7 +28,7 @@ class SeedSettings(Section, frozen=True):
 
 
 class EfficientSettings(Section, frozen=True):
-    """The method at the Cramér-Rao bound (``agents.efficient``).
+    """The method at the Cramér-Rao bound (``coheft.agents.efficient``).
 
     Attributes:
         memory: How long the past counts: "window" keeps all since the last load change that was noticed; a number

@@ -113,7 +113,7 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
         incarnation: Grows when the robot's agent starts again with an empty memory; the highest wins.
         holding: Whether it has hold of the load. One whose agent is dead still holds what it held.
         since: Block from which this is so.
-        team: Number of the membership that it is ready for, see ``consensus.gossip``.
+        team: Number of the membership that it is ready for, see ``coheft.consensus.gossip``.
     """
 
     robot: str

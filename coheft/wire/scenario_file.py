@@ -7,7 +7,6 @@ was found there and what is allowed.
 from __future__ import annotations
 
 import os
-import sys
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,8 +21,7 @@ from coheft.wire.scenario_checks import check_changes_come, check_choices, check
 from coheft.wire.scenario_errors import did_you_mean, explain
 from coheft.wire.set_values import set_values
 
-_IN_CLONE, _INSTALLED = Path(__file__).resolve().parents[2] / "configs", Path(sys.prefix) / "share/coheft/configs"
-CONFIG_FOLDER = _IN_CLONE if _IN_CLONE.is_dir() else _INSTALLED
+CONFIG_FOLDER = (Path(__file__).parents[1] / "configs").resolve()
 """Where the shipped scenarios are."""
 
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agents.agent import ESTIMATORS
 from benchmarks import agent_step
 from benchmarks.agent_step import HERE, Source
 from benchmarks.agent_step_team import NONE, NoMathematics, Turn, WholeTeam, ring
+from coheft.agents.agent import ESTIMATORS
 from coheft.app.inprocess import TeamInProcess, measured
 from coheft.wire.codec import encode
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from agents.cart import CartAgent
+from coheft.agents.cart import CartAgent
 from coheft.app.cart.inprocess import CartRun, neighbours_of, run_in_process
 from coheft.app.cart.judge import judge
 from coheft.app.cart.table_one import table_one
+from coheft.physics_server.cart import CartSimulation
 from coheft.wire.cart.config import agent_config
 from coheft.wire.cart.messages import CartMessage, CartPush
-from physics_server.cart import CartSimulation
 
 DURATION = 13.0
 

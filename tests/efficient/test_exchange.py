@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.efficient.exchange import WINDOW, Exchange, RowMessage
-from agents.efficient.row_times import RowTimes
+from coheft.agents.efficient.exchange import WINDOW, Exchange, RowMessage
+from coheft.agents.efficient.row_times import RowTimes
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.spatial import Array
 

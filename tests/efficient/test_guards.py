@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from agents.efficient.session import Session
-from agents.efficient.settings import Guards
-from agents.efficient.stages import Stage
+from coheft.agents.efficient.session import Session
+from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.stages import Stage
 from coheft.app.faults.mutants import SWITCHED_OFF
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.claims import claim_of

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agents.efficient.handover import heard, told
+from coheft.agents.efficient.handover import heard, told
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.evidence import Evidence

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.efficient.row_times import OwnRows, RowTimes
+from coheft.agents.efficient.row_times import OwnRows, RowTimes
 from coheft.estimation.moments.rows import row_of_samples
 
 RATE, GYRO_VARIANCE = 500.0, 1e-5

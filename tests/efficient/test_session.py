@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.efficient.judge import Outcome
-from agents.efficient.session import Session
-from agents.efficient.settings import Guards
-from agents.efficient.stages import TRANSITIONS, Event, Stage
+from coheft.agents.efficient.judge import Outcome
+from coheft.agents.efficient.session import Session
+from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.claims import claim_of
 from coheft.estimation.moments.fit_settings import FitSettings

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.agent import Outbox
+from coheft.agents.agent import Outbox
 from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.invariants import Violation, Watch
 from coheft.app.faults.recovery import BACK, BACK_FROM_SILENCE, Recovery
@@ -16,9 +16,9 @@ from coheft.app.judge import Judge
 from coheft.estimation.body_motion import perturbed
 from coheft.estimation.rigid_body import unpack_symmetric
 from coheft.estimation.spatial import Array
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.messages import Estimate, NeighbourMessage, PayloadEstimate, PoseEstimate, Reference, Scene, Truth
 from coheft.wire.scenario import LoadChange
-from physics_server.simulation import Simulation
 
 DEVIATION = 0.001
 BLOCK = 0.1

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.inbox import NeighbourInbox
+from coheft.agents.inbox import NeighbourInbox
 from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.messages import flip_bits, malformed
 from coheft.app.faults.network import Network

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.agent import Agent, Outbox
+from coheft.agents.agent import Agent, Outbox
 from coheft.app.inprocess import TeamInProcess, measured
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.spatial import Array

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.cart import CartAgent
-from agents.cart_process import check_content
+from coheft.agents.cart import CartAgent
+from coheft.agents.cart_process import check_content
 from coheft.app.cart.inprocess import neighbours_of
 from coheft.app.cart.table_one import table_one
 from coheft.errors import MessageError

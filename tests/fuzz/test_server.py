@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from coheft.app.hosts import free_ports
 from coheft.errors import LoadError, MessageError
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.inbox import Inbox
 from coheft.wire.messages import Measurements, Ready, Reference
 from coheft.wire.reach import Reach
@@ -20,7 +21,6 @@ from coheft.wire.requests import InjectRequest, RemoveRequest
 from coheft.wire.robot_link import RobotLink
 from coheft.wire.scenario_file import load_scenario
 from coheft.wire.transport import Keys, open_session
-from physics_server.simulation import Simulation
 from tests.fuzz.any_message import NUMBERS, altered, values
 
 SCENARIO = load_scenario("ring3")

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import zenoh
 
-from agents import links, process
-from agents.agent import Agent, Outbox
+from coheft.agents import links, process
+from coheft.agents.agent import Agent, Outbox
 from coheft.wire import dialled
 from coheft.wire.codec import encode
 from coheft.wire.config import AgentProcessConfig

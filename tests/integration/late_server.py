@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from physics_server import server
-from physics_server.clock import Clock, Realtime
+from coheft.physics_server import server
+from coheft.physics_server.clock import Clock, Realtime
 
 AHEAD = 3600.0
 """More than can be made up for in a test [s]."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from physics_server import cart, cart_server
+from coheft.physics_server import cart, cart_server
 from tests.integration.slow_to_end_server import LATER
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from physics_server import server
+from coheft.physics_server import server
 
 LATER = 3.0
 """Longer than the supervisor waits for last words [s]."""

@@ -26,8 +26,8 @@ from coheft.wire.transport import Keys, ask, open_session
 from tests.waiting import LIMIT, wait_until
 
 ROOT = Path(__file__).parents[2]
-AGENT = ("-m", "agents.process")
-SERVER = ("-m", "physics_server.server")
+AGENT = ("-m", "coheft.agents.process")
+SERVER = ("-m", "coheft.physics_server.server")
 
 
 def small_scenario(count: int, kind: str = "ring", duration: float = 1e4, block: int = 10) -> Scenario:

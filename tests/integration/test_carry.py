@@ -11,8 +11,8 @@ import msgspec
 
 from coheft.app.carry_record import CarryRecord
 from coheft.app.inprocess import run_in_process
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario_file import CONFIG_FOLDER, load_scenario
-from physics_server.simulation import Simulation
 from tests.integration.test_same_numbers import received
 
 PATIENCE = 120.0

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from msgspec import structs
 
-from agents.neighbour_link import SILENCE
+from coheft.agents.neighbour_link import SILENCE
 from coheft.app.plan import make_plan
 from coheft.estimation.measurement import SAMPLE_SIZE
 from coheft.estimation.spatial import Array

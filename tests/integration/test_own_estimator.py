@@ -31,7 +31,7 @@ class Burst:
 """
 TALKATIVE = """
 import numpy as np
-from agents.estimator import Belief
+from coheft.agents.estimator import Belief
 class Talkative:
     def __init__(self, config, gossip):
         pass
@@ -47,7 +47,7 @@ class Talkative:
 FAULTY = """
 import os, sys
 from pathlib import Path
-from agents.estimator import Belief
+from coheft.agents.estimator import Belief
 class Faulty:
     def __init__(self, config, gossip):
         self.name, self.settings = config.name, config.estimator_settings

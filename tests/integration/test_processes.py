@@ -230,7 +230,7 @@ def test_a_server_says_once_for_whom_it_waits_and_begins_when_all_are_there(tmp_
         assert team.log("server") == f"waiting for {', '.join(plan.agents)}\n"
 
 
-@pytest.mark.parametrize("module", ["agents.process", "physics_server.server"])
+@pytest.mark.parametrize("module", ["coheft.agents.process", "coheft.physics_server.server"])
 def test_a_process_without_a_usable_configuration_says_so(module):
     done = subprocess.run(
         [sys.executable, "-m", module], input=b'{"run": 1}\n', cwd=ROOT, capture_output=True, timeout=LIMIT, check=False

@@ -17,7 +17,7 @@ import zenoh
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from agents.motion import make_motion
+from coheft.agents.motion import make_motion
 from coheft.app.keys import make_keys
 from coheft.app.plan import Plan, make_plan
 from coheft.app.study.samples import TeamSamples, simulate

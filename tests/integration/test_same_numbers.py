@@ -15,12 +15,12 @@ import pytest
 from coheft.app.inprocess import BlockRecord, run_in_process
 from coheft.app.record import Record
 from coheft.app.report import RunInfo, build_report
+from coheft.consensus.graph import build_graph
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.codec import decode, encode
 from coheft.wire.messages import Message
 from coheft.wire.scenario import LoadChange, Scenario
 from coheft.wire.scenario_file import load_scenario
-from consensus.graph import build_graph
-from physics_server.simulation import Simulation
 
 PATIENCE = 60.0
 M = TypeVar("M", bound=Message)

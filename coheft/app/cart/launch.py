@@ -75,9 +75,9 @@ def run_in_processes(
         for name in agents:
             estimate, problem = keys.observe_agent(name, "estimate"), keys.observe_agent(name, "problem")
             inbox.listen(session, name, {estimate: CartEstimate, problem: Problem})
-        processes.start("server", "physics_server.cart_server", server)
+        processes.start("server", "coheft.physics_server.cart_server", server)
         for name, agent in agents.items():
-            processes.start(name, "agents.cart_process", agent)
+            processes.start(name, "coheft.agents.cart_process", agent)
         news = time.monotonic()
         # A server that fails stops its agents, and ends after them.
         while not (processes.all_done_but("server") and processes.ended("server")):

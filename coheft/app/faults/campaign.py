@@ -16,7 +16,8 @@ from coheft.app.faults.trial import Outcome, try_schedule
 from coheft.app.parallel import side_by_side, workers
 from coheft.errors import CoheftError
 
-_PACKAGES = ("agents", "coheft", "consensus", "physics_server")
+_LINKED = ("agents", "consensus", "physics_server")
+"""Parts of the package that are folders of their own in a clone, which ``rglob`` does not follow."""
 
 
 class Header(msgspec.Struct, frozen=True):
@@ -89,9 +90,10 @@ def _decoded(lines: Sequence[bytes]) -> Iterator[Outcome]:
 
 def code_hash() -> str:
     """What tells one state of the code from another."""
-    root = Path(coheft.__file__).parents[1]
+    package = Path(coheft.__file__).parent
+    folders = [package, *((package / name).resolve() for name in _LINKED)]
     digest = hashlib.sha256()
-    for path in sorted(path for package in _PACKAGES for path in (root / package).rglob("*.py")):
+    for path in sorted({path.resolve() for folder in folders for path in folder.rglob("*.py")}):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 

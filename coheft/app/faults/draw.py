@@ -31,10 +31,10 @@ from coheft.app.faults.schedule import (
     SensorFailure,
     SensorFault,
 )
+from coheft.consensus.graph import build_graph
 from coheft.wire.payload import Box, Payload
 from coheft.wire.scenario import Graph, LoadChange, Motion, Perimeter, Robots, Scenario, Sensors
 from coheft.wire.section import Vector
-from consensus.graph import build_graph
 
 MOST_FAULTS = 4
 LATEST_START = 5.0

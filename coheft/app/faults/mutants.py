@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.efficient import estimator, judge
-from agents.efficient.exchange import Exchange
-from agents.efficient.session import Session
+from coheft.agents.efficient import estimator, judge
+from coheft.agents.efficient.exchange import Exchange
+from coheft.agents.efficient.session import Session
 from coheft.errors import CoheftError
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.misfit import Explanations

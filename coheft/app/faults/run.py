@@ -6,16 +6,16 @@ import copy
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from agents.agent import Agent, Outbox
+from coheft.agents.agent import Agent, Outbox
 from coheft.app.faults.hands import Hands
 from coheft.app.faults.network import Network
 from coheft.app.faults.readings import Readings
 from coheft.app.faults.schedule import Crash, FaultSchedule, Pause, RobotFault
+from coheft.consensus.graph import build_graph
 from coheft.estimation.measurement import MeasurementBlock
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.config import agent_config
 from coheft.wire.messages import Reference, Truth
-from consensus.graph import build_graph
-from physics_server.simulation import Simulation
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,17 +8,17 @@ import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from agents.motion import make_motion
+from coheft.agents.motion import make_motion
+from coheft.consensus.graph import build_graph
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.spatial import Array, Pose
+from coheft.physics_server.data_recorder import DataRecorder
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.config import agent_config
 from coheft.wire.grasps import place_grasps
 from coheft.wire.messages import Reference
 from coheft.wire.scenario import Scenario
 from coheft.wire.via_points import ViaPoints
-from consensus.graph import build_graph
-from physics_server.data_recorder import DataRecorder
-from physics_server.simulation import Simulation
 
 ReferenceOf = Callable[[int], Array]
 """From a block's number to the reference motion during it, see ``ReferenceMotion.reference``."""

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from agents.motion import ReferenceMotion, make_motion
+from coheft.agents.motion import ReferenceMotion, make_motion
+from coheft.consensus.graph import build_graph
 from coheft.errors import ScenarioError
 from coheft.estimation.spatial import Array
+from coheft.physics_server.simulation import Simulation
 from coheft.wire.config import agent_config
 from coheft.wire.messages import Reference, Scene, Truth
 from coheft.wire.scenario import Scenario
-from consensus.graph import build_graph
-from physics_server.simulation import Simulation
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,7 +60,8 @@ class CartMessage(Message, frozen=True):
         sender: Who speaks.
         block: The sample after which it was sent.
         gossip: News about pushers.
-        stages: Values under way in the network's sums, see ``consensus.pipeline``, shape (K, 1, C); empty before.
+        stages: Values under way in the network's sums, see ``coheft.consensus.pipeline``, shape (K, 1, C);
+            empty before.
         valid: Which of them are complete so far, 0 or 1, shape (K,).
     """
 

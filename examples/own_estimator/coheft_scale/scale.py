@@ -14,12 +14,12 @@ from collections.abc import Collection, Mapping
 import msgspec
 import numpy as np
 
-from agents.estimator import Belief, Channels
+from coheft.agents.estimator import Belief, Channels
+from coheft.consensus.gossip import Gossip
 from coheft.estimation.measurement import ACCELERATION, FORCE, GYRO, MeasurementBlock
 from coheft.estimation.spatial import Array
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages import PayloadEstimate
-from consensus.gossip import Gossip
 
 _GRAVITY = 9.81
 _LEAST = 0.5
@@ -44,7 +44,7 @@ class ScaleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Scale:
-    """One robot's share of the scale. See ``agents.estimator.Estimator``."""
+    """One robot's share of the scale. See ``coheft.agents.estimator.Estimator``."""
 
     def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
         self._config = config

@@ -22,7 +22,7 @@ class SwaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Sway:
-    """Sways along a direction that this robot draws alone. See ``agents.motion.ReferenceMotion``."""
+    """Sways along a direction that this robot draws alone. See ``coheft.agents.motion.ReferenceMotion``."""
 
     def __init__(self, config: AgentConfig) -> None:
         settings = msgspec.convert(config.motion_settings, SwaySettings)
