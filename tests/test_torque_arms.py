@@ -8,7 +8,7 @@ import pytest
 
 from coheft.errors import ScenarioError, SimulationError
 from coheft.estimation.measurement import GYRO, SAMPLE_SIZE
-from coheft.estimation.moments.body import FORCING, load_operator, residual_covariance
+from coheft.estimation.moments.body import FORCING, MOTION_SIZE, load_operator, residual_covariance
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import RowNoise, row_of_samples
 from coheft.estimation.moments.unknowns import State
@@ -51,7 +51,7 @@ def disagreement(measured: Array, truth: Truth) -> float:
     payload = Inertia(truth.payload.mass, truth.payload.com, truth.payload.tensor)
     load = np.concatenate([np.zeros(6), payload.barycentric()])
     body = settings.body(State.first(grasps, settings.errors).with_load(load))
-    of_motion = rows @ body.whitened_residuals().T
+    of_motion = body.residuals(rows, rows @ body.see[:MOTION_SIZE].T)
     of_wrench = rows @ (body.wrench - load_operator(load) @ body.see[FORCING]).T
     errors = of_motion, of_wrench / np.sqrt(np.diag(residual_covariance(body, load)))
     # Rows are less noisy than samples.

@@ -1,6 +1,6 @@
 """How rows look with one estimate: each becomes 13 numbers of the motion, the total wrench, and all residuals.
 
-(motion[FORCING], wrench, whitened residual of the wrench, whitened residuals of all motion sensors) = matrix @ row
+(motion[FORCING], wrench, whitened residual of the wrench, motion) = matrix @ row,    r_i = y_i - predict_i @ motion
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coheft.estimation.moments.body import FORCING, load_operator, residual_covariance
+from coheft.estimation.moments.body import FORCING, MOTION_SIZE, load_operator, residual_covariance
 from coheft.estimation.moments.change import Weights, likeliest_change
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.fit import Estimate
@@ -61,22 +61,24 @@ class Sight:
         self._weights = Weights.of(body, load, chapter.said_before(body))
         root = np.linalg.cholesky(residual_covariance(body, load))
         whitened = np.linalg.solve(root, body.wrench - load_operator(load) @ body.see[FORCING])
-        residuals, one = body.whitened_residuals(), ROW_SIZE * body.count
+        self._body, self._matrix = body, np.vstack([see, whitened, body.see[:MOTION_SIZE]])
+        self._excess: Array | float = 0.0  # what gyros and velocities always read too much
+        one = ROW_SIZE * body.count
         sums = of_all.sums(one)
-        mean = residuals @ (sums / max(float(sums[one]), 1.0))
-        is_twist = np.arange(len(mean)) % KINEMATICS_SIZE < TWIST.stop
-        residuals[:, one] -= np.where(is_twist, mean, 0.0)  # what gyros and velocities always read in excess
-        self._matrix = np.vstack([see, whitened, residuals])
+        mean = self.look(sums / max(float(sums[one]), 1.0)).motion
+        self._excess = np.where(np.arange(len(mean)) % KINEMATICS_SIZE < TWIST.stop, mean, 0.0)
 
     def look(self, row: Array) -> Look:
         """At an extended row (X,)."""
         seen = self._matrix @ row
-        return Look(seen[:VIEW_SIZE], seen[VIEW_SIZE:_MOTION], seen[_MOTION:])
+        motion = self._body.residuals(row[None], seen[None, _MOTION:])[0] - self._excess
+        return Look(seen[:VIEW_SIZE], seen[VIEW_SIZE:_MOTION], motion)
 
     def residuals(self, rows: Array) -> tuple[Array, Array]:
         """Of extended rows (n, X): of the wrench, shape (n, 1, 6), and of motion sensors, shape (n, N, 12)."""
         seen = rows @ self._matrix[VIEW_SIZE:].T
-        return seen[:, None, :WRENCH_SIZE], seen[:, WRENCH_SIZE:].reshape(len(rows), -1, KINEMATICS_SIZE)
+        motion = self._body.residuals(rows, seen[:, WRENCH_SIZE:]) - self._excess
+        return seen[:, None, :WRENCH_SIZE], motion.reshape(len(rows), -1, KINEMATICS_SIZE)
 
     def likeliest_change(self, buffer: RowBuffer) -> tuple[int, float]:
         """The first look, see ``coheft.estimation.moments.change``."""

@@ -38,7 +38,9 @@ def stub(folder: Path) -> Path:
         for name in ("agents", "consensus", "physics_server"):
             file.writestr(f"{name}/__init__.py", f"raise RuntimeError('the {name} of another distribution')\n")
         file.writestr(f"{info}/METADATA", "Metadata-Version: 2.1\nName: stub-agents\nVersion: 1.0\n")
-        file.writestr(f"{info}/WHEEL", "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
+        file.writestr(
+            f"{info}/WHEEL", "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
+        )
         file.writestr(f"{info}/RECORD", "")
     return path
 
@@ -47,7 +49,13 @@ def test_it_owns_one_name(wheel):
     with zipfile.ZipFile(wheel) as file:
         names = file.namelist()
     assert {name.split("/")[0] for name in names if ".dist-info/" not in name} == {"coheft"}
-    for part in ("agents/agent.py", "consensus/gossip.py", "physics_server/server.py", "configs/ring6.toml", "py.typed"):
+    for part in (
+        "agents/agent.py",
+        "consensus/gossip.py",
+        "physics_server/server.py",
+        "configs/ring6.toml",
+        "py.typed",
+    ):
         assert f"coheft/{part}" in names
 
 

@@ -226,14 +226,34 @@ class BodyModel:
         result[:, :3, 3:, :3] = skew(self.places)[:, None] @ turned
         return result
 
-    def whitened_residuals(self) -> Array:
-        """Takes extended rows to the residuals of all motion sensors in standard deviations, shape (12 N, X)."""
-        result = -(self.predict @ self.find)
-        for robot in range(self.count):
-            first = ROW_SIZE * robot
-            result[robot, range(KINEMATICS_SIZE), range(first, first + KINEMATICS_SIZE)] += 1.0
-        whitened = np.sqrt(self.weight)[:, :, None] * result
-        return self._of_extended(whitened.reshape(KINEMATICS_SIZE * self.count, -1))
+    def residuals(self, extended_rows: Array, motion: Array) -> Array:
+        """What all motion sensors read less what the motion predicts, in standard deviations.
+
+        Args:
+            extended_rows: Shape (n, X).
+            motion: ``psi`` of each, without rates, shape (n, 19).
+
+        Returns:
+            Shape (n, 12 N), the sensors of a robot side by side.
+        """
+        predicted = motion @ self.predict.reshape(-1, MOTION_SIZE).T
+        read = self._calibrated(extended_rows).reshape(predicted.shape)
+        result: Array = np.sqrt(self.weight).ravel() * (read - predicted)
+        return result
+
+    def _calibrated(self, extended_rows: Array) -> Array:
+        """Motion sensors' numbers with what is known of their errors taken out: (n, X) to (n, N, 12)."""
+        calibration, count, size = self.state.calibration, self.count, ROW_SIZE * self.count
+        by_robot = extended_rows[:, :size].reshape(-1, count, ROW_SIZE)
+        if calibration is None:
+            return by_robot[:, :, :KINEMATICS_SIZE]
+        own = calibration[:, :KINEMATICS_SIZE]
+        result = (own[:, :, :ROW_SIZE] @ by_robot.transpose(1, 2, 0)).transpose(2, 0, 1)
+        result += own[:, :, ONE]
+        if self.is_moving:
+            rates = extended_rows[:, size + 1 :].reshape(-1, count, ROW_SIZE)
+            result += (own[:, :, RATES:] @ rates.transpose(1, 2, 0)).transpose(2, 0, 1)
+        return result
 
 
 def load_operator(load: Array) -> Array:

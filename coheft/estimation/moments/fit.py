@@ -30,8 +30,8 @@ _FAR = 3.0
 _LEAST_FOR_LEVEL = 50.0
 """Rows from which on the level of the noise is estimated: its relative deviation is ``1 / sqrt(3 n)``, 8 %."""
 _SAME_LEVEL = 0.01
-MOST_STEPS, SMALL_STEP = 10, 1.0
-"""Steps of a fit at most; a step that is smaller, in standard deviations of what it moves, is the last one."""
+MOST_STEPS, SMALL_ERROR = 10, 0.01
+"""Steps of a fit at most; one that leaves less, in standard deviations of what it moves, is the last one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,18 +118,21 @@ def fitted(
                 by_wrench = wrench_evidence(body, derivatives, moments.wrench, load, wrench_noise, is_fitted)
                 total, wrench_noise = total + by_wrench, by_wrench.noise
         total += before(body)
-        state, seen, hidden, size = _stepped(body, total, settings, guess, anchor)
+        state, seen, hidden, size, left = _stepped(body, total, settings, guess, anchor)
         if size > _FAR:
             motion_noise = wrench_noise = None
-        if size < SMALL_STEP and abs(level / level_before - 1.0) < _SAME_LEVEL:
+        if left < SMALL_ERROR and abs(level / level_before - 1.0) < _SAME_LEVEL:
             break
     return Estimate(settings.body(state, level), seen, hidden, size, guess.size, level)
 
 
 def _stepped(
     body: BodyModel, total: Evidence, settings: FitSettings, guess: Guess, anchor: int
-) -> tuple[State, Array, Array, float]:
-    """One step: the new state, its covariances where it is seen and hidden, and the step's size in deviations."""
+) -> tuple[State, Array, Array, float, float]:
+    """One step: the new state, its covariances where it is seen and hidden, the step's size and what it leaves.
+
+    Both are in deviations of poses; a Gauss-Newton step ``d`` leaves about ``d^2`` (rotations in rad, lengths in m).
+    """
     unknowns = body.unknowns
     free = settings.free(unknowns, anchor, body.state.load is not None)
     part = total.of(free)
@@ -140,10 +143,10 @@ def _stepped(
     seen[square], hidden[square] = solution.seen, solution.hidden
     deviations = np.sqrt(np.maximum(seen.diagonal()[unknowns.poses], 1e-30))
     of_poses = step[unknowns.poses]
-    size = float(np.abs(of_poses / deviations).max())
+    size, left = float(np.abs(of_poses / deviations).max()), float((of_poses**2 / deviations).max())
     if settings.errors.count:
         step = step / max(1.0, float(np.abs(of_poses).max()) / _LONGEST)
-    return body.state.moved(step, unknowns, _FARTHEST), seen, hidden, size
+    return body.state.moved(step, unknowns, _FARTHEST), seen, hidden, size, left
 
 
 def noise_level(body: BodyModel, moments: WrenchMoments, load: Array) -> float:

@@ -8,6 +8,7 @@ import pytest
 from coheft.estimation.moments.body import (
     ACCELERATIONS,
     FORCING,
+    MOTION_SIZE,
     PRODUCTS,
     BodyModel,
     load_operator,
@@ -55,7 +56,7 @@ def both_sides(body: BodyModel, place: int) -> tuple[BodyModel, BodyModel]:
 
 def residuals(body: BodyModel, rows: Array) -> Array:
     """Of the accelerations and slopes, and of the twists about their mean, of all robots, shape (n, N, 12)."""
-    white = (rows @ body.whitened_residuals().T).reshape(len(rows), body.count, 12)
+    white = body.residuals(rows, rows @ body.see[:MOTION_SIZE].T).reshape(len(rows), body.count, 12)
     left: Array = white / np.sqrt(body.weight)
     left[:, :, :6] -= left[:, :, :6].mean(axis=0)
     return left
