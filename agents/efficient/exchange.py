@@ -84,8 +84,8 @@ class Exchange:
         self._window = max(WINDOW, 2 * hops)
         places = times.complete(self._window) + 1
         self._rows = np.ones((places, ROW_SIZE * count + 1))
-        # Of each place in the table the number of its rows, and which robots' are there.
-        self._numbers, self._is_there = np.full(places, -1), np.zeros((places, count), dtype=bool)
+        # Of each place in the table the number of its rows, and whose they are, a bit for each robot.
+        self._numbers, self._whose, self._all = [-1] * places, [0] * places, (1 << count) - 1
         self._news: list[tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]] = []
         self._told_once: list[tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]] = []
 
@@ -102,23 +102,24 @@ class Exchange:
             return
         if self.changed_at < message.changed_at < self._times.begun_from(block):
             self.changed_at = message.changed_at
-        news, labels, by_robot = [], message.labels, self._by_robot()
-        numbers, robots = labels[:, 1], labels[:, 0] % self._count
-        places = numbers % len(self._numbers)
-        is_heard = self._is_there[places, robots] & (self._numbers[places] == numbers) & (labels[:, 0] == robots)
-        if is_heard.any():  # most are, several times
-            differs = is_heard & (by_robot[places, robots] != message.rows).any(axis=1)
-            if differs.any():
-                self.disputed |= dict.fromkeys(robots[differs].tolist(), block)
-        for k in np.flatnonzero(~is_heard).tolist():
-            robot, number = labels[k].tolist()
+        news, again, by_robot = [], [], self._by_robot()
+        numbers, whose, places = self._numbers, self._whose, len(self._numbers)
+        for k, (robot, number) in enumerate(message.labels.tolist()):
+            place = number % places
+            if numbers[place] == number and robot >= 0 and whose[place] >> robot & 1:
+                again.append(k)  # most are heard several times
+                continue
             age = block - self._times.last_block(number)
             if 0 <= robot < self._count and 0 < age < self._window and number >= 0 and self._is_new(robot, number):
                 by_robot[number % len(self._numbers), robot] = message.rows[k]
                 if age < self._hops + _LATE:  # else it has reached all robots
                     news.append(k)
         if news:
-            self._news.append((labels[news], message.rows[news]))
+            self._news.append((message.labels[news], message.rows[news]))
+        if again:
+            robots, row_numbers = message.labels[again].T
+            differs = (by_robot[row_numbers % places, robots] != message.rows[again]).any(axis=1)
+            self.disputed |= dict.fromkeys(robots[differs].tolist(), block)
 
     def tell(self, changed_at: int) -> RowMessage:
         """What all neighbours should hear now; ``changed_at`` is when this robot found that the load changed."""
@@ -134,16 +135,14 @@ class Exchange:
         It is overwritten when its place is needed again.
         """
         place = number % len(self._numbers)
-        is_complete = self._numbers[place] == number and self._is_there[place].all()
+        is_complete = self._numbers[place] == number and self._whose[place] == self._all
         return self._rows[place] if is_complete else None
 
     def missing(self, number: int) -> list[int]:
         """Places of the robots whose row of this number has not come."""
         place = number % len(self._numbers)
-        if self._numbers[place] != number:
-            return list(range(self._count))
-        missing: list[int] = np.flatnonzero(~self._is_there[place]).tolist()
-        return missing
+        whose = self._whose[place] if self._numbers[place] == number else 0
+        return [robot for robot in range(self._count) if not whose >> robot & 1]
 
     def _by_robot(self) -> Array:
         """A view of the table, shape (places, N, 24)."""
@@ -153,8 +152,8 @@ class Exchange:
         """Whether a robot's row was missing; from now on it is not."""
         place = number % len(self._numbers)
         if self._numbers[place] < number:
-            self._numbers[place], self._is_there[place] = number, False
-        if self._numbers[place] > number or self._is_there[place, robot]:
+            self._numbers[place], self._whose[place] = number, 0
+        if self._numbers[place] > number or self._whose[place] >> robot & 1:
             return False
-        self._is_there[place, robot] = True
+        self._whose[place] |= 1 << robot
         return True
