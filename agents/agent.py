@@ -11,25 +11,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.agents.carrier import Carrier
 from coheft.agents.efficient.estimator import EfficientEstimator
 from coheft.agents.estimator import Estimator, EstimatorFactory
+from coheft.agents.fan2017.estimator import SeedEstimator
 from coheft.agents.inbox import NeighbourInbox
-from coheft.agents.motion import make_motion
-from coheft.agents.own import make_own
-from coheft.agents.own_estimator import OwnEstimator
-from coheft.agents.seed import SeedEstimator
+from coheft.agents.motion.carrier import Carrier
+from coheft.agents.motion.reference import make_motion
+from coheft.agents.plugins.estimator import OwnEstimator
+from coheft.agents.plugins.loading import make_own
 from coheft.agents.sensor_check import SensorCheck
 from coheft.agents.status import StatusKeeper
 from coheft.consensus.gossip import Gossip
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import MeasurementBlock
-from coheft.estimation.spatial import Array
 from coheft.wire.config import AgentConfig
-from coheft.wire.message_size import LARGEST
-from coheft.wire.messages import Estimate, NeighbourMessage, Reference
+from coheft.wire.messages.size import LARGEST
+from coheft.wire.messages.structs import Estimate, NeighbourMessage, Reference
 
 ESTIMATORS: dict[str, EstimatorFactory] = {"efficient": EfficientEstimator, "seed": SeedEstimator}
-"""Those that come with coheft; others are found by their entry points, see ``coheft.wire.plugins``."""
+"""Those that come with coheft; others are found by their entry points, see ``coheft.wire.scenario.plugins``."""
 
 _SILENT = 2
 """A neighbour of which so many messages in a row are missing is silent."""

@@ -1,8 +1,9 @@
 """What an estimator is: the part of an agent that turns measurements and messages into beliefs.
 
 To add one: write a class with the methods of ``Estimator``. In a package of your own it gets its name by an entry
-point, see docs/own.md, and ``coheft.agents.own_estimator`` checks what its methods return; in this one it gets it in
-``coheft.agents.agent.ESTIMATORS``, ``coheft.wire.plugins.SECTIONS`` and ``coheft.wire.message_size.ARRAYS``.
+point, see docs/own.md, and ``coheft.agents.plugins.estimator`` checks what its methods return. In this one it gets it
+in ``coheft.agents.agent.ESTIMATORS``, ``coheft.wire.scenario.plugins.SECTIONS`` and
+``coheft.wire.messages.size.ARRAYS``.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ import numpy as np
 import numpy.typing as npt
 
 from coheft.consensus.gossip import Gossip
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.geometry.uncertain_pose import UncertainPose
 from coheft.estimation.measurement import MeasurementBlock
-from coheft.estimation.rigid_body import TIMES_IN_MATRIX
-from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.uncertain_pose import UncertainPose
+from coheft.estimation.rigid_body.mass_properties import TIMES_IN_MATRIX
 from coheft.wire.config import AgentConfig
-from coheft.wire.estimator_settings import Converged
-from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
+from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate
+from coheft.wire.scenario.estimator_settings import Converged
 
 Channels = Mapping[str, npt.NDArray[Any]]
 """Arrays by name; what an agent measured is in its own grasp frame, what the team sums in a frame of its choice."""
@@ -30,7 +31,7 @@ Channels = Mapping[str, npt.NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What an estimator believes; fields as in ``coheft.wire.messages.Estimate``, and:
+    """What an estimator believes; fields as in ``coheft.wire.messages.structs.Estimate``, and:
 
     Attributes:
         learned_block: The newest block that has been looked at, -1 if there is none.

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from coheft.agents.estimator import Channels
-from coheft.estimation.spatial import Array
-from coheft.wire.messages import LinkState, NeighbourMessage
-from coheft.wire.scenario import MAX_ROBOTS
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.messages.structs import LinkState, NeighbourMessage
+from coheft.wire.scenario.schema import MAX_ROBOTS
 
 AHEAD = 8
 """A neighbour may be ahead by so many blocks: it got its measurements earlier."""

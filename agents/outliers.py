@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 _OUTLIER = 12.0
 """A sample that differs by more standard deviations from both its neighbours, on the same side, is an outlier."""

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from coheft.agents.outliers import outliers
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
-from coheft.estimation.spatial import Array
 
 _SENSORS = ("gyro", "velocity", "accelerometer", "force", "torque")
 _LARGEST = 1e6

@@ -8,7 +8,7 @@ from typing import Literal
 from coheft.agents.estimator import Belief
 from coheft.agents.regular import Regular
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages import Estimate, PoseEstimate
+from coheft.wire.messages.structs import Estimate, PoseEstimate
 
 _REPORT_INTERVAL = 0.1
 """Time between reports to observers [s]; that doubts have come or gone is told at once."""

@@ -2,6 +2,6 @@
 
 import os
 
-from coheft.wire.supervised import ONE_THREAD
+from coheft.wire.process.supervised import ONE_THREAD
 
 os.environ.update(ONE_THREAD)  # before numpy is loaded, which reads it: as in the processes that are measured

@@ -45,14 +45,14 @@ from benchmarks.agent_step_team import COUNTED, NONE, Took, Turn, ring
 from benchmarks.figures import digits
 from benchmarks.runner import this_machine
 from benchmarks.timing import ratio
-from coheft.agents.motion import make_motion
+from coheft.agents.motion.reference import make_motion
 from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.config import agent_config
-from coheft.wire.messages import Reference
-from coheft.wire.scenario import Scenario
+from coheft.wire.messages.structs import Reference
+from coheft.wire.scenario.schema import Scenario
 
 HERE = Path(__file__).resolve().parents[1]
 """The checkout that this is."""

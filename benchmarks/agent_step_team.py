@@ -32,12 +32,12 @@ from coheft.agents.estimator import Belief, Channels
 from coheft.consensus.gossip import Gossip
 from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import MeasurementBlock
-from coheft.estimation.spatial import Array
-from coheft.wire.codec import decode, encode
 from coheft.wire.config import AgentConfig, agent_config
-from coheft.wire.messages import Estimate, Measurements, NeighbourMessage
-from coheft.wire.scenario import Scenario
+from coheft.wire.messages.codec import decode, encode
+from coheft.wire.messages.structs import Estimate, Measurements, NeighbourMessage
+from coheft.wire.scenario.schema import Scenario
 
 NONE = "none"
 """Name of the estimator that does no mathematics."""

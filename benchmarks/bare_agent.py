@@ -5,7 +5,7 @@ from __future__ import annotations
 from unittest.mock import patch
 
 from benchmarks.replay import BareAgent
-from coheft.agents import process
+from coheft.agents.process import main as process
 
 if __name__ == "__main__":
     with patch.object(process, "Agent", BareAgent):

@@ -16,14 +16,14 @@ import numpy as np
 from msgspec.structs import replace
 
 from coheft.errors import LoadError
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 from coheft.physics_server import server
 from coheft.physics_server.simulation import BlockResult, Simulation
 from coheft.wire.config import ServerConfig
-from coheft.wire.messages import LoadState, Measurements, Message, Reference
-from coheft.wire.robot_link import RobotLink
-from coheft.wire.scenario import Scenario
-from coheft.wire.supervised import supervised_main
+from coheft.wire.messages.structs import LoadState, Measurements, Message, Reference
+from coheft.wire.process.supervised import supervised_main
+from coheft.wire.scenario.schema import Scenario
+from coheft.wire.transport.robot_link import RobotLink
 
 SETTINGS = "benchmark"
 

@@ -18,8 +18,8 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from coheft.app.plan import Plan
-from coheft.wire.requests import StatusRequest
+from coheft.app.run.plan import Plan
+from coheft.wire.messages.requests import StatusRequest
 from tests.integration.relay import Relay
 from tests.integration.relayed import Edge, with_relays
 from tests.integration.team import Team, running_team, small_scenario

@@ -26,8 +26,8 @@ from benchmarks.runner import run_alone
 from benchmarks.scenarios import team_scenario
 from benchmarks.stepped_team import SETTLED
 from benchmarks.timing import ratio
-from coheft.app.plan import make_plan
-from coheft.estimation.spatial import Array
+from coheft.app.run.plan import make_plan
+from coheft.estimation.geometry.spatial import Array
 
 SIZES = (6, 24)
 BLOCK_BAR, AIM = 1.8, 1.5

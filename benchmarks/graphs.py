@@ -12,7 +12,7 @@ from scipy.sparse import csr_array, diags_array
 from scipy.sparse.csgraph import shortest_path
 from scipy.sparse.linalg import eigsh
 
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 DENSE = 1100
 """Up to so many nodes all eigenvalues are computed, and the best root of a tree is searched among all."""

@@ -20,7 +20,7 @@ from benchmarks.runner import run_alone
 from benchmarks.scenarios import team_scenario, weaker
 from benchmarks.stepped_team import SteppedTeam
 from benchmarks.timing import ratio
-from coheft.wire.scenario import Graph
+from coheft.wire.scenario.schema import Graph
 
 _TURN = 10
 _TURNS: dict[Effort, int] = {"short": 15, "usual": 25, "full": 50}

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 
 def consensus_round(own: Array, others: Sequence[Array], gains: Array) -> Array:

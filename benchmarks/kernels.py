@@ -20,8 +20,8 @@ from benchmarks.runner import run_alone
 from benchmarks.timing import interleaved, ratio
 from coheft.consensus.pipeline import NeighbourStages, Pipeline
 from coheft.errors import CoheftError
-from coheft.estimation.inertia import features, regressor_coefficients
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.regressor import features, regressor_coefficients
 
 BLOCK = 20
 _BAR = 20.0

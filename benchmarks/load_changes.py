@@ -17,12 +17,12 @@ import msgspec
 from rich.console import Console
 from rich.progress import track
 
-from coheft.app.inprocess import run_in_process
-from coheft.app.parallel import side_by_side, workers
+from coheft.app.run.inprocess import run_in_process
+from coheft.app.run.parallel import side_by_side, workers
 from coheft.app.study.detection import judge_detection
-from coheft.wire.messages import LoadChangeNotice
-from coheft.wire.scenario import LoadChange, Scenario
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.messages.structs import LoadChangeNotice
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import LoadChange, Scenario
 
 Notices = Mapping[str, list[LoadChangeNotice]]
 

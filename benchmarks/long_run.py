@@ -22,10 +22,10 @@ from pathlib import Path
 
 import psutil
 
-from coheft.app.observer import ask_run
-from coheft.app.run_folder import find_run
+from coheft.app.run.folder import find_run
+from coheft.app.run.observer import ask_run
 from coheft.errors import CoheftError
-from coheft.wire.requests import InjectRequest, RemoveRequest, StatusRequest
+from coheft.wire.messages.requests import InjectRequest, RemoveRequest, StatusRequest
 
 SAMPLE_EVERY = 10.0
 CHANGE_EVERY = 60.0

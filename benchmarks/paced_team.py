@@ -14,12 +14,12 @@ from msgspec.structs import replace
 
 from benchmarks.bench_server import SETTINGS
 from benchmarks.replay import SETTING
-from coheft.app.plan import Plan, make_plan
-from coheft.app.processes import Processes
+from coheft.app.run.plan import Plan, make_plan
+from coheft.app.run.processes import Processes
 from coheft.errors import LinkError
-from coheft.wire.requests import PauseRequest, Refusal, Request, Status, StatusRequest, StopRequest
-from coheft.wire.scenario import Scenario
-from coheft.wire.transport import Keys, ask, open_session
+from coheft.wire.messages.requests import PauseRequest, Refusal, Request, Status, StatusRequest, StopRequest
+from coheft.wire.scenario.schema import Scenario
+from coheft.wire.transport.sessions import Keys, ask, open_session
 
 _LIMIT = 120.0
 """Nothing takes so long unless it is broken [s]."""
@@ -152,7 +152,7 @@ def paced_team(scenario: Scenario, folder: Path, replay: Mapping[str, Path] | No
         processes.start("server", "benchmarks.bench_server", plan.server)
         for name, config in plan.agents.items():
             if replay is None:
-                processes.start(name, "coheft.agents.process", config)
+                processes.start(name, "coheft.agents.process.main", config)
             else:
                 agent = replace(config.agent, estimator_settings={SETTING: str(replay[name])})
                 processes.start(name, "benchmarks.bare_agent", replace(config, agent=agent))

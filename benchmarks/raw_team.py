@@ -22,10 +22,10 @@ import psutil
 import zenoh
 
 from benchmarks.paced_team import Turn
-from coheft.app.plan import Plan
+from coheft.app.run.plan import Plan
 from coheft.errors import LinkError
 from coheft.wire.config import Neighbour
-from coheft.wire.transport import open_session
+from coheft.wire.transport.sessions import open_session
 
 _POLL = 0.01
 

@@ -22,9 +22,9 @@ from rich.console import Console
 from benchmarks.figures import Effort, Figure, Section, Skipped
 from benchmarks.runner import run_alone
 from benchmarks.scenarios import team_scenario
-from coheft.app.launch import launch
-from coheft.app.plan import Clock, make_plan
-from coheft.app.terminal import make_display
+from coheft.app.run.launch import launch
+from coheft.app.run.plan import Clock, make_plan
+from coheft.app.terminal.screen import make_display
 from coheft.errors import CoheftError
 
 _BARS = {(6, 1000): 15.0, (24, 1000): 3.0}

@@ -11,10 +11,10 @@ import msgspec
 from benchmarks.stepped_team import SteppedTeam
 from coheft.agents.agent import Outbox
 from coheft.estimation.measurement import MeasurementBlock
-from coheft.wire.codec import decode, encode
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages import Estimate, NeighbourMessage, Reference
-from coheft.wire.scenario import Scenario
+from coheft.wire.messages.codec import decode, encode
+from coheft.wire.messages.structs import Estimate, NeighbourMessage, Reference
+from coheft.wire.scenario.schema import Scenario
 
 BLOCKS = 50
 """So many blocks in a row are kept, and said over and over."""

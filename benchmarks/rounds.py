@@ -19,7 +19,7 @@ from benchmarks.graphs import DENSE, Links, Spectrum, grid, radius, random, ring
 from benchmarks.runner import run_alone
 from coheft.consensus.schedule import TOLERANCE, chebyshev, finite_time, tree
 from coheft.errors import CoheftError
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 _BLOCK_BYTES = 20 * 18 * 8
 _TREE_BLOCKS = 2

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Scenario
 
 RATE = 1000
 BLOCK = 20

@@ -25,11 +25,11 @@ from benchmarks.figures import Effort, Figure, Section
 from benchmarks.runner import run_alone
 from benchmarks.stepped_team import SETTLED
 from benchmarks.timing import ratio
-from coheft.app.processes import ENVIRONMENT
-from coheft.app.run_folder import RunFile, find_run
+from coheft.app.run.folder import RunFile, find_run
+from coheft.app.run.processes import ENVIRONMENT
 from coheft.errors import CoheftError, LinkError
-from coheft.wire.requests import Refusal, Status, StatusRequest
-from coheft.wire.transport import Keys, ask, open_session
+from coheft.wire.messages.requests import Refusal, Status, StatusRequest
+from coheft.wire.transport.sessions import Keys, ask, open_session
 
 T = TypeVar("T")
 
@@ -43,9 +43,9 @@ _USUAL = {key: value for key, value in os.environ.items() if key != "PYTHONDONTW
 _LEAST = "import msgspec, numpy, zenoh"
 """What an agent cannot do without; the supervisor neither."""
 _IMPORTED = {
-    "an agent": "import coheft.agents.process",
+    "an agent": "import coheft.agents.process.main",
     "the server": "import coheft.physics_server.server",
-    "the command": "import coheft.app.cli, coheft.app.launch",
+    "the command": "import coheft.app.cli.main, coheft.app.run.launch",
 }
 
 

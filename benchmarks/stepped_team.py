@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 
 from coheft.agents.agent import Outbox
-from coheft.app.inprocess import TeamInProcess, measured
+from coheft.app.run.inprocess import TeamInProcess, measured
 from coheft.errors import CoheftError
-from coheft.wire.scenario import Scenario
+from coheft.wire.scenario.schema import Scenario
 
 SETTLED = 12.0
 """From then on a team does what it does for the rest of the run [s]: fits have become rare by then."""

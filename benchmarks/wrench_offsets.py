@@ -21,7 +21,7 @@ from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.recovery import latest_recovery
 from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, SensorFault
 from coheft.app.faults.trial import Outcome, try_schedule
-from coheft.app.parallel import side_by_side, workers
+from coheft.app.run.parallel import side_by_side, workers
 
 SHORTEST = 12.0
 """Run [s]."""

@@ -8,7 +8,7 @@ import sys
 from types import FrameType
 
 _STATUS = 130
-"""Of a command that was stopped, as ``coheft.app.cli_base`` has it, which is not loaded yet."""
+"""Of a command that was stopped, as ``coheft.app.cli.base`` has it, which is not loaded yet."""
 
 
 def main() -> None:
@@ -18,10 +18,10 @@ def main() -> None:
     heard = [number for number in map(signal.Signals.__getitem__, names) if signal.getsignal(number) != signal.SIG_IGN]
     for number in heard:  # nohup ignores hang-ups, a shell Ctrl-C for what is in the background
         signal.signal(number, _leave)
-    from coheft.app.standard_output import guard_standard_streams
+    from coheft.app.terminal.standard_output import guard_standard_streams
 
     guard_standard_streams()
-    from coheft.app.cli import run_command_line
+    from coheft.app.cli.main import run_command_line
 
     try:
         for number in heard:

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from coheft.consensus.pipeline import NeighbourStages, Pipeline
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 
 class DynamicConsensus:

@@ -8,8 +8,8 @@ from itertools import islice
 
 import numpy as np
 
-from coheft.estimation.spatial import Array
-from coheft.wire.message_size import PER_MESSAGE
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.messages.size import PER_MESSAGE
 
 
 class Flood:

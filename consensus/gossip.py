@@ -19,9 +19,9 @@ from itertools import islice
 from msgspec.structs import replace
 
 from coheft.consensus.graph import distances
-from coheft.wire.message_size import PER_MESSAGE
-from coheft.wire.messages import LinkState
-from coheft.wire.scenario import MAX_ROBOTS
+from coheft.wire.messages.size import PER_MESSAGE
+from coheft.wire.messages.structs import LinkState
+from coheft.wire.scenario.schema import MAX_ROBOTS
 
 
 class Gossip:

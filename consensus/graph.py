@@ -13,9 +13,9 @@ from itertools import combinations
 import numpy as np
 
 from coheft.errors import CoheftError
-from coheft.estimation.spatial import Array
-from coheft.wire.message_size import MANY, PER_MESSAGE
-from coheft.wire.scenario import Graph
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.messages.size import MANY, PER_MESSAGE
+from coheft.wire.scenario.schema import Graph
 
 Neighbours = Mapping[str, tuple[str, ...]]
 _TRIED = 8

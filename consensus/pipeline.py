@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ import numpy as np
 from coheft.consensus.pipeline import NeighbourStages, Pipeline
 from coheft.consensus.schedule import LaplacianSchedule, Schedule, TreeSchedule
 from coheft.consensus.tree_rounds import TreeRounds
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 Inbox = Mapping[str, Mapping[str, Array]]
 

@@ -21,8 +21,8 @@ from typing import Literal
 import numpy as np
 
 from coheft.consensus.graph import Neighbours, centre, distances, laplacian
-from coheft.estimation.spatial import Array
-from coheft.wire.message_size import MANY
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.messages.size import MANY
 
 TOLERANCE = 1e-10
 """Largest share of the inputs that a schedule may leave as disagreement."""

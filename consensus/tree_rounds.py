@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.consensus.schedule import TreeSchedule
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 _NO_VERSION = -1
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from coheft.app.cli import app
-from coheft.app.cli_base import EXIT_MEANINGS
+from coheft.app.cli.base import EXIT_MEANINGS
+from coheft.app.cli.main import app
 
 PAGE = Path(__file__).with_name("commands.md")
 

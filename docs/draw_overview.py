@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, FancyArrowPatch, FancyBboxPatch, Polygon
 
-from coheft.estimation.spatial import Array, rotation_exp
+from coheft.estimation.geometry.spatial import Array, rotation_exp
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Scenario
 
 _AZIMUTH, _ELEVATION = np.radians(-76.0), np.radians(40.0)
 _RIGHT = np.array([-np.sin(_AZIMUTH), np.cos(_AZIMUTH), 0.0])

@@ -11,16 +11,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 
-from coheft.app.inprocess import run_in_process
-from coheft.app.judge import Judge
+from coheft.app.results.judge import Judge
+from coheft.app.run.inprocess import run_in_process
 from coheft.consensus.graph import build_graph, laplacian
 from coheft.consensus.schedule import finite_time
+from coheft.estimation.geometry.spatial import Array, rotation_exp
 from coheft.estimation.measurement import WRENCH
-from coheft.estimation.spatial import Array, rotation_exp
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.messages import Estimate, Scene, Truth
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.messages.structs import Estimate, Scene, Truth
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Scenario
 
 _AXES = ("#d43b3b", "#2f9e44", "#2f6fde")
 _TRUTH = "#111418"

@@ -18,14 +18,14 @@ from coheft.consensus.gossip import Gossip
 from coheft.consensus.graph import Neighbours, build_graph
 from coheft.consensus.rounds import make_rounds
 from coheft.consensus.schedule import choose_schedule
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.measurement import MeasurementBlock, SensorNoise
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose, rotation_exp
-from coheft.wire.codec import encode
+from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.config import agent_config
-from coheft.wire.messages import NeighbourMessage
-from coheft.wire.scenario import Graph, Perimeter, Robots, Scenario
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.messages.codec import encode
+from coheft.wire.messages.structs import NeighbourMessage
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Graph, Perimeter, Robots, Scenario
 
 BLOCK = 10
 CHANNELS = 18

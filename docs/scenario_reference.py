@@ -1,6 +1,6 @@
 """Writes docs/scenarios.md, the reference of all keys of a scenario, from the scenario's own types and docstrings.
 
-To be run again after a change of ``coheft/wire/scenario.py``; a test tells when that was forgotten.
+To be run again after a change of ``coheft/wire/scenario/schema.py``; a test tells when that was forgotten.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import Any
 import msgspec
 from msgspec import inspect as types
 
-from coheft.wire.scenario import Scenario
-from coheft.wire.section import NAME_IN_WORDS
+from coheft.wire.scenario.schema import Scenario
+from coheft.wire.scenario.section import NAME_IN_WORDS
 
 PAGE = Path(__file__).with_name("scenarios.md")
 

@@ -19,13 +19,13 @@ import msgspec
 import numpy as np
 
 from coheft.errors import CoheftError
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 from coheft.wire.config import AgentProcessConfig
-from coheft.wire.data_file import read_recording
-from coheft.wire.driver import open_driver
-from coheft.wire.inbox import Inbox, Received
-from coheft.wire.messages import Estimate
-from coheft.wire.transport import Keys, open_session
+from coheft.wire.data.file import read_recording
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.transport.driver import open_driver
+from coheft.wire.transport.inbox import Inbox, Received
+from coheft.wire.transport.sessions import Keys, open_session
 
 
 def measured(data: Path, configs: list[AgentProcessConfig]) -> dict[str, Array]:

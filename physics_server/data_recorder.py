@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.estimation.batch.recording import Recording, RobotRecord, Truth
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.physics_server.simulation import BlockResult
-from coheft.wire.messages import PayloadTruth, Scene
-from coheft.wire.scenario import Scenario
+from coheft.wire.messages.structs import PayloadTruth, Scene
+from coheft.wire.scenario.schema import Scenario
 
 
 class DataRecorder:

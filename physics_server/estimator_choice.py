@@ -5,10 +5,10 @@ from __future__ import annotations
 from msgspec import structs
 
 from coheft.errors import CoheftError
-from coheft.wire.plugins import usable_in_run
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_checks import check_scenario
-from coheft.wire.scenario_errors import did_you_mean
+from coheft.wire.scenario.checks import check_scenario
+from coheft.wire.scenario.errors import did_you_mean
+from coheft.wire.scenario.plugins import usable_in_run
+from coheft.wire.scenario.schema import Scenario
 
 
 class EstimatorChoice:

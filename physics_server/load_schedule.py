@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from coheft.wire.borders import first_border
-from coheft.wire.scenario import LoadChange, Scenario
-from coheft.wire.scenario_checks import check_loads
+from coheft.wire.scenario.borders import first_border
+from coheft.wire.scenario.checks import check_loads
+from coheft.wire.scenario.schema import LoadChange, Scenario
 
 
 class LoadSchedule:

@@ -10,13 +10,13 @@ import mujoco
 import numpy as np
 
 from coheft.errors import LoadError
-from coheft.estimation.rigid_body import Inertia, combined
-from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion
-from coheft.wire.messages import LoadState
-from coheft.wire.payload import MassProperties
-from coheft.wire.payload_extent import Extent, corners
-from coheft.wire.section import Vector
-from coheft.wire.strength import Strength
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion
+from coheft.estimation.rigid_body.mass_properties import Inertia, combined
+from coheft.wire.messages.structs import LoadState
+from coheft.wire.scenario.payload import MassProperties
+from coheft.wire.scenario.payload_extent import Extent, corners
+from coheft.wire.scenario.section import Vector
+from coheft.wire.scenario.strength import Strength
 
 _LOAD_COLOUR = (0.85, 0.35, 0.15, 1.0)
 

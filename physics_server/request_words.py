@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from coheft.wire.messages import Message
-from coheft.wire.requests import (
+from coheft.wire.messages.requests import (
     EstimatorRequest,
     HoldRequest,
     InjectRequest,
@@ -11,6 +10,7 @@ from coheft.wire.requests import (
     RemoveRequest,
     StopRequest,
 )
+from coheft.wire.messages.structs import Message
 
 
 def in_words(request: Message) -> str:

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Mapping
 from coheft.errors import LinkError, MessageError
 from coheft.physics_server.absence import Absences
 from coheft.physics_server.late_answers import LateAnswers
-from coheft.wire.messages import Measurements, Message, Reference
-from coheft.wire.problem_log import ProblemLog
-from coheft.wire.robot_link import RobotLink
+from coheft.wire.messages.structs import Measurements, Message, Reference
+from coheft.wire.process.problem_log import ProblemLog
+from coheft.wire.transport.robot_link import RobotLink
 
 ANSWER_LIMIT = 10.0
 """A robot that has not answered for so long is reported [s]."""

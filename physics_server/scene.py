@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from coheft.estimation.spatial import Pose, quaternion_from_rotation, rotation_exp
-from coheft.physics_server.arm_model import add_seven_joint_arm, add_wrist_sensors, hand_name
-from coheft.physics_server.impedance import add_arm
+from coheft.estimation.geometry.spatial import Pose, quaternion_from_rotation, rotation_exp
+from coheft.physics_server.arms.impedance import add_arm
+from coheft.physics_server.arms.model import add_seven_joint_arm, add_wrist_sensors, hand_name
 from coheft.physics_server.loads import add_slots
 from coheft.physics_server.sensors import add_sensors
-from coheft.wire.payload import Payload
-from coheft.wire.scenario import PHYSICS_RATE, Scenario
+from coheft.wire.scenario.payload import Payload
+from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 
 PAYLOAD_HOME = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]))
 """Pose of the payload's frame in the world at the start; the robots' home frames lie where their grasps are then."""

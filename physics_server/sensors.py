@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, WRENCH
-from coheft.estimation.spatial import Array
-from coheft.wire.scenario import Scenario
+from coheft.wire.scenario.schema import Scenario
 
 # Exactly w, v and the proper acceleration a of the grasp frame in its own axes; the order of a sample's columns.
 _KINDS = {

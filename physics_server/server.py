@@ -22,13 +22,8 @@ from coheft.physics_server.request_words import in_words
 from coheft.physics_server.robots import ANSWER_LIMIT, Robots
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.config import ServerConfig
-from coheft.wire.data_file import write_recording
-from coheft.wire.inbox import Event, Inbox, LinkChange, Question, Received, Refused
-from coheft.wire.messages import Message
-from coheft.wire.planes import SERVER, guard_server_for_observers, guard_server_for_robot
-from coheft.wire.problem_log import ProblemLog
-from coheft.wire.reach import Reach
-from coheft.wire.requests import (
+from coheft.wire.data.file import write_recording
+from coheft.wire.messages.requests import (
     EstimatorRequest,
     HoldRequest,
     InjectRequest,
@@ -39,9 +34,14 @@ from coheft.wire.requests import (
     StatusRequest,
     StopRequest,
 )
-from coheft.wire.robot_link import RobotLink
-from coheft.wire.supervised import COMMENT_AFTER, supervised_main
-from coheft.wire.transport import ROLES, Keys, Role, Sender, open_session
+from coheft.wire.messages.structs import Message
+from coheft.wire.process.problem_log import ProblemLog
+from coheft.wire.process.supervised import COMMENT_AFTER, supervised_main
+from coheft.wire.scenario.reach import Reach
+from coheft.wire.transport.inbox import Event, Inbox, LinkChange, Question, Received, Refused
+from coheft.wire.transport.planes import SERVER, guard_server_for_observers, guard_server_for_robot
+from coheft.wire.transport.robot_link import RobotLink
+from coheft.wire.transport.sessions import ROLES, Keys, Role, Sender, open_session
 
 GRACE = 5.0
 """Time for which the server goes on answering requests after the end of the run [s]."""

@@ -12,23 +12,23 @@ import mujoco
 import numpy as np
 
 from coheft.errors import LoadError, SimulationError
+from coheft.estimation.geometry.spatial import Array, rotation_from_quaternion
 from coheft.estimation.measurement import ACCELERATION, WRENCH
-from coheft.estimation.spatial import Array, rotation_from_quaternion
-from coheft.physics_server.impedance import Arms
+from coheft.physics_server.arms.impedance import Arms
+from coheft.physics_server.arms.torque_control import TorqueArms
 from coheft.physics_server.load_schedule import LoadSchedule
 from coheft.physics_server.loads import Loads
 from coheft.physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name
 from coheft.physics_server.sensors import READINGS, Sensors
-from coheft.physics_server.torque_arms import TorqueArms
-from coheft.wire.grasps import place_grasps
-from coheft.wire.messages import BoxShape, LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
-from coheft.wire.scenario import PHYSICS_RATE, Scenario
-from coheft.wire.section import Vector
-from coheft.wire.stability import check_stability
-from coheft.wire.strength import MAX_ANGLE, MAX_DISTANCE, SETTLING_TIME, Strength
+from coheft.wire.messages.structs import BoxShape, LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
+from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
+from coheft.wire.scenario.section import Vector
+from coheft.wire.scenario.stability import check_stability
+from coheft.wire.scenario.strength import MAX_ANGLE, MAX_DISTANCE, SETTLING_TIME, Strength
 
 if TYPE_CHECKING:
-    from coheft.physics_server.encoders import Encoders, WristSamples
+    from coheft.physics_server.arms.encoders import Encoders, WristSamples
 
 _FREE_JOINT = 7
 """Numbers of a free body's position; the payload's come first."""
@@ -345,6 +345,6 @@ def _encoders_of(scenario: Scenario, robots: Sequence[str]) -> Encoders | None:
     errors = scenario.sensors.encoders
     if errors is None:
         return None
-    from coheft.physics_server.encoders import Encoders  # takes longer to load than all the rest of a server
+    from coheft.physics_server.arms.encoders import Encoders  # takes longer to load than all the rest of a server
 
     return Encoders(errors, scenario, robots)

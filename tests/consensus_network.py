@@ -9,7 +9,7 @@ import numpy as np
 from coheft.consensus.dynamic import DynamicConsensus
 from coheft.consensus.graph import Neighbours, metropolis_weight
 from coheft.consensus.pipeline import NeighbourStages, Pipeline
-from coheft.estimation.spatial import Array, Pose, rotation_exp
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 
 SAMPLES = 3
 CHANNELS = 6

@@ -9,13 +9,13 @@ import msgspec
 import numpy as np
 
 from coheft.agents.agent import Outbox
-from coheft.app.inprocess import TeamInProcess, measured
-from coheft.app.judge import Judge, RobotReport
+from coheft.app.results.judge import Judge, RobotReport
+from coheft.app.run.inprocess import TeamInProcess, measured
 from coheft.consensus.graph import build_graph
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.messages import Estimate, Scene, Truth
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.messages.structs import Estimate, Scene, Truth
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Scenario
 
 
 def changed(name: str, **changes: object) -> Scenario:

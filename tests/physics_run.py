@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping
 import msgspec
 import numpy as np
 
-from coheft.agents.motion import Excitation
-from coheft.estimation.spatial import Array
+from coheft.agents.motion.reference import Excitation
+from coheft.estimation.geometry.spatial import Array
 from coheft.physics_server.simulation import BlockResult, Simulation
-from coheft.wire.messages import Reference
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_file import load_scenario
-from coheft.wire.waves import draw_waves
+from coheft.wire.messages.structs import Reference
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Scenario
+from coheft.wire.scenario.waves import draw_waves
 
 References = Callable[[int], Mapping[str, Reference]]
 

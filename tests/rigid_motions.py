@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from coheft.estimation.spatial import Array, Pose, rotation_exp, skew
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp, skew
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 

@@ -7,11 +7,11 @@ from typing import Literal
 
 import numpy as np
 
-from coheft.app.record import Record
-from coheft.app.report import RunInfo
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose, quaternion_from_rotation
-from coheft.wire.messages import (
+from coheft.app.results.record import Record
+from coheft.app.results.report import RunInfo
+from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rotation
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.wire.messages.structs import (
     Estimate,
     LoadChangeNotice,
     LoadState,

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from coheft.agents.agent import Agent
-from coheft.agents.motion import Excitation
+from coheft.agents.motion.reference import Excitation
 from coheft.consensus.graph import build_graph
 from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
-from coheft.wire.codec import encode
 from coheft.wire.config import AgentConfig, agent_config
-from coheft.wire.messages import NeighbourMessage
-from coheft.wire.scenario import Graph, Motion
-from coheft.wire.scenario_file import load_scenario
-from coheft.wire.waves import draw_waves
+from coheft.wire.messages.codec import encode
+from coheft.wire.messages.structs import NeighbourMessage
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Graph, Motion
+from coheft.wire.scenario.waves import draw_waves
 from tests.in_process import assert_good, changed, run_with_faults
 
 DURATION = 12.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.wire.borders import first_border
+from coheft.wire.scenario.borders import first_border
 
 
 @given(st.integers(0, 10**6), st.sampled_from([50, 100, 250, 500, 1000]))

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from coheft.app.broken_off import BrokenOff
+from coheft.app.run.broken_off import BrokenOff
 from tests.synthetic_run import HEAVY, truth
 
 LOGS = Path("logs")

@@ -7,24 +7,24 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from coheft.agents.carrier import Carrier
-from coheft.agents.common_path import CommonPath
-from coheft.agents.motion import make_motion
-from coheft.app.carry_record import CarryRecord
-from coheft.app.carry_table import print_carry
-from coheft.app.inprocess import run_in_process
-from coheft.app.overrides import override
-from coheft.app.report import CarryReport
+from coheft.agents.motion.carrier import Carrier
+from coheft.agents.motion.common_path import CommonPath
+from coheft.agents.motion.reference import make_motion
+from coheft.app.results.carry_record import CarryRecord
+from coheft.app.results.report import CarryReport
+from coheft.app.run.inprocess import run_in_process
+from coheft.app.run.overrides import override
+from coheft.app.terminal.carry_table import print_carry
 from coheft.errors import ScenarioError
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import ACCELERATION, SAMPLE_SIZE
-from coheft.estimation.spatial import Array, Pose
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.carry import Carry
 from coheft.wire.config import AgentConfig, agent_config
-from coheft.wire.messages import Estimate, PayloadEstimate
-from coheft.wire.scenario import LoadChange, Scenario
-from coheft.wire.scenario_checks import check_scenario
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.messages.structs import Estimate, PayloadEstimate
+from coheft.wire.scenario.carry import Carry
+from coheft.wire.scenario.checks import check_scenario
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import LoadChange, Scenario
 
 STILL = Carry(start=0.1, ramp=0.1, translation=(0.0,) * 3, rotation_deg=(0.0,) * 3, feedforward_at=0.0)
 """A path that goes nowhere."""

@@ -17,15 +17,15 @@ import msgspec
 import pytest
 
 import coheft
-from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
-from coheft.app.hosts import free_ports
-from coheft.app.overrides import override
-from coheft.app.plan import make_plan
-from coheft.app.run_folder import RUN_FILE, RunFile, announced, find_run, runs_folder
+from coheft.app.cli.main import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.run.folder import RUN_FILE, RunFile, announced, find_run, runs_folder
+from coheft.app.run.hosts import free_ports
+from coheft.app.run.overrides import override
+from coheft.app.run.plan import make_plan
 from coheft.errors import CoheftError, ScenarioError
 from coheft.wire.config import AgentProcessConfig, ServerConfig
-from coheft.wire.scenario import LoadChange, Scenario
-from coheft.wire.scenario_file import available_scenarios, load_scenario
+from coheft.wire.scenario.file import available_scenarios, load_scenario
+from coheft.wire.scenario.schema import LoadChange, Scenario
 
 ROOT = Path(__file__).parents[1]
 
@@ -236,7 +236,7 @@ def test_a_place_that_cannot_be_written_is_said_without_a_traceback(
     def fail(*_: object) -> None:
         raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), "place")
 
-    monkeypatch.setattr("coheft.app.plan.Plan.write", fail)
+    monkeypatch.setattr("coheft.app.run.plan.Plan.write", fail)
     assert run_command_line(["run", "ring3", "--write-configs", str(tmp_path)]) == EXIT_ERROR
     assert capfd.readouterr().err == "coheft: place: File exists\n"
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_INTERRUPTED, EXIT_USAGE, run_command_line
-from coheft.app.cli_run import run
-from coheft.app.report import Report, RunInfo, build_report
+from coheft.app.cli.main import EXIT_CONVERGED, EXIT_ERROR, EXIT_INTERRUPTED, EXIT_USAGE, run_command_line
+from coheft.app.cli.run import run
+from coheft.app.results.report import Report, RunInfo, build_report
 from coheft.errors import CoheftError, LinkError
-from coheft.wire.scenario_file import scenario_path
+from coheft.wire.scenario.file import scenario_path
 from tests.synthetic_run import BLOCK, HEAVY, ROBOTS, estimate, recorded, truth
 
 pytestmark = pytest.mark.usefixtures("own_state_folder")
@@ -25,7 +25,7 @@ def nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.fail("it was run")
 
     for what in (
-        "launch.launch",
+        "run.launch.launch",
         "faults.campaign.run_campaign",
         "cart.campaign.run_cases",
         "study.campaign.run_study",
@@ -148,7 +148,7 @@ def test_pictures_are_not_asked_for_in_vain(
 
 def test_outputs_may_be_there_already_and_be_no_files(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A report is written anew; a device is no folder that would take files."""
-    monkeypatch.setattr("coheft.app.launch.launch", lambda *_, **__: report())
+    monkeypatch.setattr("coheft.app.run.launch.launch", lambda *_, **__: report())
     for arguments in (["--json", "file"], ["--json", os.devnull], ["--save-data", "new"], ["--save-data", "new.npz"]):
         assert run_command_line(["run", "ring3", "--quiet", *arguments]) == EXIT_CONVERGED
 
@@ -176,8 +176,8 @@ def test_a_report_that_cannot_be_written_takes_nothing_with_it(
         def write(self, *_: object) -> str:
             return "the page"
 
-    monkeypatch.setattr("coheft.app.launch.launch", launch)
-    monkeypatch.setattr("coheft.app.cli_run._report_page", lambda _: Page())
+    monkeypatch.setattr("coheft.app.run.launch.launch", launch)
+    monkeypatch.setattr("coheft.app.cli.run._report_page", lambda _: Page())
     assert run_command_line(["run", "ring3", "--json", str(folder / "x.json")]) == EXIT_ERROR
     said = capfd.readouterr()
     assert "What each robot found out about the payload" in said.out
@@ -188,7 +188,7 @@ def test_a_report_that_cannot_be_written_takes_nothing_with_it(
 def test_where_things_were_written_is_said_at_the_end(
     place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("coheft.app.launch.launch", lambda *_, **__: report())
+    monkeypatch.setattr("coheft.app.run.launch.launch", lambda *_, **__: report())
     arguments = ["run", "ring3", "--save-data", "new.npz", "--record", "new.mcap"]
     data, recording = "Data: new.npz", "Recording: new.mcap"
     assert run_command_line([*arguments, "--json", "file"]) == EXIT_CONVERGED
@@ -207,7 +207,7 @@ def test_an_error_that_breaks_a_run_off_stays_of_its_kind(place: Path, monkeypat
     def fail(*_: object, **__: object) -> None:
         raise LinkError("no link")
 
-    monkeypatch.setattr("coheft.app.launch.launch", fail)
+    monkeypatch.setattr("coheft.app.run.launch.launch", fail)
     with pytest.raises(LinkError, match=r"^no link\nThat was before it began: no report \(--json\) was written\.$"):
         run("ring3", quiet=True, json=str(place / "x.json"))
 
@@ -223,9 +223,14 @@ def test_what_is_broken_off_leaves_no_empty_folder(command: str, place: Path, mo
         assert Path("some/new").is_dir()
         raise KeyboardInterrupt
 
-    for name in ("launch.launch", "study.campaign.run_study", "cart.campaign.run_cases", "identify.methods.identify"):
+    for name in (
+        "run.launch.launch",
+        "study.campaign.run_study",
+        "cart.campaign.run_cases",
+        "identify.methods.identify",
+    ):
         monkeypatch.setattr(f"coheft.app.{name}", interrupted)
-    monkeypatch.setattr("coheft.wire.data_file.read_recording", lambda _: None)
+    monkeypatch.setattr("coheft.wire.data.file.read_recording", lambda _: None)
     monkeypatch.setattr("coheft.app.identify.methods.part_of", lambda *_: None)
     before = sorted(place.rglob("*"))
     assert run_command_line([*command.split(), "some/new"]) == EXIT_INTERRUPTED
@@ -245,7 +250,7 @@ def test_a_campaign_whose_summary_cannot_be_written_tells_it(
     monkeypatch.setattr("coheft.app.faults.summary.summarise", lambda _: None)
     monkeypatch.setattr("coheft.app.faults.output.print_campaign", lambda *_: print("the summary"))
     monkeypatch.setattr("coheft.app.faults.output.markdown", lambda _: "the table")
-    monkeypatch.setattr("coheft.app.report.write_report", fail)
+    monkeypatch.setattr("coheft.app.results.report.write_report", fail)
     table = tmp_path / "table.md"
     arguments = ["faults", "--seeds", "1", "--json", str(tmp_path / "x.json"), "--table", str(table)]
     assert run_command_line(arguments) == EXIT_ERROR

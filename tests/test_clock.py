@@ -8,16 +8,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.hosts import free_ports
-from coheft.app.plan import make_plan
+from coheft.app.run.hosts import free_ports
+from coheft.app.run.plan import make_plan
 from coheft.physics_server.clock import Lockstep, Realtime, Stopwatch
 from coheft.physics_server.robots import Robots
-from coheft.wire.inbox import Inbox
-from coheft.wire.messages import Measurements, Reference
-from coheft.wire.problem_log import ProblemLog
-from coheft.wire.robot_link import RobotLink
-from coheft.wire.scenario_file import load_scenario
-from coheft.wire.transport import Keys, Sender, open_session
+from coheft.wire.messages.structs import Measurements, Reference
+from coheft.wire.process.problem_log import ProblemLog
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.transport.inbox import Inbox
+from coheft.wire.transport.robot_link import RobotLink
+from coheft.wire.transport.sessions import Keys, Sender, open_session
 from tests.wall_clock import WallClock, wall_clock_of
 
 DURATION = 0.02

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from coheft.agents.estimator import inertia_std, is_converged
-from coheft.estimation.rigid_body import unpack_symmetric
-from coheft.wire.estimator_settings import Converged
-from coheft.wire.messages import PayloadEstimate
+from coheft.estimation.rigid_body.mass_properties import unpack_symmetric
+from coheft.wire.messages.structs import PayloadEstimate
+from coheft.wire.scenario.estimator_settings import Converged
 
 LIMITS = Converged(mass_percent=2.0, com_mm=3.0, inertia_percent=4.0)
 MASS, TENSOR = 5.0, np.diag([2.0, 3.0, 6.0])  # of the norm 7

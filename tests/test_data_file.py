@@ -14,11 +14,11 @@ import pytest
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.recording import Recording, RobotRecord, Truth
+from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.measurement import SensorNoise
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Pose
-from coheft.wire.data_checks import COLUMNS
-from coheft.wire.data_file import read_recording, write_recording
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.wire.data.checks import COLUMNS
+from coheft.wire.data.file import read_recording, write_recording
 
 CHANNELS = tuple(COLUMNS)
 

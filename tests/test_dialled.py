@@ -8,11 +8,11 @@ import time
 from contextlib import closing
 from pathlib import Path
 
-from coheft.app.hosts import free_ports
-from coheft.wire.dialled import DialledLink
-from coheft.wire.inbox import Inbox, Presence, Received
-from coheft.wire.messages import Hello, Message
-from coheft.wire.transport import Keys, Sender, open_session
+from coheft.app.run.hosts import free_ports
+from coheft.wire.messages.structs import Hello, Message
+from coheft.wire.transport.dialled import DialledLink
+from coheft.wire.transport.inbox import Inbox, Presence, Received
+from coheft.wire.transport.sessions import Keys, Sender, open_session
 from tests.waiting import next_event, wait_until
 
 

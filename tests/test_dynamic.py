@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from coheft.consensus.graph import Neighbours, build_graph, metropolis_matrix
-from coheft.estimation.spatial import Array
-from coheft.wire.scenario import Graph
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.scenario.schema import Graph
 from tests.consensus_network import CHANNELS, SAMPLES, Network
 
 GRAPHS = {

@@ -8,15 +8,15 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.quantities import payload_error, payload_exists
-from coheft.estimation.body_motion import perturbation_between
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose
+from coheft.app.results.quantities import payload_error, payload_exists
+from coheft.estimation.geometry.body_motion import perturbation_between
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.tolerance import SensorTolerance
-from coheft.wire.estimator_settings import EfficientSettings
-from coheft.wire.messages import Estimate
-from coheft.wire.payload import Box, Payload
-from coheft.wire.scenario import Graph, Grasp, LoadChange, Perimeter, Scenario
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.scenario.estimator_settings import EfficientSettings
+from coheft.wire.scenario.payload import Box, Payload
+from coheft.wire.scenario.schema import Graph, Grasp, LoadChange, Perimeter, Scenario
 from tests.in_process import Recording, assert_good, changed, run_with_faults
 
 DROPPED = LoadChange(at=6.0, mass=2.0, position=(-0.1, 0.15, 0.07))

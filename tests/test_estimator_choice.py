@@ -7,9 +7,9 @@ import pytest
 
 from coheft.errors import CoheftError
 from coheft.physics_server.estimator_choice import EstimatorChoice
-from coheft.wire.estimator_settings import SeedSettings
-from coheft.wire.scenario import Graph
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.scenario.estimator_settings import SeedSettings
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Graph
 
 
 def test_the_built_in_ones_and_the_one_of_the_scenario_may_be_chosen() -> None:

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from coheft.wire.memory import trimming
+from coheft.wire.process.memory import trimming
 
 HOLES = """
 import os
 from pathlib import Path
 import numpy as np
-from coheft.wire.memory import trimming
+from coheft.wire.process.memory import trimming
 
 def resident():
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
@@ -36,7 +36,7 @@ def test_what_is_free_between_things_that_stay_goes_back() -> None:
 THREADS = """
 import threading
 from pathlib import Path
-from coheft.wire.memory import give_back_memory
+from coheft.wire.process.memory import give_back_memory
 
 give_back_memory()
 kept, gate = [], threading.Barrier(9)

@@ -11,9 +11,9 @@ from msgspec.structs import replace
 
 from coheft.consensus.gossip import Gossip
 from coheft.consensus.graph import Neighbours, build_graph, diameter, distances
-from coheft.wire.codec import encode
-from coheft.wire.messages import LinkState, NeighbourMessage
-from coheft.wire.scenario import Graph
+from coheft.wire.messages.codec import encode
+from coheft.wire.messages.structs import LinkState, NeighbourMessage
+from coheft.wire.scenario.schema import Graph
 from tests.test_graph import graphs, names
 
 Edge = tuple[str, str]

@@ -21,8 +21,8 @@ from coheft.consensus.graph import (
     metropolis_matrix,
     metropolis_weight,
 )
-from coheft.wire.message_size import PER_MESSAGE
-from coheft.wire.scenario import Graph
+from coheft.wire.messages.size import PER_MESSAGE
+from coheft.wire.scenario.schema import Graph
 
 Kind = Literal["ring", "line", "star", "grid", "tree", "complete", "random"]
 KINDS: tuple[Kind, ...] = get_type_hints(Graph)["kind"].__args__

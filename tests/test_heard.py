@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.heard import check_news, check_status
+from coheft.app.run.heard import check_news, check_status
 from coheft.errors import MessageError
-from coheft.wire.messages import BoxShape, Problem
-from coheft.wire.requests import Status
+from coheft.wire.messages.requests import Status
+from coheft.wire.messages.structs import BoxShape, Problem
 from tests.recording.runs import BEGIN
 from tests.synthetic_run import SCENE
 

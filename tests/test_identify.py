@@ -10,25 +10,25 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
-from coheft.app.cli_base import EXIT_NOT_CONVERGED
+from coheft.app.cli.base import EXIT_NOT_CONVERGED
+from coheft.app.cli.main import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
 from coheft.app.identify.choices import Bounds, Method
 from coheft.app.identify.methods import identify
 from coheft.app.identify.report import make_report
-from coheft.app.inprocess import run_in_process
 from coheft.app.mocobots.campaign import errors_of, scenario_of
 from coheft.app.mocobots.record import record, record_sphere
+from coheft.app.run.inprocess import run_in_process
 from coheft.errors import RecordingError, UsageError
 from coheft.estimation.batch.holds import holds_of
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.body_motion import perturbation_between
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Pose
-from coheft.wire.data_file import write_recording
-from coheft.wire.encoders import EncoderErrors
-from coheft.wire.messages import Estimate
-from coheft.wire.scenario_file import load_scenario
+from coheft.estimation.geometry.body_motion import perturbation_between
+from coheft.estimation.geometry.spatial import Pose
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.wire.data.file import write_recording
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.scenario.encoders import EncoderErrors
+from coheft.wire.scenario.file import load_scenario
 
 EXPERIMENTS = [("b", 2), ("c", 1)]
 """Configurations of the paper, from via point to via point (1) or on a sphere (2)."""

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
-from coheft.app.cli_base import EXIT_NOT_CONVERGED
-from coheft.estimation.spatial import Array
+from coheft.app.cli.base import EXIT_NOT_CONVERGED
+from coheft.app.cli.main import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.estimation.geometry.spatial import Array
 from tests.docs_blocks import blocks
 
 PAGE = Path(__file__).parents[1] / "docs" / "data-format.md"

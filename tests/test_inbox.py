@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from coheft.agents.inbox import AHEAD, NeighbourInbox
-from coheft.wire.messages import LinkState, NeighbourMessage
+from coheft.wire.messages.structs import LinkState, NeighbourMessage
 
 NEIGHBOURS = ("b", "c")
 

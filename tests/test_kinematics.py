@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coheft.agents import kinematics
+from coheft.agents.fan2017 import kinematics
 from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE
 
 

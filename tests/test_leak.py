@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.inprocess import run_in_process
-from coheft.estimation.spatial import Array
-from coheft.wire.messages import LoadChangeNotice
-from coheft.wire.scenario import LoadChange
+from coheft.app.run.inprocess import run_in_process
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.messages.structs import LoadChangeNotice
+from coheft.wire.scenario.schema import LoadChange
 from tests.in_process import changed
 
 LEAKING = LoadChange(at=5.0, mass=3.0, position=(-0.1, 0.15, 0.07), leak=0.1)

@@ -9,18 +9,18 @@ import msgspec
 import pytest
 
 from coheft.wire.config import agent_config
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.scenario.file import load_scenario
 
 
 @pytest.mark.parametrize(
     ("module", "heavy"),
     [
         (
-            "coheft.agents.process",
+            "coheft.agents.process.main",
             {"scipy", "mujoco", "coheft.physics_server", "cyclopts", "rich", "unittest", "coheft.wire.cart"},
         ),
         ("coheft.physics_server.server", {"coheft.agents", "cyclopts", "rich", "matplotlib", "scipy"}),
-        ("coheft.app.cli", {"zenoh", "mujoco", "numpy", "scipy", "matplotlib", "joblib"}),
+        ("coheft.app.cli.main", {"zenoh", "mujoco", "numpy", "scipy", "matplotlib", "joblib"}),
     ],
 )
 def test_what_is_not_loaded(module, heavy):
@@ -34,7 +34,7 @@ def test_with_its_first_step_an_agent_loads_no_more():
     config = agent_config(scenario, scenario.robot_names[0], scenario.robot_names[1:])
     code = (
         "import sys, msgspec, numpy\n"
-        "from coheft.agents.process import Agent, MeasurementBlock\n"
+        "from coheft.agents.process.main import Agent, MeasurementBlock\n"
         "from coheft.wire.config import AgentConfig\n"
         "config = msgspec.json.decode(sys.stdin.buffer.read(), type=AgentConfig)\n"
         "Agent(config).step(0, MeasurementBlock(0, numpy.zeros((config.block, 15))), [])\n"

@@ -1,6 +1,6 @@
 """What a robot tells of load changes."""
 
-from coheft.agents.load_changes import LoadChanges
+from coheft.agents.fan2017.load_changes import LoadChanges
 from coheft.wire.config import agent_config
 from tests.in_process import changed
 

@@ -9,9 +9,8 @@ import pytest
 from coheft.agents.agent import ESTIMATORS
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import Crash, FaultSchedule
-from coheft.wire.codec import encode
-from coheft.wire.estimator_settings import SeedSettings
-from coheft.wire.message_size import (
+from coheft.wire.messages.codec import encode
+from coheft.wire.messages.size import (
     ARRAYS,
     LARGEST,
     LEAST_LIMIT,
@@ -20,9 +19,10 @@ from coheft.wire.message_size import (
     largest_message,
     message_limit,
 )
-from coheft.wire.messages import LinkState, NeighbourMessage
-from coheft.wire.plugins import BUILT_IN
-from coheft.wire.scenario import Graph, Scenario
+from coheft.wire.messages.structs import LinkState, NeighbourMessage
+from coheft.wire.scenario.estimator_settings import SeedSettings
+from coheft.wire.scenario.plugins import BUILT_IN
+from coheft.wire.scenario.schema import Graph, Scenario
 from tests.in_process import changed, steps
 
 

@@ -6,20 +6,20 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.agents.via_points import ViaPointMotion
+from coheft.agents.motion.via_points import ViaPointMotion
 from coheft.app.mocobots.record import SPHERE_TIME, circumcentre, sphere_references
 from coheft.errors import ScenarioError
 from coheft.estimation.batch.calibration import gimbal_angles
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion
 from coheft.estimation.measurement import ACCELERATION, GYRO, TORQUE, WRENCH
-from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion
-from coheft.physics_server.encoders import Encoders
+from coheft.physics_server.arms.encoders import Encoders
 from coheft.physics_server.scene import PAYLOAD_HOME
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.encoders import EncoderErrors
-from coheft.wire.grasps import place_grasps
-from coheft.wire.scenario import Motion, Scenario
-from coheft.wire.scenario_file import load_scenario, parse_scenario
-from coheft.wire.via_points import ViaPoints
+from coheft.wire.scenario.encoders import EncoderErrors
+from coheft.wire.scenario.file import load_scenario, parse_scenario
+from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.schema import Motion, Scenario
+from coheft.wire.scenario.via_points import ViaPoints
 from tests.physics_run import reference as reference_of
 from tests.physics_run import run, samples, scenario
 

@@ -8,17 +8,17 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.agents.common_path import CommonPath
-from coheft.agents.motion import make_motion
+from coheft.agents.motion.common_path import CommonPath
+from coheft.agents.motion.reference import make_motion
 from coheft.consensus.graph import build_graph
 from coheft.errors import ScenarioError
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 from coheft.wire.config import agent_config
-from coheft.wire.motion_checks import check_motion
-from coheft.wire.reach import Reach
-from coheft.wire.scenario import Motion, Scenario
-from coheft.wire.scenario_file import load_scenario, parse_scenario
-from coheft.wire.via_points import ViaPoints
+from coheft.wire.scenario.file import load_scenario, parse_scenario
+from coheft.wire.scenario.motion_checks import check_motion
+from coheft.wire.scenario.reach import Reach
+from coheft.wire.scenario.schema import Motion, Scenario
+from coheft.wire.scenario.via_points import ViaPoints
 from tests.physics_run import reference
 
 BLOCKS = 1000

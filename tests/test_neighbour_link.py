@@ -6,8 +6,8 @@ import itertools
 
 import pytest
 
-from coheft.agents.neighbour_link import KEPT, LONGEST_PAUSE, SILENCE, NeighbourLink
-from coheft.wire.messages import Hello, NeighbourMessage
+from coheft.agents.process.neighbour_link import KEPT, LONGEST_PAUSE, SILENCE, NeighbourLink
+from coheft.wire.messages.structs import Hello, NeighbourMessage
 
 NOW = 100.0
 

@@ -12,21 +12,21 @@ import numpy as np
 import pytest
 
 from coheft.agents.agent import Agent
-from coheft.app.inprocess import run_in_process
+from coheft.app.run.inprocess import run_in_process
 from coheft.errors import PluginError
-from coheft.wire.codec import encode
 from coheft.wire.config import agent_config
-from coheft.wire.messages import Estimate, LoadChangeNotice
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.messages.codec import encode
+from coheft.wire.messages.structs import Estimate, LoadChangeNotice
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Scenario
 from tests.own_packages import write_package
 
 HEAD = """
 import numpy as np
 from coheft.agents.estimator import Belief
-from coheft.estimation.spatial import Pose
-from coheft.estimation.uncertain_pose import UncertainPose
-from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
+from coheft.estimation.geometry.spatial import Pose
+from coheft.estimation.geometry.uncertain_pose import UncertainPose
+from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate
 
 class Mine:
     def __init__(self, config, gossip):

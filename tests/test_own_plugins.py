@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from coheft.agents.agent import Agent
-from coheft.app.overrides import override
+from coheft.app.run.overrides import override
 from coheft.errors import PluginError, ScenarioError
 from coheft.wire.config import agent_config
-from coheft.wire.plugins import available
-from coheft.wire.scenario import Motion, Scenario
-from coheft.wire.scenario_file import load_scenario, parse_scenario
+from coheft.wire.scenario.file import load_scenario, parse_scenario
+from coheft.wire.scenario.plugins import available
+from coheft.wire.scenario.schema import Motion, Scenario
 from tests.own_packages import write_package
 
 ESTIMATOR = """

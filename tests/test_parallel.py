@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("joblib")
 
-from coheft.app.parallel import side_by_side, workers
+from coheft.app.run.parallel import side_by_side, workers
 from coheft.errors import CoheftError
 
 
@@ -47,7 +47,7 @@ def test_a_killed_worker_is_an_error_in_words() -> None:
 ONE_CORE = """
 import os
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-from coheft.app.parallel import usual_jobs
+from coheft.app.run.parallel import usual_jobs
 print(usual_jobs())
 """
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from coheft.errors import ScenarioError
-from coheft.wire.payload import Box, MassProperties
-from coheft.wire.payload_extent import Extent
-from coheft.wire.scenario_file import parse_scenario
+from coheft.wire.scenario.file import parse_scenario
+from coheft.wire.scenario.payload import Box, MassProperties
+from coheft.wire.scenario.payload_extent import Extent
 
 BOX = "boxes = [{ mass = 2.0, size = [0.4, 0.3, 0.1], position = [0.1, 0.0, 0.0] }]"
 PLATE = "properties = { mass = 6.0, com = [0.1, 0.0, 0.0], principal = [0.03, 0.08, 0.1] }"

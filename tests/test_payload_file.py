@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from coheft.errors import ScenarioError
-from coheft.estimation.spatial import Pose
+from coheft.estimation.geometry.spatial import Pose
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.grasps import place_grasps
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_file import CONFIG_FOLDER, load_scenario, parse_scenario
+from coheft.wire.scenario.file import CONFIG_FOLDER, load_scenario, parse_scenario
+from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.schema import Scenario
 
 GRASPS = "grasps = [{ position = [-0.2, 0, 0] }, { position = [0.2, 0, 0] }]"
 BODY = '<body name="part" pos="1 2 3" euler="10 20 30"><geom type="box" size="0.2 0.1 0.05" mass="4"/>{}</body>'
@@ -220,5 +220,5 @@ def test_sites_need_a_model() -> None:
 
 
 def test_agents_and_estimation_do_not_load_mujoco() -> None:
-    code = "import sys, coheft.agents.process, coheft.estimation.bounds; sys.exit('mujoco' in sys.modules)"
+    code = "import sys, coheft.agents.process.main, coheft.estimation.bounds; sys.exit('mujoco' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=CONFIG_FOLDER.parent, check=False).returncode == 0

@@ -7,10 +7,10 @@ import pytest
 
 from coheft.errors import SimulationError
 from coheft.estimation.measurement import ACCELERATION, GYRO, TWIST, WRENCH
-from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.physics_server.scene import PAYLOAD_HOME
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.grasps import place_grasps
+from coheft.wire.scenario.grasps import place_grasps
 from tests.physics_run import excitation, run, samples, scenario
 
 EXACT = 1e-12

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from coheft.errors import LoadError, ScenarioError, SimulationError
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion
 from coheft.estimation.measurement import ACCELERATION, GYRO
-from coheft.estimation.rigid_body import Inertia, combined
-from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion
+from coheft.estimation.rigid_body.mass_properties import Inertia, combined
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.messages import Reference
-from coheft.wire.payload_extent import check_load_places
-from coheft.wire.reach import Reach
-from coheft.wire.scenario import LoadChange, Scenario
-from coheft.wire.section import Vector
+from coheft.wire.messages.structs import Reference
+from coheft.wire.scenario.payload_extent import check_load_places
+from coheft.wire.scenario.reach import Reach
+from coheft.wire.scenario.schema import LoadChange, Scenario
+from coheft.wire.scenario.section import Vector
 from tests.physics_run import excitation, reference, run, scenario
 
 

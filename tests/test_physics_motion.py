@@ -6,14 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion, rotation_log
 from coheft.estimation.measurement import ACCELERATION, GYRO, TWIST, WRENCH
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion, rotation_log
+from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.physics_server.scene import PAYLOAD_HOME
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.grasps import place_grasps
-from coheft.wire.scenario import LoadChange
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.schema import LoadChange
 from tests.physics_run import excitation, reference, run, samples, scenario
 
 EXACT = 1e-12

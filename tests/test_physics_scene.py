@@ -6,12 +6,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.estimation.spatial import Pose
+from coheft.estimation.geometry.spatial import Pose
 from coheft.physics_server.scene import PAYLOAD_HOME, home_name
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.grasps import place_grasps
-from coheft.wire.scenario import Perimeter
-from coheft.wire.scenario_file import available_scenarios, load_scenario
+from coheft.wire.scenario.file import available_scenarios, load_scenario
+from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.schema import Perimeter
 from tests.physics_run import scenario
 
 

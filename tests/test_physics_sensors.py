@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
-from coheft.estimation.spatial import Array
 from coheft.estimation.tolerance import SensorTolerance
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.scenario import Scenario
+from coheft.wire.scenario.schema import Scenario
 from tests.physics_run import excitation, run, samples, scenario
 
 UNLIKELY = 1e-6

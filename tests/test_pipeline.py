@@ -7,8 +7,8 @@ import pytest
 
 from coheft.consensus.graph import build_graph, distances
 from coheft.consensus.pipeline import NeighbourStages, Pipeline
-from coheft.estimation.spatial import Array
-from coheft.wire.scenario import Graph
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.scenario.schema import Graph
 from tests.consensus_network import CHANNELS, SAMPLES, Network
 
 ROUNDS = 4

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from coheft.wire.problem_log import ProblemLog
-from coheft.wire.transport import Sender
+from coheft.wire.process.problem_log import ProblemLog
+from coheft.wire.transport.sessions import Sender
 from tests.wall_clock import wall_clock_of
 
 
@@ -18,7 +18,7 @@ def test_nobody_can_make_up_a_line_of_the_log(capfd: pytest.CaptureFixture[str])
 def test_who_sends_rubbish_without_end_does_not_fill_the_disk_and_is_counted(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    now = wall_clock_of("coheft.wire.problem_log", monkeypatch)
+    now = wall_clock_of("coheft.wire.process.problem_log", monkeypatch)
     log = ProblemLog("server", Sender(None, "run/observe/server/problem", may_drop=True))
 
     def printed(count: int) -> list[str]:

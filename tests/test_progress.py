@@ -8,7 +8,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from coheft.app.progress import show_progress
+from coheft.app.terminal.progress import show_progress
 from tests.escapes import SEQUENCE
 
 

@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.final_table import sentences
-from coheft.app.pairing import REMEMBERED
-from coheft.app.record import SILENT, EstimatorUse, Record
-from coheft.app.report import build_report
-from coheft.wire.messages import LoadChangeNotice
+from coheft.app.results.record import SILENT, EstimatorUse, Record
+from coheft.app.results.report import build_report
+from coheft.app.run.pairing import REMEMBERED
+from coheft.app.terminal.final_table import sentences
+from coheft.wire.messages.structs import LoadChangeNotice
 from tests.synthetic_run import BLOCK, HEAVY, INFO, LIGHT, ROBOTS, SCENE, changing_run, estimate, recorded, truth
 
 

@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.report import build_report
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Pose
-from coheft.wire.messages import Truth
+from coheft.app.results.report import build_report
+from coheft.estimation.geometry.spatial import Pose
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.wire.messages.structs import Truth
 from tests.synthetic_run import (
     BLOCK,
     GRASPS,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from coheft.physics_server.request_words import in_words
-from coheft.wire.messages import Message
-from coheft.wire.requests import (
+from coheft.wire.messages.requests import (
     EstimatorRequest,
     HoldRequest,
     InjectRequest,
@@ -15,6 +14,7 @@ from coheft.wire.requests import (
     StatusRequest,
     StopRequest,
 )
+from coheft.wire.messages.structs import Message
 
 
 @pytest.mark.parametrize(

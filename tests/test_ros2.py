@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.app.plan import make_plan
 from coheft.app.recording import ros
 from coheft.app.ros2.drive import drive
 from coheft.app.ros2.names import Node, Topic, attachment, check_ros_names
 from coheft.app.ros2.readings import AT_ONCE, Readings
 from coheft.app.ros2.samples import STREAMS, BlockBuilder, read
 from coheft.app.ros2.stamps import Stamps
+from coheft.app.run.plan import make_plan
 from coheft.errors import CoheftError, LinkError, MessageError, UsageError
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.scenario.file import load_scenario
 
 RATE, BLOCK = 500, 4
 EPOCH = 1_790_000_000_000_000_000

@@ -11,8 +11,8 @@ from coheft.consensus.graph import Neighbours, build_graph
 from coheft.consensus.pipeline import NeighbourStages, Pipeline
 from coheft.consensus.rounds import Rounds, make_rounds
 from coheft.consensus.schedule import Schedule, TreeSchedule, finite_time, tree
-from coheft.estimation.spatial import Array
-from coheft.wire.scenario import Graph
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.scenario.schema import Graph
 from tests.test_graph import names
 
 SAMPLES, WIDTH = 3, 6

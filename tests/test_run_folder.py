@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from coheft.app.cli_cart import Logs
-from coheft.app.hosts import free_ports
-from coheft.app.run_folder import RUN_FILE, RunFile, announced, find_run, make_run_folder, runs_folder, split_endpoint
+from coheft.app.cli.cart import Logs
+from coheft.app.run.folder import RUN_FILE, RunFile, announced, find_run, make_run_folder, runs_folder, split_endpoint
+from coheft.app.run.hosts import free_ports
 from coheft.errors import CoheftError
 
 pytestmark = pytest.mark.usefixtures("own_state_folder")

@@ -15,11 +15,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.digits import error_and_std
 from coheft.app.figures import LIGHT
-from coheft.app.inprocess import run_in_process
-from coheft.app.record import Record
-from coheft.app.report import Report, RunInfo, build_report
+from coheft.app.results.record import Record
+from coheft.app.results.report import Report, RunInfo, build_report
+from coheft.app.run.inprocess import run_in_process
 from coheft.app.run_report import data
 from coheft.app.run_report.convergence import ALL_SHOWN, curves
 from coheft.app.run_report.drawings import draw_overview
@@ -30,13 +29,14 @@ from coheft.app.run_report.pictures import PICTURES, pictures_of
 from coheft.app.run_report.series import Series, SeriesFollower
 from coheft.app.run_report.states import Spans
 from coheft.app.run_report.thinned import Thinned
+from coheft.app.terminal.digits import error_and_std
 from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.messages import Problem
-from coheft.wire.requests import Status
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_file import parse_scenario
+from coheft.wire.messages.requests import Status
+from coheft.wire.messages.structs import Problem
+from coheft.wire.scenario.file import parse_scenario
+from coheft.wire.scenario.schema import Scenario
 from tests.synthetic_run import HEAVY, estimate
 
 pytest.importorskip("matplotlib")

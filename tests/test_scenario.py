@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from coheft.app.hosts import load_hosts
+from coheft.app.run.hosts import load_hosts
 from coheft.consensus.graph import build_graph
 from coheft.errors import ScenarioError
 from coheft.wire.config import agent_config
-from coheft.wire.scenario_file import available_scenarios, load_scenario, parse_scenario
+from coheft.wire.scenario.file import available_scenarios, load_scenario, parse_scenario
 from docs import scenario_reference
 
 GOOD = """

@@ -10,9 +10,9 @@ import pytest
 from coheft.consensus.graph import Neighbours, build_graph, distances
 from coheft.consensus.pipeline import NeighbourStages, Pipeline
 from coheft.consensus.schedule import TOLERANCE, Schedule, chebyshev, choose_schedule, finite_time, tree
-from coheft.estimation.body_motion import perturbed
-from coheft.estimation.spatial import Array, Pose
-from coheft.wire.scenario import Graph
+from coheft.estimation.geometry.body_motion import perturbed
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.wire.scenario.schema import Graph
 from tests.estimation.team import random_pose
 from tests.test_graph import names
 

@@ -7,10 +7,10 @@ import pytest
 
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import FaultSchedule, Pause, Release
-from coheft.app.inprocess import run_in_process
-from coheft.wire.codec import encode
-from coheft.wire.scenario import Graph, LoadChange, Scenario
-from coheft.wire.scenario_file import load_scenario
+from coheft.app.run.inprocess import run_in_process
+from coheft.wire.messages.codec import encode
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Graph, LoadChange, Scenario
 from tests.in_process import Recording, assert_good, changed, run_with_faults
 
 CHANGE = 15.0

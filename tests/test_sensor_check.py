@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coheft.agents.sensor_check import SensorCheck
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SAMPLE_SIZE, SensorNoise
-from coheft.estimation.spatial import Array
 from tests.estimation.team import make_team
 
 NOISE = SensorNoise()

@@ -8,8 +8,8 @@ import pytest
 
 from coheft.app.study.random_team import random_team
 from coheft.errors import ScenarioError
-from coheft.wire.scenario_file import load_scenario
-from coheft.wire.set_values import set_values
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.set_values import set_values
 
 
 @pytest.mark.parametrize(

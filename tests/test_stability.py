@@ -12,8 +12,8 @@ import pytest
 from coheft.errors import ScenarioError, SimulationError
 from coheft.physics_server import simulation
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.payload import Box, Payload
-from coheft.wire.scenario import Grasp, Robots, Scenario
+from coheft.wire.scenario.payload import Box, Payload
+from coheft.wire.scenario.schema import Grasp, Robots, Scenario
 from tests.physics_run import excitation, run, scenario
 
 PLACES = ((0.1, 0.0, 0.0), (-0.08, 0.06, 0.02), (-0.08, -0.06, 0.02))

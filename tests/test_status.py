@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from coheft.agents.estimator import Belief
 from coheft.agents.status import StatusKeeper
-from coheft.estimation.spatial import Pose
-from coheft.estimation.uncertain_pose import UncertainPose
+from coheft.estimation.geometry.spatial import Pose
+from coheft.estimation.geometry.uncertain_pose import UncertainPose
 from coheft.wire.config import agent_config
-from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
+from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate
 from tests.in_process import changed
 
 SCENARIO = changed("ring3")

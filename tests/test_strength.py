@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from coheft.errors import LoadError, ScenarioError, SimulationError
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Pose
+from coheft.estimation.geometry.spatial import Pose
+from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.grasps import place_grasps
-from coheft.wire.payload import Box, Payload
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_file import parse_scenario
-from coheft.wire.section import Vector
-from coheft.wire.strength import Strength
+from coheft.wire.scenario.file import parse_scenario
+from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.payload import Box, Payload
+from coheft.wire.scenario.schema import Scenario
+from coheft.wire.scenario.section import Vector
+from coheft.wire.scenario.strength import Strength
 from tests.physics_run import excitation, run, scenario
 
 TWO = """

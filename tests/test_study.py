@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from coheft.app.cli import EXIT_USAGE, run_command_line
-from coheft.app.inprocess import run_in_process
-from coheft.app.quantities import QUANTITIES, directed_edges
+from coheft.app.cli.main import EXIT_USAGE, run_command_line
+from coheft.app.results.quantities import QUANTITIES, directed_edges
+from coheft.app.run.inprocess import run_in_process
 from coheft.app.study.campaign import Plan, make_plan, run_study
 from coheft.app.study.exact_run import Bounds, ExactRun
 from coheft.app.study.output import print_study, write_folder
@@ -22,8 +22,8 @@ from coheft.app.study.samples import simulate, with_exact_sensors
 from coheft.app.study.tables import LEGEND
 from coheft.app.study.trial import Trial
 from coheft.errors import ScenarioError
-from coheft.wire.scenario import LoadChange, Scenario
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import LoadChange, Scenario
 from tests.physics_run import scenario
 
 NAMES = [quantity.name for quantity in QUANTITIES]

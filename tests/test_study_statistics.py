@@ -6,7 +6,7 @@ from scipy.stats import kstest
 
 from coheft.app.study.detection import judge_detection
 from coheft.app.study.statistics import normalised_square, ratio_of_roots, root_mean
-from coheft.wire.messages import LoadChangeNotice
+from coheft.wire.messages.structs import LoadChangeNotice
 
 NOTHING = np.full(3, np.nan)
 

@@ -10,13 +10,13 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from coheft.wire.supervised import UNUSABLE
+from coheft.wire.process.supervised import UNUSABLE
 
 SCHEDULED = """
 import os
 import threading
 import msgspec
-from coheft.wire.supervised import supervised_main
+from coheft.wire.process.supervised import supervised_main
 
 class Config(msgspec.Struct):
     expected: int
@@ -48,7 +48,7 @@ def test_processes_of_a_run_and_their_threads_do_not_interrupt_each_other() -> N
 FAILING = """
 import msgspec
 from coheft.errors import LinkError, PluginError
-from coheft.wire.supervised import supervised_main
+from coheft.wire.process.supervised import supervised_main
 
 class Config(msgspec.Struct):
     kind: str
@@ -85,8 +85,8 @@ LEAVING = """
 import threading
 from pathlib import Path
 import msgspec
-from coheft.wire.data_replace import replace_files
-from coheft.wire.supervised import supervised_main
+from coheft.wire.data.replace import replace_files
+from coheft.wire.process.supervised import supervised_main
 
 class Config(msgspec.Struct):
     target: str

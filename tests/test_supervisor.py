@@ -7,12 +7,12 @@ from typing import cast
 
 import pytest
 
-from coheft.app.observer import Observer
-from coheft.app.processes import ProcessError, Processes
-from coheft.app.restarts import Restarts
-from coheft.app.terminal import QuietDisplay
-from coheft.wire.requests import StatusRequest
-from coheft.wire.supervised import UNUSABLE
+from coheft.app.run.observer import Observer
+from coheft.app.run.processes import ProcessError, Processes
+from coheft.app.run.restarts import Restarts
+from coheft.app.terminal.screen import QuietDisplay
+from coheft.wire.messages.requests import StatusRequest
+from coheft.wire.process.supervised import UNUSABLE
 from tests.waiting import wait_until
 
 # Like a server that loses the link with a robot before the robot's process has ended.
@@ -66,7 +66,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_process_that_fails_last_but_with_a_traceback_is_the_cause(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("coheft.app.processes._OTHERS_FAIL", 30.0)  # a busy machine may need more than half a second
+    monkeypatch.setattr(
+        "coheft.app.run.processes._OTHERS_FAIL", 30.0
+    )  # a busy machine may need more than half a second
     (folder / "follows.py").write_text(FOLLOWS)
     (folder / "cause.py").write_text(CAUSE)
     with Processes(folder) as processes:

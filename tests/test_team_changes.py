@@ -10,8 +10,8 @@ import pytest
 from coheft.app.faults.invariants import Watch
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, Lie, Loss, Partition, Release, SensorFault
-from coheft.wire.messages import Estimate
-from coheft.wire.scenario import Graph, LoadChange
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.scenario.schema import Graph, LoadChange
 from tests.in_process import changed, run_with_faults
 
 FROM = 4.5

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from coheft.app.digits import error_and_std, value_and_std
-from coheft.app.final_table import print_report, robot_rows, sentences
-from coheft.app.record import Record
-from coheft.app.report import build_report
-from coheft.app.terminal import LineDisplay, LiveDisplay, QuietDisplay, make_display
-from coheft.estimation.rigid_body import Inertia
-from coheft.wire.messages import Estimate, Problem, Scene
+from coheft.app.results.record import Record
+from coheft.app.results.report import build_report
+from coheft.app.terminal.digits import error_and_std, value_and_std
+from coheft.app.terminal.final_table import print_report, robot_rows, sentences
+from coheft.app.terminal.screen import LineDisplay, LiveDisplay, QuietDisplay, make_display
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.wire.messages.structs import Estimate, Problem, Scene
 from tests.escapes import COLOUR, SEQUENCE
 from tests.synthetic_run import BLOCK, GRASPS, HEAVY, INFO, LIGHT, SCENE, changing_run, estimate, recorded, truth
 

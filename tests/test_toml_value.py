@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from coheft.wire.toml_value import as_toml
+from coheft.wire.scenario.toml_value import as_toml
 
 
 @pytest.mark.parametrize(

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 from coheft.errors import ScenarioError, SimulationError
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import GYRO, SAMPLE_SIZE
 from coheft.estimation.moments.body import FORCING, MOTION_SIZE, load_operator, residual_covariance
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import RowNoise, row_of_samples
 from coheft.estimation.moments.unknowns import State
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array
-from coheft.physics_server.arm_model import hand_name
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.physics_server.arms.model import hand_name
 from coheft.physics_server.scene import home_name
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.grasps import place_grasps
-from coheft.wire.messages import Truth
-from coheft.wire.scenario_checks import check_scenario
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.messages.structs import Truth
+from coheft.wire.scenario.checks import check_scenario
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.grasps import place_grasps
 from tests.physics_run import excitation, reference, run, samples, scenario
 
 ARMS = scenario("arms4")

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import zenoh
 
-from coheft.app.hosts import free_ports
+from coheft.app.run.hosts import free_ports
 from coheft.errors import CoheftError, LinkError, MessageError
-from coheft.wire.codec import encode
-from coheft.wire.inbox import Inbox, LinkChange, Question, Received, Refused
-from coheft.wire.messages import PROTOCOL_VERSION, Hello, Measurements, Ready
-from coheft.wire.messages import Scene as SceneMessage
-from coheft.wire.requests import InjectRequest, Refusal, Status, StatusRequest
-from coheft.wire.transport import Keys, Sender, ask, check_name, open_session
+from coheft.wire.messages.codec import encode
+from coheft.wire.messages.requests import InjectRequest, Refusal, Status, StatusRequest
+from coheft.wire.messages.structs import PROTOCOL_VERSION, Hello, Measurements, Ready
+from coheft.wire.messages.structs import Scene as SceneMessage
+from coheft.wire.transport.inbox import Inbox, LinkChange, Question, Received, Refused
+from coheft.wire.transport.sessions import Keys, Sender, ask, check_name, open_session
 from tests.waiting import next_event, wait_until
 
 

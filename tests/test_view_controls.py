@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from coheft.app.hosts import free_ports
+from coheft.app.run.hosts import free_ports
 from coheft.app.view import words
 from coheft.errors import CoheftError
-from coheft.wire.messages import LoadState
+from coheft.wire.messages.structs import LoadState
 
 pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
 

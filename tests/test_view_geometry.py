@@ -16,9 +16,9 @@ from coheft.app.view.geometry import (
     rotation_to,
     stands,
 )
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Pose, rotation_exp
-from coheft.wire.messages import BoxShape
+from coheft.estimation.geometry.spatial import Pose, rotation_exp
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.wire.messages.structs import BoxShape
 from tests.synthetic_run import SCENE
 
 PLATE = BoxShape(size=(1.0, 0.7, 0.05), position=(0.0, 0.0, 0.0))

@@ -6,13 +6,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.record import SILENT
+from coheft.app.results.record import SILENT
 from coheft.app.view import words
 from coheft.app.view.model import ViewModel
 from coheft.app.view.timeline import Timeline
 from coheft.app.view.traces import WINDOW
-from coheft.wire.messages import LoadChangeNotice, Problem
-from coheft.wire.requests import Status
+from coheft.wire.messages.requests import Status
+from coheft.wire.messages.structs import LoadChangeNotice, Problem
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, STD, changing_run, estimate, truth
 
 STATUS = Status(

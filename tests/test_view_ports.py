@@ -7,7 +7,7 @@ import socket
 
 import pytest
 
-from coheft.app.hosts import free_ports
+from coheft.app.run.hosts import free_ports
 from coheft.app.view import ports
 from coheft.app.view.ports import PORT, choose_port, url
 from coheft.errors import LinkError

@@ -10,10 +10,10 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from coheft.app import wide_table
-from coheft.app.final_table import HEADINGS, print_report, robot_rows
-from coheft.app.report import Report, build_report
-from coheft.app.wide_table import print_table
+from coheft.app.results.report import Report, build_report
+from coheft.app.terminal.final_table import HEADINGS, print_report, robot_rows
+from coheft.app.terminal.screen import wide_table
+from coheft.app.terminal.wide_table import print_table
 from tests.synthetic_run import HEAVY, INFO, SCENE, estimate, recorded, truth
 
 WIDTHS = (24, 40, 59, 64, 65, 74, 75, 80, 200)

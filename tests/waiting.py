@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from coheft.wire.inbox import Event, Inbox
+from coheft.wire.transport.inbox import Event, Inbox
 
 LIMIT = 60.0
 """Nothing takes so long unless it is broken [s]."""

@@ -18,14 +18,14 @@ from coheft.agents.efficient.stages import Stage
 from coheft.agents.efficient.team import Team
 from coheft.agents.estimator import Belief, Channels, is_converged
 from coheft.consensus.gossip import Gossip
-from coheft.estimation.body_motion import relative_pose_derivative
+from coheft.estimation.geometry.body_motion import relative_pose_derivative
+from coheft.estimation.geometry.spatial import Pose
+from coheft.estimation.geometry.uncertain_pose import UncertainPose
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.moments.claims import Claim, claim_of
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.spatial import Pose
-from coheft.estimation.uncertain_pose import UncertainPose
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages import LoadChangeNotice, PayloadEstimate
+from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate
 
 
 class EfficientEstimator:

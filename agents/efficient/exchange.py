@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from coheft.agents.efficient.row_times import RowTimes
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.rows import ROW_SIZE
-from coheft.estimation.spatial import Array
 
 WINDOW = 64
 """Blocks of which rows may be under way at a time, or twice as many as there are hops."""

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.unknowns import LOAD_SIZE, State, Unknowns
-from coheft.estimation.spatial import Array, Pose
 
 CHANNEL = "known"
 _HEAD = 4  # number of the team, place of the anchor, size of the load, whether expectations are in it

@@ -12,13 +12,13 @@ import numpy as np
 
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.sight import Sight
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.misfit import Settled, excess_energy, explanations, worst_misfit
 from coheft.estimation.moments.moments import wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import KINEMATICS_SIZE
 from coheft.estimation.moments.unknowns import THETA
-from coheft.estimation.spatial import Array
 
 _JUDGED = 256
 """So many of the newest rows are looked at; older ones have been."""

@@ -12,6 +12,7 @@ import numpy as np
 from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.sight import Sight
+from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.fit import MOST_STEPS, Estimate, Look, fitted
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
@@ -19,7 +20,6 @@ from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
 from coheft.estimation.moments.unknowns import Flags, State
-from coheft.estimation.spatial import Pose
 
 _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
 """A memory that fades does so in so many steps; each leaves the newest rows to go on from."""

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.agents.efficient.settings import Guards
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.rows import KINEMATICS_SIZE
-from coheft.estimation.spatial import Array
 
 WINDOWS = np.array([1, 2, 4, 8, 16])
 """Numbers of newest rows that are tested."""

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SAMPLE_SIZE
 from coheft.estimation.moments.rows import LONGEST, row_of_samples, rows_per_block
-from coheft.estimation.spatial import Array
 
 MANY, _MOST_TIMES = 32, 5
 """In teams of more robots than these rows are longer, in proportion to the team and at most so many times."""

@@ -16,6 +16,7 @@ from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.monitor import Monitor
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
 from coheft.estimation.moments.change import surprise
 from coheft.estimation.moments.chapter import Prior
@@ -26,7 +27,6 @@ from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.misfit import Settled
 from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.unknowns import THETA
-from coheft.estimation.spatial import Array
 
 _ALIKE = 3.0
 """Steps of the mass are of one drift if neither is so many times the other."""

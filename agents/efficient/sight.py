@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, MOTION_SIZE, load_operator, residual_covariance
 from coheft.estimation.moments.change import Weights, likeliest_change
 from coheft.estimation.moments.chapter import Chapter
@@ -17,7 +18,6 @@ from coheft.estimation.moments.moments import view_moments
 from coheft.estimation.moments.row_buffer import VIEW_SIZE, RowBuffer
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, TWIST, WRENCH_SIZE
 from coheft.estimation.moments.unknowns import LOAD_SIZE
-from coheft.estimation.spatial import Array
 
 _MOTION = VIEW_SIZE + WRENCH_SIZE
 

@@ -15,11 +15,11 @@ from coheft.agents.efficient.settings import Guards, fit_settings
 from coheft.agents.efficient.stages import Stage
 from coheft.agents.estimator import Channels
 from coheft.consensus.graph import diameter
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.unknowns import Unknowns
-from coheft.estimation.spatial import Array
 from coheft.wire.config import AgentConfig
-from coheft.wire.message_size import MOST_TOLD
+from coheft.wire.messages.size import MOST_TOLD
 
 _TOLD = 2
 """What is known is told twice to a robot that is new."""

@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coheft.estimation.body_motion import (
+from coheft.estimation.geometry.body_motion import (
     BODY_A,
     BODY_ALPHA,
     BODY_W,
@@ -36,11 +36,11 @@ from coheft.estimation.body_motion import (
     grasp_derivatives,
     relative_pose_derivative,
 )
-from coheft.estimation.inertia import INERTIA_SIZE
-from coheft.estimation.inertia_derivatives import barycentric_derivative, seen_inertia_derivative
+from coheft.estimation.geometry.spatial import Array, Pose, skew
 from coheft.estimation.measurement import KINEMATICS, WRENCH, SensorNoise
-from coheft.estimation.rigid_body import Inertia, inertia_operator, unpack_symmetric
-from coheft.estimation.spatial import Array, Pose, skew
+from coheft.estimation.rigid_body.derivatives import barycentric_derivative, seen_inertia_derivative
+from coheft.estimation.rigid_body.mass_properties import Inertia, inertia_operator, unpack_symmetric
+from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 from coheft.estimation.tolerance import SensorTolerance
 
 _CHUNK = 256

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 
 def inverse(matrix: Array) -> Array:

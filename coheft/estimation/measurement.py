@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 GYRO = slice(0, 3)
 VELOCITY = slice(3, 6)

@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import FORCE, SAMPLE_SIZE, TORQUE
-from coheft.estimation.spatial import Array
 
 Deviation = Annotated[float, Meta(ge=0)]
 

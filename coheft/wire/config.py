@@ -8,12 +8,12 @@ import msgspec
 
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.tolerance import SensorTolerance
-from coheft.wire.carry import Carry
-from coheft.wire.estimator_settings import Converged, EfficientSettings, SeedSettings
-from coheft.wire.message_size import LEAST_LIMIT
-from coheft.wire.scenario import Motion, Scenario
-from coheft.wire.security import Credentials
-from coheft.wire.waves import Waves, draw_waves
+from coheft.wire.messages.size import LEAST_LIMIT
+from coheft.wire.scenario.carry import Carry
+from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, SeedSettings
+from coheft.wire.scenario.schema import Motion, Scenario
+from coheft.wire.scenario.waves import Waves, draw_waves
+from coheft.wire.transport.security import Credentials
 
 
 class Neighbour(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -114,7 +114,7 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         observe: Where observers dial in.
         neighbours: The graph, for observers only.
         clock: ``lockstep`` waits for every agent, ``realtime`` for nobody.
-        save_data: File for what all robots measured, see ``coheft.wire.data_file``; None: nothing is kept.
+        save_data: File for what all robots measured, see ``coheft.wire.data.file``; None: nothing is kept.
         return_limit: How long lockstep waits for a robot whose link is lost to come back [s], and how long a run goes
             on after all robots are lost.
         security: Its credentials; None: the open profile.

@@ -17,8 +17,8 @@ from benchmarks import agent_step
 from benchmarks.agent_step import HERE, Source
 from benchmarks.agent_step_team import NONE, NoMathematics, Turn, WholeTeam, ring
 from coheft.agents.agent import ESTIMATORS
-from coheft.app.inprocess import TeamInProcess, measured
-from coheft.wire.codec import encode
+from coheft.app.run.inprocess import TeamInProcess, measured
+from coheft.wire.messages.codec import encode
 
 BLOCKS = 12
 

@@ -11,7 +11,7 @@ from benchmarks.rounds import error, leja_order, of_graph
 from coheft.consensus.graph import Neighbours, diameter, laplacian, metropolis_matrix
 from coheft.consensus.rounds import make_rounds
 from coheft.consensus.schedule import Schedule, finite_time, tree
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 SAMPLES, WIDTH = 20, 18
 GRAPHS = [ring(25), ring(36), grid(36), random(30)]

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from hypothesis import strategies as st
 
-from coheft.estimation.cart_model import UNICYCLE, CartBody, Constraints, Wheel
-from coheft.estimation.spatial import Array
+from coheft.estimation.cart.model import UNICYCLE, CartBody, Constraints, Wheel
+from coheft.estimation.geometry.spatial import Array
 
 CONSTRAINTS = {
     "free": Constraints(()),

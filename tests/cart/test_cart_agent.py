@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from coheft.agents.cart import CartAgent
+from coheft.agents.cart.agent import CartAgent
 from coheft.app.cart.inprocess import CartRun, neighbours_of, run_in_process
 from coheft.app.cart.judge import judge
 from coheft.app.cart.table_one import table_one
-from coheft.physics_server.cart import CartSimulation
+from coheft.physics_server.cart.physics import CartSimulation
 from coheft.wire.cart.config import agent_config
 from coheft.wire.cart.messages import CartMessage, CartPush
 

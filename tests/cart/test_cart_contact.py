@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.estimation.cart_contact import MOVING, BestContact, effort, grasp_map, leverage, share
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.cart.contact import MOVING, BestContact, effort, grasp_map, leverage, share
+from coheft.estimation.geometry.spatial import Array, Pose
 from tests.cart.carts import vectors
 
 ARM = 0.1

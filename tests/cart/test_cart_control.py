@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from coheft.estimation.cart_control import Tracker, Tracking, regulator
-from coheft.estimation.cart_filter import move
-from coheft.estimation.cart_model import UNICYCLE, CartBody
-from coheft.estimation.cart_trajectory import CURVES, STRAIGHT, TRAJECTORIES, Trajectory
+from coheft.estimation.cart.control import Tracker, Tracking, regulator
+from coheft.estimation.cart.filter import move
+from coheft.estimation.cart.model import UNICYCLE, CartBody
+from coheft.estimation.cart.trajectory import CURVES, STRAIGHT, TRAJECTORIES, Trajectory
 
 BODY = CartBody(20.0, (0.3, 0.15), 2.0, 5.0)
 

@@ -12,13 +12,13 @@ from scipy.stats import chi2
 
 from coheft.app.cart.inprocess import CartRun, run_in_process
 from coheft.app.cart.table_one import table_one
-from coheft.estimation.cart_filter import Belief, Prediction, Push, Sighting, Update, move, predict, smooth, update
-from coheft.estimation.cart_jump import FALSE_ALARMS
-from coheft.estimation.cart_learner import CartLearner
-from coheft.estimation.cart_model import UNICYCLE, CartBody
-from coheft.estimation.cart_observability import not_known
-from coheft.estimation.cart_prior import CartPrior, nearest_possible
-from coheft.estimation.spatial import Array
+from coheft.estimation.cart.filter import Belief, Prediction, Push, Sighting, Update, move, predict, smooth, update
+from coheft.estimation.cart.jump import FALSE_ALARMS
+from coheft.estimation.cart.learner import CartLearner
+from coheft.estimation.cart.model import UNICYCLE, CartBody
+from coheft.estimation.cart.observability import not_known
+from coheft.estimation.cart.prior import CartPrior, nearest_possible
+from coheft.estimation.geometry.spatial import Array
 from tests.cart.carts import CONSTRAINTS
 
 PERIOD = 0.01

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from coheft.estimation.cart_filter import Belief, Push, Sighting, predict, update
-from coheft.estimation.cart_linearisation import STATE_SIZE, linearise
-from coheft.estimation.cart_model import UNICYCLE, CartBody, Constraints
-from coheft.estimation.spatial import Array
+from coheft.estimation.cart.filter import Belief, Push, Sighting, predict, update
+from coheft.estimation.cart.linearisation import STATE_SIZE, linearise
+from coheft.estimation.cart.model import UNICYCLE, CartBody, Constraints
+from coheft.estimation.geometry.spatial import Array
 from tests.cart.carts import angles, bodies, constraints, differences, vectors
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from coheft.estimation.cart_load import UnknownLoad, change_of_phi, linearised
-from coheft.estimation.cart_model import CartBody
-from coheft.estimation.cart_prior import CartPrior
-from coheft.estimation.spatial import Array
+from coheft.estimation.cart.load import UnknownLoad, change_of_phi, linearised
+from coheft.estimation.cart.model import CartBody
+from coheft.estimation.cart.prior import CartPrior
+from coheft.estimation.geometry.spatial import Array
 from tests.cart.carts import differences
 
 PRIOR = CartPrior()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from coheft.estimation.cart_model import (
+from coheft.estimation.cart.model import (
     UNICYCLE,
     CartBody,
     CartError,
@@ -22,7 +22,7 @@ from coheft.estimation.cart_model import (
     projection,
     regressor,
 )
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 from tests.cart.carts import CONSTRAINTS, angles, bodies, constraints, vectors
 
 

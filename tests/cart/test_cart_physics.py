@@ -14,9 +14,9 @@ from scipy.integrate import solve_ivp
 
 from coheft.app.cart.table_one import table_one
 from coheft.errors import ScenarioError, SimulationError
-from coheft.estimation.cart_model import forward_dynamics, mass_matrix
-from coheft.estimation.spatial import Array
-from coheft.physics_server.cart import CartSimulation, Casters, with_load
+from coheft.estimation.cart.model import forward_dynamics, mass_matrix
+from coheft.estimation.geometry.spatial import Array
+from coheft.physics_server.cart.physics import CartSimulation, Casters, with_load
 from coheft.wire.cart.config import CartServerConfig
 from coheft.wire.cart.messages import CartPush
 from coheft.wire.cart.scenario import CartLoad, CartScenario
@@ -163,7 +163,7 @@ def test_a_server_that_is_told_such_a_rate_says_so() -> None:
     config = msgspec.to_builtins(CartServerConfig(scenario=QUIET, run="run", robots={}, observe="tcp/127.0.0.1:0"))
     config["scenario"]["rate"] = 300
     told = msgspec.json.encode(config) + b"\n"
-    done = subprocess.run([sys.executable, "-m", "coheft.physics_server.cart_server"], input=told, capture_output=True)
+    done = subprocess.run([sys.executable, "-m", "coheft.physics_server.cart.server"], input=told, capture_output=True)
     assert done.returncode == 2
     assert b"key 'rate': found 300" in done.stderr
     assert b"Traceback" not in done.stderr

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.body_motion import grasp_measurements
-from coheft.estimation.inertia import features, regressor_coefficients
+from coheft.estimation.geometry.body_motion import grasp_measurements
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.rows import row_of_samples
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose, rotation_exp
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.estimation.rigid_body.regressor import features, regressor_coefficients
 
 RATE, BLOCK = 1000, 20
 PERIOD = BLOCK / RATE

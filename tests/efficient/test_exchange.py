@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from coheft.agents.efficient.exchange import WINDOW, Exchange, RowMessage
 from coheft.agents.efficient.row_times import RowTimes
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.rows import ROW_SIZE
-from coheft.estimation.spatial import Array
 
 TEAM, COUNT = 77, 4
 HOPS = COUNT - 1

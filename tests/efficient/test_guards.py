@@ -12,12 +12,12 @@ from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.stages import Stage
 from coheft.app.faults.mutants import SWITCHED_OFF
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.claims import claim_of
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import FORCE, ROW_SIZE, TORQUE, A, RowNoise
-from coheft.estimation.rigid_body import unit_point
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.rigid_body.mass_properties import unit_point
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
 
 SURE = 6.0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from coheft.agents.efficient.handover import heard, told
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.chapter import Prior
 from coheft.estimation.moments.evidence import Evidence
@@ -15,7 +16,6 @@ from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State, Unknowns
-from coheft.estimation.spatial import Array, Pose
 
 TEAM, COUNT, ANCHOR = 9, 3, 1
 SETTINGS = FitSettings(

@@ -9,11 +9,11 @@ from coheft.agents.efficient.judge import Outcome
 from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.claims import claim_of
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import FORCE, ROW_SIZE, A, RowNoise
-from coheft.estimation.spatial import Array
 from tests.efficient.rows import LOAD, PERIOD, POSES, made_up_rows
 
 COUNT = len(POSES)

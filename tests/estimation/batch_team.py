@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from coheft.estimation.batch.recording import Recording, RobotRecord, Truth
 from coheft.estimation.batch.signals import Signals
-from coheft.estimation.body_motion import grasp_measurements
+from coheft.estimation.geometry.body_motion import grasp_measurements
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH, SensorNoise
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose, rotation_exp
+from coheft.estimation.rigid_body.mass_properties import Inertia
 from tests.estimation.team import body_motion, random_pose
 
 RATE = 100.0

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.body_motion import grasp_measurements
+from coheft.estimation.geometry.body_motion import grasp_measurements
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.measurement import SensorNoise
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose, rotation_exp
+from coheft.estimation.rigid_body.mass_properties import Inertia
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 

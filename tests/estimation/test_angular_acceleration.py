@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.estimation.angular_acceleration import AngularAcceleration, gyro_derivative
+from coheft.estimation.fan2017.angular_acceleration import AngularAcceleration, gyro_derivative
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import ACCELERATION, GYRO, SensorNoise
-from coheft.estimation.spatial import Array
 from tests.estimation.team import make_team
 from tests.rigid_motions import vectors
 

@@ -8,8 +8,8 @@ import pytest
 from coheft.estimation.batch.calibrated_fit import CalibratedFit
 from coheft.estimation.batch.calibration import UNIFORM_BOUND, Tolerances
 from coheft.estimation.batch.calibration_bounds import cut_to_bounds
-from coheft.estimation.inertia import INERTIA_SIZE
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 
 COUNT = 3
 BOUND = 0.03

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from coheft.estimation.batch.identify import grasps_from_twists
 from coheft.estimation.batch.loop_closure import close_loops, loop_errors
 from coheft.estimation.batch.pairs import kabsch, pair_pose, position_between
-from coheft.estimation.body_motion import perturbation_between, perturbed
-from coheft.estimation.spatial import Array, Pose, skew
-from coheft.estimation.uncertain_pose import UncertainPose
+from coheft.estimation.geometry.body_motion import perturbation_between, perturbed
+from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.geometry.uncertain_pose import UncertainPose
 from tests.estimation.batch_team import RATE, exact_signals, grasps, with_noise
 from tests.estimation.team import random_pose
 from tests.rigid_motions import poses, rotations

@@ -20,8 +20,8 @@ from coheft.estimation.batch.payload import make_payload, of_central_numbers
 from coheft.estimation.batch.pose_differences import derivative_by_poses
 from coheft.estimation.batch.principal_axes import PrincipalInertia
 from coheft.estimation.batch.recording import RobotRecord
-from coheft.estimation.rigid_body import Inertia, pack_symmetric
-from coheft.estimation.spatial import Array, Pose, rotation_exp
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
+from coheft.estimation.rigid_body.mass_properties import Inertia, pack_symmetric
 from tests.estimation.batch_team import LOAD, RATE, exact_signals, grasps, moving_recording, with_noise
 from tests.rigid_motions import rotations
 

@@ -11,10 +11,10 @@ from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import total_wrench
 from coheft.estimation.batch.identify_sensors import identify_sensors
-from coheft.estimation.consistency import nearest_possible
-from coheft.estimation.inertia_derivatives import central_derivative
-from coheft.estimation.inertia_estimate import middle_and_size
 from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.rigid_body.consistency import nearest_possible
+from coheft.estimation.rigid_body.derivatives import central_derivative
+from coheft.estimation.rigid_body.unseen import middle_and_size
 from tests.estimation.batch_team import LOAD, exact_signals, grasps, sensors_recording, sliding
 
 NOISE = SensorNoise()

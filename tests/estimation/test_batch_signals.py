@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from coheft.errors import RecordingError
 from coheft.estimation.batch.recording import Recording, RobotRecord, check_recording
 from coheft.estimation.batch.signals import EDGE, body_rates, low_pass, rates, signals_of
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 from tests.estimation.batch_team import RATE, grasps, moving_recording
 
 TIME = np.arange(3000) / RATE

@@ -9,17 +9,17 @@ import pytest
 from scipy.stats import chi2
 
 from coheft.estimation import bounds, inertia_derivatives
-from coheft.estimation.body_motion import (
+from coheft.estimation.bounds import JointInformation
+from coheft.estimation.geometry.body_motion import (
     grasp_derivatives,
     grasp_measurements,
     perturbation_between,
     perturbed,
     relative_pose_derivative,
 )
-from coheft.estimation.bounds import JointInformation
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SensorNoise
-from coheft.estimation.rigid_body import Inertia, unpack_symmetric
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
 from coheft.estimation.tolerance import SensorTolerance
 from tests.estimation.team import Team, make_team, random_pose
 

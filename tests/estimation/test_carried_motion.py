@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.estimation.carried_motion import carried_motion
-from coheft.estimation.spatial import Array, Pose, rotation_exp, rotation_log
+from coheft.estimation.geometry.carried_motion import carried_motion
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp, rotation_log
 from tests.rigid_motions import axes, poses, vectors
 
 STEP = 1e-5

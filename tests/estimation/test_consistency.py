@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from coheft.estimation.consistency import is_possible, nearest_possible, parameters_of
-from coheft.estimation.rigid_body import Inertia, pseudo_inertia
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.consistency import is_possible, nearest_possible, parameters_of
+from coheft.estimation.rigid_body.mass_properties import Inertia, pseudo_inertia
 from tests.rigid_motions import Particles, bodies, vectors
 
 LENGTH = 0.5

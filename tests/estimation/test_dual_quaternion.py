@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given
 
-from coheft.estimation.body_motion import perturbed
-from coheft.estimation.dual_quaternion import (
+from coheft.estimation.fan2017.dual_quaternion import (
     dual_from_pose,
     dual_tangent,
     left_multiplication,
@@ -14,7 +13,8 @@ from coheft.estimation.dual_quaternion import (
     pose_from_dual,
     right_multiplication,
 )
-from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion
+from coheft.estimation.geometry.body_motion import perturbed
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion
 from tests.rigid_motions import RigidMotion, motions, poses, quaternions
 
 

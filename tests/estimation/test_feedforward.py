@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.estimation.feedforward import internal_wrenches, load_shares, weight_deviations
-from coheft.estimation.inertia_estimate import middle_and_size
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.feedforward import internal_wrenches, load_shares, weight_deviations
+from coheft.estimation.rigid_body.unseen import middle_and_size
 from tests.rigid_motions import poses, vectors
 
 teams = st.lists(poses, min_size=3, max_size=6).filter(lambda team: middle_and_size(team)[1] > 0.1)

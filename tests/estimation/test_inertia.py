@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coheft.estimation.inertia import features, regressor_coefficients, spatial_inertia
-from coheft.estimation.inertia_estimate import Unseen, middle_and_size, unseen_quantities
-from coheft.estimation.rigid_body import pack_symmetric
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.mass_properties import pack_symmetric
+from coheft.estimation.rigid_body.regressor import features, regressor_coefficients, spatial_inertia
+from coheft.estimation.rigid_body.unseen import Unseen, middle_and_size, unseen_quantities
 from tests.estimation.team import Team, make_team
 
 MASS, LENGTH = 8.0, 0.5

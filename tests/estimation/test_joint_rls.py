@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from coheft.estimation.joint_rls import JointRls, joint_regressor
-from coheft.estimation.rigid_body import Inertia, pack_symmetric
-from coheft.estimation.spatial import Array
+from coheft.estimation.fan2017.joint_rls import JointRls, joint_regressor
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import Inertia, pack_symmetric
 from tests.estimation.team import Team, make_team
 
 Samples = tuple[Array, Array, Array, Array, Array]

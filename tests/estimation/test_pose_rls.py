@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from coheft.estimation.body_motion import perturbation_between, perturbed
+from coheft.estimation.fan2017.pose_rls import PoseRls
+from coheft.estimation.geometry.body_motion import perturbation_between, perturbed
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.geometry.uncertain_pose import UncertainPose
 from coheft.estimation.measurement import SensorNoise
-from coheft.estimation.pose_rls import PoseRls
-from coheft.estimation.spatial import Array, Pose
-from coheft.estimation.uncertain_pose import UncertainPose
 from tests.estimation.team import Team, make_team
 from tests.rigid_motions import poses, vectors
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given
 
-from coheft.estimation.rigid_body import (
+from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.rigid_body.mass_properties import (
     Inertia,
     combined,
     euler_regressor,
@@ -14,7 +15,6 @@ from coheft.estimation.rigid_body import (
     packed_rotation,
     unpack_symmetric,
 )
-from coheft.estimation.spatial import Array, Pose, skew
 from tests.rigid_motions import Particles, bodies, poses, rotations, vectors
 
 

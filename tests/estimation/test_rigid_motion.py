@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given
 
-from coheft.estimation.body_motion import grasp_measurements
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.geometry.body_motion import grasp_measurements
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.mass_properties import Inertia
 from tests.rigid_motions import Particles, RigidMotion, bodies, motions, poses, vectors
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from coheft.estimation.spatial import (
+from coheft.estimation.geometry.spatial import (
     Array,
     Pose,
     quaternion_from_rotation,

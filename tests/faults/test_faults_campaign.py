@@ -19,8 +19,8 @@ from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, Replay, S
 from coheft.app.faults.summary import summarise
 from coheft.app.faults.trial import Outcome, try_schedule
 from coheft.errors import CoheftError
-from coheft.wire.codec import encode
-from coheft.wire.scenario import LoadChange
+from coheft.wire.messages.codec import encode
+from coheft.wire.scenario.schema import LoadChange
 from tests.efficient import test_guards
 
 OUTCOME = Outcome(

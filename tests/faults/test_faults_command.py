@@ -14,15 +14,15 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from coheft.app.cli import EXIT_CONVERGED, run_command_line
-from coheft.app.cli_base import EXIT_BROKEN_PROMISE, EXIT_INTERRUPTED
+from coheft.app.cli.base import EXIT_BROKEN_PROMISE, EXIT_INTERRUPTED
+from coheft.app.cli.main import EXIT_CONVERGED, run_command_line
 from coheft.app.faults import campaign
 from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.invariants import Violation
 from coheft.app.faults.recovery import latest_recovery
 from coheft.app.faults.schedule import Loss, read_schedule, write_schedule
 from coheft.app.faults.trial import Outcome
-from coheft.wire.scenario import Graph
+from coheft.wire.scenario.schema import Graph
 from tests.waiting import wait_until
 
 MUTANT = "no-lever-arm"

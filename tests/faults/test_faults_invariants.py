@@ -12,13 +12,21 @@ from coheft.app.faults.invariants import Violation, Watch
 from coheft.app.faults.recovery import BACK, BACK_FROM_SILENCE, Recovery
 from coheft.app.faults.run import FaultyBlock
 from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule, Lie, Loss, Release
-from coheft.app.judge import Judge
-from coheft.estimation.body_motion import perturbed
-from coheft.estimation.rigid_body import unpack_symmetric
-from coheft.estimation.spatial import Array
+from coheft.app.results.judge import Judge
+from coheft.estimation.geometry.body_motion import perturbed
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import unpack_symmetric
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.messages import Estimate, NeighbourMessage, PayloadEstimate, PoseEstimate, Reference, Scene, Truth
-from coheft.wire.scenario import LoadChange
+from coheft.wire.messages.structs import (
+    Estimate,
+    NeighbourMessage,
+    PayloadEstimate,
+    PoseEstimate,
+    Reference,
+    Scene,
+    Truth,
+)
+from coheft.wire.scenario.schema import LoadChange
 
 DEVIATION = 0.001
 BLOCK = 0.1

@@ -26,7 +26,7 @@ from coheft.app.faults.schedule import (
     Reordering,
     Replay,
 )
-from coheft.wire.messages import LinkState, NeighbourMessage
+from coheft.wire.messages.structs import LinkState, NeighbourMessage
 
 GRAPH = {"r1": ("r2", "r3"), "r2": ("r1", "r3"), "r3": ("r1", "r2")}
 END = 1000.0

@@ -9,8 +9,8 @@ import pytest
 from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.readings import Readings
 from coheft.app.faults.schedule import ClockSkew, FaultSchedule, RobotFault, Sensor, SensorFailure, SensorFault
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import ACCELERATION, FORCE, GYRO
-from coheft.estimation.spatial import Array
 
 BLOCKS = 50
 SCHEDULE = draw_schedule(0)

@@ -20,8 +20,8 @@ from coheft.app.faults.schedule import (
 )
 from coheft.app.faults.shrink import shrink
 from coheft.errors import ScenarioError
-from coheft.wire.scenario import Graph, LoadChange
-from coheft.wire.scenario_checks import check_scenario
+from coheft.wire.scenario.checks import check_scenario
+from coheft.wire.scenario.schema import Graph, LoadChange
 
 DRAWN = [draw_schedule(seed) for seed in range(400)]
 

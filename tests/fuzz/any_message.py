@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from coheft.wire import cart, messages
-from coheft.wire.messages import Message
-from coheft.wire.requests import Request
+from coheft.wire.messages.requests import Request
+from coheft.wire.messages.structs import Message
 
 KEY = "run-1/agent/r1/block"
 KINDS: list[Any] = [

@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coheft.agents.agent import Agent, Outbox
-from coheft.app.inprocess import TeamInProcess, measured
+from coheft.app.run.inprocess import TeamInProcess, measured
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import MeasurementBlock
-from coheft.estimation.spatial import Array
-from coheft.wire.codec import encode
-from coheft.wire.messages import NeighbourMessage
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.messages.codec import encode
+from coheft.wire.messages.structs import NeighbourMessage
+from coheft.wire.scenario.file import load_scenario
 from tests.fuzz.any_message import KEY, altered, values
 
 BLOCKS = 3

@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.agents.cart import CartAgent
-from coheft.agents.cart_process import check_content
+from coheft.agents.cart.agent import CartAgent
+from coheft.agents.cart.process import check_content
 from coheft.app.cart.inprocess import neighbours_of
 from coheft.app.cart.table_one import table_one
 from coheft.errors import MessageError
 from coheft.wire.cart.config import agent_config
 from coheft.wire.cart.messages import CartMeasurement, CartMessage
-from coheft.wire.codec import decode, encode
+from coheft.wire.messages.codec import decode, encode
 from tests.fuzz.any_message import KEY, altered, values
 
 SCENARIO = table_one(6, pushers=2)

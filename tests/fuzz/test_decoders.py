@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coheft.errors import MessageError
-from coheft.wire.codec import decode, encode, seal
-from coheft.wire.messages import Message
+from coheft.wire.messages.codec import decode, encode, seal
+from coheft.wire.messages.structs import Message
 from tests.fuzz.any_message import KEY, KINDS, damaged, plain, trees, values, with_a_part_replaced
 
 _MEMORY = 1 << 17

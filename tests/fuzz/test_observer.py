@@ -11,16 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from coheft.app.final_table import print_report
-from coheft.app.heard import News, check_news
-from coheft.app.record import Record
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.writer import RunWriter
-from coheft.app.report import build_report
-from coheft.app.terminal import LineDisplay, LiveDisplay
+from coheft.app.results.record import Record
+from coheft.app.results.report import build_report
+from coheft.app.run.heard import News, check_news
+from coheft.app.terminal.final_table import print_report
+from coheft.app.terminal.screen import LineDisplay, LiveDisplay
 from coheft.errors import MessageError
-from coheft.wire.codec import decode, encode, seal
-from coheft.wire.messages import Estimate, LoadChangeNotice, Message, Problem, Truth
+from coheft.wire.messages.codec import decode, encode, seal
+from coheft.wire.messages.structs import Estimate, LoadChangeNotice, Message, Problem, Truth
 from tests.fuzz.any_message import KEY, altered, array_extensions, trees, values, with_a_part_replaced
 from tests.recording.runs import BEGIN, SCENARIO
 from tests.synthetic_run import HEAVY, INFO, LIGHT, ROBOTS, SCENE, estimate, truth

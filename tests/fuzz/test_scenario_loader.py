@@ -12,12 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coheft.app.overrides import override
+from coheft.app.run.overrides import override
 from coheft.consensus.graph import build_graph
 from coheft.errors import ScenarioError
 from coheft.wire.config import AgentConfig, agent_config
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_file import available_scenarios, load_scenario, parse_scenario
+from coheft.wire.scenario.file import available_scenarios, load_scenario, parse_scenario
+from coheft.wire.scenario.schema import Scenario
 from tests.fuzz.any_message import damaged, with_a_part_replaced
 
 SHIPPED = [path.read_bytes() for path in available_scenarios().values()]

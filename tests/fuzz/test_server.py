@@ -11,16 +11,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.app.hosts import free_ports
+from coheft.app.run.hosts import free_ports
 from coheft.errors import LoadError, MessageError
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.inbox import Inbox
-from coheft.wire.messages import Measurements, Ready, Reference
-from coheft.wire.reach import Reach
-from coheft.wire.requests import InjectRequest, RemoveRequest
-from coheft.wire.robot_link import RobotLink
-from coheft.wire.scenario_file import load_scenario
-from coheft.wire.transport import Keys, open_session
+from coheft.wire.messages.requests import InjectRequest, RemoveRequest
+from coheft.wire.messages.structs import Measurements, Ready, Reference
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.reach import Reach
+from coheft.wire.transport.inbox import Inbox
+from coheft.wire.transport.robot_link import RobotLink
+from coheft.wire.transport.sessions import Keys, open_session
 from tests.fuzz.any_message import NUMBERS, altered, values
 
 SCENARIO = load_scenario("ring3")

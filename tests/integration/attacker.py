@@ -11,7 +11,7 @@ from pathlib import Path
 
 import zenoh
 
-from coheft.wire.security import Credentials, credentials_in
+from coheft.wire.transport.security import Credentials, credentials_in
 
 ROUNDS = 25
 ROUND = 0.01

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from coheft.app.run_folder import RUN_FILE, RunFile
+from coheft.app.run.folder import RUN_FILE, RunFile
 from tests.waiting import LIMIT, wait_until
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import msgspec
 
-from coheft.app.run_folder import RUN_FILE, RunFile
-from coheft.wire.inbox import Inbox, Received
-from coheft.wire.messages import Estimate, Truth
-from coheft.wire.planes import guard_observer
-from coheft.wire.security import credentials_in
-from coheft.wire.transport import Keys, open_session
+from coheft.app.run.folder import RUN_FILE, RunFile
+from coheft.wire.messages.structs import Estimate, Truth
+from coheft.wire.transport.inbox import Inbox, Received
+from coheft.wire.transport.planes import guard_observer
+from coheft.wire.transport.security import credentials_in
+from coheft.wire.transport.sessions import Keys, open_session
 
 EVERY = 10
 """Blocks between two lines of the server; agents tell every few blocks only."""

@@ -9,7 +9,7 @@ import time
 from queue import SimpleQueue
 from typing import Self
 
-from coheft.app.run_folder import split_endpoint
+from coheft.app.run.folder import split_endpoint
 
 _CHUNK = 4096
 

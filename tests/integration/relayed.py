@@ -7,8 +7,8 @@ from contextlib import ExitStack
 
 from msgspec import structs
 
-from coheft.app.hosts import free_ports
-from coheft.app.plan import Plan
+from coheft.app.run.hosts import free_ports
+from coheft.app.run.plan import Plan
 
 from .relay import Relay
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import zenoh
 
-from coheft.app.hosts import FreePorts
+from coheft.app.run.hosts import FreePorts
 
 from .team import LIMIT, ROOT
 

@@ -14,19 +14,19 @@ from typing import Literal
 import msgspec
 import zenoh
 
-from coheft.app.plan import Plan, make_plan
-from coheft.app.processes import ENVIRONMENT
+from coheft.app.run.plan import Plan, make_plan
+from coheft.app.run.processes import ENVIRONMENT
 from coheft.errors import LinkError
-from coheft.wire.planes import guard_observer
-from coheft.wire.requests import Refusal, Request, Status, StatusRequest
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_file import parse_scenario
-from coheft.wire.security import credentials_in
-from coheft.wire.transport import Keys, ask, open_session
+from coheft.wire.messages.requests import Refusal, Request, Status, StatusRequest
+from coheft.wire.scenario.file import parse_scenario
+from coheft.wire.scenario.schema import Scenario
+from coheft.wire.transport.planes import guard_observer
+from coheft.wire.transport.security import credentials_in
+from coheft.wire.transport.sessions import Keys, ask, open_session
 from tests.waiting import LIMIT, wait_until
 
 ROOT = Path(__file__).parents[2]
-AGENT = ("-m", "coheft.agents.process")
+AGENT = ("-m", "coheft.agents.process.main")
 SERVER = ("-m", "coheft.physics_server.server")
 
 

@@ -18,9 +18,9 @@ from benchmarks.raw_team import RawServer, Sizes, raw_team
 from benchmarks.replay import BLOCKS, record
 from benchmarks.scenarios import team_scenario
 from benchmarks.startup import Run
-from coheft.app.hosts import free_ports
-from coheft.app.plan import make_plan
-from coheft.app.run_folder import find_run
+from coheft.app.run.folder import find_run
+from coheft.app.run.hosts import free_ports
+from coheft.app.run.plan import make_plan
 from coheft.errors import LinkError
 from tests.waiting import LIMIT, wait_until
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import msgspec
 
-from coheft.app.carry_record import CarryRecord
-from coheft.app.inprocess import run_in_process
+from coheft.app.results.carry_record import CarryRecord
+from coheft.app.run.inprocess import run_in_process
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.scenario_file import CONFIG_FOLDER, load_scenario
+from coheft.wire.scenario.file import CONFIG_FOLDER, load_scenario
 from tests.integration.test_same_numbers import received
 
 PATIENCE = 120.0

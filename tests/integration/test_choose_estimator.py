@@ -11,10 +11,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from coheft.app.inprocess import BlockRecord
-from coheft.wire.requests import EstimatorRequest
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_file import load_scenario
+from coheft.app.run.inprocess import BlockRecord
+from coheft.wire.messages.requests import EstimatorRequest
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Scenario
 from tests.in_process import steps
 from tests.integration.command_line import Run
 from tests.integration.team import Team, running_team, small_scenario

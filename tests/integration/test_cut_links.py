@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from coheft.app.keys import make_keys
-from coheft.app.observer import observe, set_link
+from coheft.app.run.keys import make_keys
+from coheft.app.run.observer import observe, set_link
 from coheft.errors import CoheftError, LinkError
-from coheft.wire.messages import Estimate
-from coheft.wire.planes import guard_observer
-from coheft.wire.requests import CutLinks, LinkRequest, StatusRequest, StopRequest
-from coheft.wire.security import credentials_in
-from coheft.wire.transport import ask_for, open_session
+from coheft.wire.messages.requests import CutLinks, LinkRequest, StatusRequest, StopRequest
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.transport.planes import guard_observer
+from coheft.wire.transport.security import credentials_in
+from coheft.wire.transport.sessions import ask_for, open_session
 
 from .team import running_team, small_scenario, wait_until
 

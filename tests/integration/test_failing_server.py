@@ -12,11 +12,11 @@ from rich.console import Console
 
 from coheft.app.cart.launch import run_in_processes
 from coheft.app.cart.table_one import table_one
-from coheft.app.launch import launch
-from coheft.app.plan import make_plan
-from coheft.app.processes import Child, ProcessError, Processes
-from coheft.app.terminal import make_display
-from coheft.wire.scenario_file import parse_scenario
+from coheft.app.run.launch import launch
+from coheft.app.run.plan import make_plan
+from coheft.app.run.processes import Child, ProcessError, Processes
+from coheft.app.terminal.screen import make_display
+from coheft.wire.scenario.file import parse_scenario
 
 from .team import ROOT
 

@@ -10,9 +10,9 @@ from contextlib import ExitStack
 import pytest
 from msgspec import structs
 
-from coheft.app.keys import make_keys
-from coheft.app.plan import Plan
-from coheft.wire.requests import HoldRequest, StatusRequest
+from coheft.app.run.keys import make_keys
+from coheft.app.run.plan import Plan
+from coheft.wire.messages.requests import HoldRequest, StatusRequest
 
 from .relayed import Edge, with_relays
 from .team import LIMIT, SERVER, Team, running_team, small_scenario, wait_until

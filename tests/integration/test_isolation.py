@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from coheft.app.keys import make_keys
-from coheft.wire.requests import PauseRequest, StatusRequest, StopRequest
-from coheft.wire.transport import open_session
+from coheft.app.run.keys import make_keys
+from coheft.wire.messages.requests import PauseRequest, StatusRequest, StopRequest
+from coheft.wire.transport.sessions import open_session
 
 from .eavesdropping_agent import ASK_EVERY
 from .team import Team, running_team, small_scenario, wait_until

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 from msgspec import structs
 
-from coheft.agents.neighbour_link import SILENCE
-from coheft.app.plan import make_plan
+from coheft.agents.process.neighbour_link import SILENCE
+from coheft.app.run.plan import make_plan
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SAMPLE_SIZE
-from coheft.estimation.spatial import Array
-from coheft.wire.codec import decode
-from coheft.wire.inbox import Inbox, Received
-from coheft.wire.messages import Hello, Measurements, NeighbourMessage, Ready, Reference, Stop
-from coheft.wire.transport import Keys, Sender, open_session
+from coheft.wire.messages.codec import decode
+from coheft.wire.messages.structs import Hello, Measurements, NeighbourMessage, Ready, Reference, Stop
+from coheft.wire.transport.inbox import Inbox, Received
+from coheft.wire.transport.sessions import Keys, Sender, open_session
 
 from .team import AGENT, LIMIT, Team, small_scenario, wait_until
 

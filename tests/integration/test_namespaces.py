@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from coheft.wire.supervised import ONE_THREAD
+from coheft.wire.process.supervised import ONE_THREAD
 
 from .namespaces import Host, hosts
 from .team import ROOT, wait_until

@@ -12,16 +12,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.inprocess import run_in_process
-from coheft.app.plan import Plan, make_plan
+from coheft.app.run.inprocess import run_in_process
+from coheft.app.run.plan import Plan, make_plan
 from coheft.errors import LinkError
-from coheft.wire.codec import encode
-from coheft.wire.driver import open_driver
-from coheft.wire.inbox import Inbox, Received
-from coheft.wire.messages import Estimate, Measurements, Ready, Reference
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_file import load_scenario
-from coheft.wire.transport import Keys, Sender, open_session
+from coheft.wire.messages.codec import encode
+from coheft.wire.messages.structs import Estimate, Measurements, Ready, Reference
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Scenario
+from coheft.wire.transport.driver import open_driver
+from coheft.wire.transport.inbox import Inbox, Received
+from coheft.wire.transport.sessions import Keys, Sender, open_session
 
 from .team import wait_until
 

@@ -13,10 +13,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.inprocess import run_in_process
+from coheft.app.run.inprocess import run_in_process
 from coheft.errors import SimulationError
-from coheft.wire.messages import Estimate
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.scenario.file import load_scenario
 from tests.own_packages import EXAMPLE, install_example, write_package
 
 ROOT = Path(__file__).parents[2]

@@ -11,12 +11,12 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from coheft.app.inprocess import run_in_process
-from coheft.app.plan import make_plan
-from coheft.estimation.spatial import Array
-from coheft.wire.codec import encode
-from coheft.wire.inbox import Inbox, Received
-from coheft.wire.messages import (
+from coheft.app.run.inprocess import run_in_process
+from coheft.app.run.plan import make_plan
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.messages.codec import encode
+from coheft.wire.messages.requests import InjectRequest, PauseRequest, RemoveRequest, Status, StatusRequest, StopRequest
+from coheft.wire.messages.structs import (
     PROTOCOL_VERSION,
     Estimate,
     LinkState,
@@ -28,9 +28,9 @@ from coheft.wire.messages import (
     Reference,
     Truth,
 )
-from coheft.wire.requests import InjectRequest, PauseRequest, RemoveRequest, Status, StatusRequest, StopRequest
-from coheft.wire.supervised import TERMINATED
-from coheft.wire.transport import Keys, Sender, open_session
+from coheft.wire.process.supervised import TERMINATED
+from coheft.wire.transport.inbox import Inbox, Received
+from coheft.wire.transport.sessions import Keys, Sender, open_session
 
 from .team import LIMIT, ROOT, Team, running_team, small_scenario, wait_until
 
@@ -174,7 +174,7 @@ def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
 
 FROZEN_OBSERVER = """
 import os, signal, sys
-from coheft.wire.transport import open_session
+from coheft.wire.transport.sessions import open_session
 
 with open_session(connect=sys.argv[1:]) as session:
     subscriber = session.declare_subscriber("**")
@@ -230,7 +230,7 @@ def test_a_server_says_once_for_whom_it_waits_and_begins_when_all_are_there(tmp_
         assert team.log("server") == f"waiting for {', '.join(plan.agents)}\n"
 
 
-@pytest.mark.parametrize("module", ["coheft.agents.process", "coheft.physics_server.server"])
+@pytest.mark.parametrize("module", ["coheft.agents.process.main", "coheft.physics_server.server"])
 def test_a_process_without_a_usable_configuration_says_so(module):
     done = subprocess.run(
         [sys.executable, "-m", module], input=b'{"run": 1}\n', cwd=ROOT, capture_output=True, timeout=LIMIT, check=False

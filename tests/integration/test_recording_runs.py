@@ -13,11 +13,11 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from coheft.app.cli import EXIT_CONVERGED, run_command_line
+from coheft.app.cli.main import EXIT_CONVERGED, run_command_line
 from coheft.app.recording.reader import read_recording
 from coheft.app.recording.recover import Saved, recover
 from coheft.errors import RecordingError
-from coheft.wire.messages import Estimate, Truth
+from coheft.wire.messages.structs import Estimate, Truth
 from tests.integration.command_line import Run
 from tests.waiting import wait_until
 

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coheft.app.keys import make_keys
-from coheft.app.plan import make_plan
-from coheft.app.run_folder import announce
-from coheft.wire.requests import StopRequest
-from coheft.wire.transport import open_session
+from coheft.app.run.folder import announce
+from coheft.app.run.keys import make_keys
+from coheft.app.run.plan import make_plan
+from coheft.wire.messages.requests import StopRequest
+from coheft.wire.transport.sessions import open_session
 
 from .ros2_network import INERTIA, Command, free_port, router, started, tokens
 from .team import Team, running_team, small_scenario, wait_until

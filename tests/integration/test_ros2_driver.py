@@ -17,13 +17,13 @@ import zenoh
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from coheft.agents.motion import make_motion
-from coheft.app.keys import make_keys
-from coheft.app.plan import Plan, make_plan
+from coheft.agents.motion.reference import make_motion
+from coheft.app.run.keys import make_keys
+from coheft.app.run.plan import Plan, make_plan
 from coheft.app.study.samples import TeamSamples, simulate
 from coheft.wire.config import AgentConfig
-from coheft.wire.scenario_file import load_scenario
-from coheft.wire.transport import Keys
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.transport.sessions import Keys
 
 from .ros2_network import ACCEL, INERTIA, TWIST, WRENCH, Command, free_port, router, started
 from .team import AGENT, LIMIT, Team, wait_until

@@ -16,9 +16,9 @@ from typing import IO, Any
 
 import pytest
 
-from coheft.app.observer import ask_run
-from coheft.app.run_folder import RUN_FILE
-from coheft.wire.requests import StatusRequest
+from coheft.app.run.folder import RUN_FILE
+from coheft.app.run.observer import ask_run
+from coheft.wire.messages.requests import StatusRequest
 from tests.integration.command_line import Run
 from tests.waiting import LIMIT, wait_until
 

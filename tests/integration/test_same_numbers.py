@@ -12,15 +12,15 @@ from typing import TypeVar
 import msgspec
 import pytest
 
-from coheft.app.inprocess import BlockRecord, run_in_process
-from coheft.app.record import Record
-from coheft.app.report import RunInfo, build_report
+from coheft.app.results.record import Record
+from coheft.app.results.report import RunInfo, build_report
+from coheft.app.run.inprocess import BlockRecord, run_in_process
 from coheft.consensus.graph import build_graph
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.codec import decode, encode
-from coheft.wire.messages import Message
-from coheft.wire.scenario import LoadChange, Scenario
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.messages.codec import decode, encode
+from coheft.wire.messages.structs import Message
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import LoadChange, Scenario
 
 PATIENCE = 60.0
 M = TypeVar("M", bound=Message)

@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 
 from coheft.app.mocobots.record import record
-from coheft.wire.data_file import read_recording
-from coheft.wire.scenario_file import load_scenario
+from coheft.wire.data.file import read_recording
+from coheft.wire.scenario.file import load_scenario
 
 from .command_line import Run
 

@@ -16,19 +16,19 @@ import pytest
 import zenoh
 from cryptography import x509
 
-from coheft.app.cli import EXIT_CONVERGED, EXIT_ERROR, run_command_line
-from coheft.app.hosts import Hosts, free_ports, load_hosts
-from coheft.app.keys import Authority, check_keys, make_keys
-from coheft.app.plan import make_plan
+from coheft.app.cli.main import EXIT_CONVERGED, EXIT_ERROR, run_command_line
+from coheft.app.run.hosts import Hosts, free_ports, load_hosts
+from coheft.app.run.keys import Authority, check_keys, make_keys
+from coheft.app.run.plan import make_plan
 from coheft.errors import CoheftError, LinkError, ScenarioError
-from coheft.wire import backlog as backlog_module
 from coheft.wire.config import AgentProcessConfig
-from coheft.wire.inbox import Inbox, Received, Refused
-from coheft.wire.messages import Hello, Ready
-from coheft.wire.planes import guard_observer
-from coheft.wire.problem_log import BURST
-from coheft.wire.requests import EstimatorRequest, InjectRequest, Refusal, Status, StatusRequest, StopRequest
-from coheft.wire.transport import Keys, Role, Sender, ask, open_session
+from coheft.wire.messages.requests import EstimatorRequest, InjectRequest, Refusal, Status, StatusRequest, StopRequest
+from coheft.wire.messages.structs import Hello, Ready
+from coheft.wire.process.problem_log import BURST
+from coheft.wire.transport.inbox import Inbox, Received, Refused
+from coheft.wire.transport.planes import guard_observer
+from coheft.wire.transport.sessions import Keys, Role, Sender, ask, open_session
+from coheft.wire.transport.sessions import backlog as backlog_module
 
 from .attacker import Profile, raw_session, tls_settings
 from .team import Team, running_team, small_scenario, wait_until
@@ -280,7 +280,7 @@ def test_keys_that_would_open_nothing_are_refused_before_the_run(secure, tmp_pat
 
 
 def test_keys_of_another_clock_are_refused_before_the_run(tmp_path, monkeypatch):
-    monkeypatch.setattr("coheft.app.keys.CLOCK_TOLERANCE", timedelta(hours=-1))
+    monkeypatch.setattr("coheft.app.run.keys.CLOCK_TOLERANCE", timedelta(hours=-1))
     make_keys(tmp_path / "early", small_scenario(COUNT))
     with pytest.raises(CoheftError, match=r"authority.crt holds from .* UTC on, but it is .* UTC here: set the clock"):
         check_keys(tmp_path / "early", small_scenario(COUNT))

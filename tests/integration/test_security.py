@@ -13,19 +13,19 @@ import pytest
 import zenoh
 from cryptography import x509
 
-from coheft.app.hosts import free_ports
-from coheft.app.keys import Authority, make_keys
+from coheft.app.run.hosts import free_ports
+from coheft.app.run.keys import Authority, make_keys
 from coheft.errors import CoheftError
-from coheft.wire.inbox import Inbox, LinkChange, Refused
-from coheft.wire.planes import (
+from coheft.wire.transport.inbox import Inbox, LinkChange, Refused
+from coheft.wire.transport.planes import (
     guard_agent_for_observers,
     guard_neighbours,
     guard_observer,
     guard_server_for_observers,
     guard_server_for_robot,
 )
-from coheft.wire.security import Credentials, Guard, credentials_in
-from coheft.wire.transport import Keys, open_session
+from coheft.wire.transport.security import Credentials, Guard, credentials_in
+from coheft.wire.transport.sessions import Keys, open_session
 from tests.waiting import next_event, wait_until
 
 from .attacker import PUSHING, Busybody, Crossing, Profile, let_act, raw_session, tls_settings

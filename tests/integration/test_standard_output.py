@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from coheft.app.run_folder import RUN_FILE, RunFile
+from coheft.app.run.folder import RUN_FILE, RunFile
 from tests.integration.command_line import Run, alive
 from tests.waiting import LIMIT
 
@@ -124,7 +124,9 @@ def test_letters_that_are_not_in_the_encoding_end_nothing(monkeypatch: pytest.Mo
     assert rb"inertia, kg\xb7m\xb2" in done.stdout
 
 
-@pytest.mark.parametrize("module", ["coheft.app.standard_output", "cyclopts.core", "coheft.app.cli", "numpy", "zenoh"])
+@pytest.mark.parametrize(
+    "module", ["coheft.app.terminal.standard_output", "cyclopts.core", "coheft.app.cli.main", "numpy", "zenoh"]
+)
 def test_ctrl_c_while_modules_load_is_told_in_a_line(module: str) -> None:
     """Each module that has been loaded is told on standard error, in a line of its own."""
     with subprocess.Popen(
@@ -145,12 +147,12 @@ def test_ctrl_c_while_modules_load_is_told_in_a_line(module: str) -> None:
 
 
 INTERRUPTED = """
-import coheft.app.cli
+import coheft.app.cli.main
 
 def interrupted(_):
     raise KeyboardInterrupt
 
-coheft.app.cli.run_command_line = interrupted
+coheft.app.cli.main.run_command_line = interrupted
 from coheft.__main__ import main
 main()
 """

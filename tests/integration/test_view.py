@@ -18,10 +18,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from coheft.app.hosts import free_ports
-from coheft.app.observer import ask_server
-from coheft.app.run_folder import RUN_FILE, RunFile
-from coheft.wire.requests import Status, StatusRequest
+from coheft.app.run.folder import RUN_FILE, RunFile
+from coheft.app.run.hosts import free_ports
+from coheft.app.run.observer import ask_server
+from coheft.wire.messages.requests import Status, StatusRequest
 from tests.waiting import wait_until
 
 pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")

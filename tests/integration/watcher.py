@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from coheft.wire.inbox import Inbox, Received
-from coheft.wire.messages import Estimate, Problem
-from coheft.wire.planes import guard_observer
-from coheft.wire.security import credentials_in
-from coheft.wire.transport import open_session
+from coheft.wire.messages.structs import Estimate, Problem
+from coheft.wire.transport.inbox import Inbox, Received
+from coheft.wire.transport.planes import guard_observer
+from coheft.wire.transport.security import credentials_in
+from coheft.wire.transport.sessions import open_session
 from tests.waiting import LIMIT
 
 from .team import Team

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from coheft.app.heard import News
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.writer import RunWriter
-from coheft.estimation.rigid_body import Inertia
-from coheft.wire.messages import LoadChangeNotice, Problem
-from coheft.wire.requests import Status
-from coheft.wire.scenario_file import load_scenario
+from coheft.app.run.heard import News
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.wire.messages.requests import Status
+from coheft.wire.messages.structs import LoadChangeNotice, Problem
+from coheft.wire.scenario.file import load_scenario
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, estimate, truth
 
 SCENARIO = load_scenario("ring3")

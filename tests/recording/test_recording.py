@@ -19,17 +19,17 @@ from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
 import coheft
-from coheft.app.broken_off import BrokenOff
-from coheft.app.cli import EXIT_ERROR, EXIT_USAGE, run_command_line
-from coheft.app.heard import News
-from coheft.app.judge import Judge
+from coheft.app.cli.main import EXIT_ERROR, EXIT_USAGE, run_command_line
 from coheft.app.recording.reader import read_recording
 from coheft.app.recording.recorder import Recorder
+from coheft.app.results.judge import Judge
+from coheft.app.run.broken_off import BrokenOff
+from coheft.app.run.heard import News
 from coheft.errors import RecordingError
+from coheft.estimation.geometry.spatial import Pose, rotation_exp
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
-from coheft.estimation.spatial import Pose, rotation_exp
-from coheft.wire.messages import Estimate, Truth
-from coheft.wire.scenario import Scenario
+from coheft.wire.messages.structs import Estimate, Truth
+from coheft.wire.scenario.schema import Scenario
 from tests import synthetic_run
 from tests.recording.runs import BEGIN, SCENARIO, mistaken_for, news_of_a_run, record, same
 from tests.synthetic_run import BLOCK, GRASPS, HEAVY, LIGHT, ROBOTS, STD
@@ -278,7 +278,7 @@ def test_no_file_is_overwritten(tmp_path: Path) -> None:
 def test_without_its_packages_a_recording_is_refused_before_anything_starts(tmp_path: Path) -> None:
     code = (
         "import sys; sys.modules['rosbags'] = None\n"
-        "from coheft.app.cli import run_command_line\n"
+        "from coheft.app.cli.main import run_command_line\n"
         f"sys.exit(run_command_line(['run', 'ring3', '--record', {str(tmp_path / 'run.mcap')!r}]))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)

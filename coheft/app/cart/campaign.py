@@ -10,8 +10,8 @@ import numpy as np
 from coheft.app.cart.inprocess import CartRun, run_in_process
 from coheft.app.cart.judge import CartReport, judge, tracking_errors
 from coheft.app.cart.table_one import table_one
-from coheft.app.parallel import side_by_side, workers
-from coheft.estimation.spatial import Array
+from coheft.app.run.parallel import side_by_side, workers
+from coheft.estimation.geometry.spatial import Array
 from coheft.wire.cart.scenario import CartScenario
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from coheft.agents.cart import CartAgent
+from coheft.agents.cart.agent import CartAgent
 from coheft.consensus.graph import build_graph
-from coheft.physics_server.cart import CartSimulation
+from coheft.physics_server.cart.physics import CartSimulation
 from coheft.wire.cart.config import agent_config
 from coheft.wire.cart.messages import CartEstimate, CartMessage, CartPush, CartTruth
 from coheft.wire.cart.scenario import CartScenario
-from coheft.wire.scenario import Graph
+from coheft.wire.scenario.schema import Graph
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ import msgspec
 import numpy as np
 
 from coheft.app.cart.inprocess import CartRun
-from coheft.estimation.cart_observability import QUANTITIES
-from coheft.estimation.cart_trajectory import TRAJECTORIES
-from coheft.estimation.spatial import Array
+from coheft.estimation.cart.observability import QUANTITIES
+from coheft.estimation.cart.trajectory import TRAJECTORIES
+from coheft.estimation.geometry.spatial import Array
 from coheft.wire.cart.messages import CartEstimate
 from coheft.wire.cart.scenario import CartLoad
 

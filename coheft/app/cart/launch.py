@@ -8,16 +8,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 from coheft.app.cart.inprocess import CartRun, neighbours_of
-from coheft.app.hosts import free_ports
-from coheft.app.plan import link_neighbours
-from coheft.app.processes import Processes
+from coheft.app.run.hosts import free_ports
+from coheft.app.run.plan import link_neighbours
+from coheft.app.run.processes import Processes
 from coheft.errors import LinkError
 from coheft.wire.cart.config import CartAgentProcessConfig, CartServerConfig, agent_config
 from coheft.wire.cart.messages import CartEstimate, CartTruth
 from coheft.wire.cart.scenario import CartScenario
-from coheft.wire.inbox import Inbox, Received, Refused
-from coheft.wire.messages import Problem
-from coheft.wire.transport import Keys, open_session
+from coheft.wire.messages.structs import Problem
+from coheft.wire.transport.inbox import Inbox, Received, Refused
+from coheft.wire.transport.sessions import Keys, open_session
 
 _POLL = 0.05
 _SILENCE = 60.0
@@ -75,9 +75,9 @@ def run_in_processes(
         for name in agents:
             estimate, problem = keys.observe_agent(name, "estimate"), keys.observe_agent(name, "problem")
             inbox.listen(session, name, {estimate: CartEstimate, problem: Problem})
-        processes.start("server", "coheft.physics_server.cart_server", server)
+        processes.start("server", "coheft.physics_server.cart.server", server)
         for name, agent in agents.items():
-            processes.start(name, "coheft.agents.cart_process", agent)
+            processes.start(name, "coheft.agents.cart.process", agent)
         news = time.monotonic()
         # A server that fails stops its agents, and ends after them.
         while not (processes.all_done_but("server") and processes.ended("server")):

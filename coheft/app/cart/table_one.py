@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from coheft.estimation.cart_prior import CartPrior
+from coheft.estimation.cart.prior import CartPrior
 from coheft.wire.cart.scenario import CartGuess, CartLoad, CartScenario, TrajectoryName
 
 MASS, INERTIA, FRICTION = 20.0, 2.0, 5.0

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from coheft.app.cart.table import CLAIMS, HEADER, CartStudy, rows, sentences
-from coheft.app.wide_table import print_table
+from coheft.app.terminal.wide_table import print_table
 
 
 def print_study(console: Console, study: CartStudy) -> None:

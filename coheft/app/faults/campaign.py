@@ -13,7 +13,7 @@ import coheft
 from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.mutants import mutated
 from coheft.app.faults.trial import Outcome, try_schedule
-from coheft.app.parallel import side_by_side, workers
+from coheft.app.run.parallel import side_by_side, workers
 from coheft.errors import CoheftError
 
 _LINKED = ("agents", "consensus", "physics_server")

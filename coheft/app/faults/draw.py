@@ -32,9 +32,9 @@ from coheft.app.faults.schedule import (
     SensorFault,
 )
 from coheft.consensus.graph import build_graph
-from coheft.wire.payload import Box, Payload
-from coheft.wire.scenario import Graph, LoadChange, Motion, Perimeter, Robots, Scenario, Sensors
-from coheft.wire.section import Vector
+from coheft.wire.scenario.payload import Box, Payload
+from coheft.wire.scenario.schema import Graph, LoadChange, Motion, Perimeter, Robots, Scenario, Sensors
+from coheft.wire.scenario.section import Vector
 
 MOST_FAULTS = 4
 LATEST_START = 5.0

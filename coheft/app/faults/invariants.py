@@ -18,11 +18,11 @@ import numpy as np
 
 from coheft.app.faults.run import FaultyBlock
 from coheft.app.faults.schedule import FaultSchedule, Lie, Release
-from coheft.app.judge import Judge
-from coheft.app.quantities import payload_error, payload_exists, pose_error
-from coheft.estimation.spatial import Array, Pose
-from coheft.wire.borders import first_border
-from coheft.wire.messages import Estimate, Scene
+from coheft.app.results.judge import Judge
+from coheft.app.results.quantities import payload_error, payload_exists, pose_error
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.wire.messages.structs import Estimate, Scene
+from coheft.wire.scenario.borders import first_border
 
 DEVIATIONS = 5.0
 """So many of its own standard deviations a valid number may be off."""

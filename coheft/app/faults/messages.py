@@ -7,9 +7,9 @@ import numpy as np
 
 from coheft.app.faults.schedule import Corruption, Lie
 from coheft.errors import MessageError
-from coheft.estimation.spatial import Array
-from coheft.wire.codec import decode, encode, seal
-from coheft.wire.messages import NeighbourMessage
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.messages.codec import decode, encode, seal
+from coheft.wire.messages.structs import NeighbourMessage
 
 _CHECKSUM_SIZE = 4
 _FAR = 10**9

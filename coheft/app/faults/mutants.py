@@ -16,11 +16,11 @@ from coheft.agents.efficient import estimator, judge
 from coheft.agents.efficient.exchange import Exchange
 from coheft.agents.efficient.session import Session
 from coheft.errors import CoheftError
+from coheft.estimation.geometry.spatial import Array, skew
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.misfit import Explanations
 from coheft.estimation.moments.moments import Moments
 from coheft.estimation.moments.row_buffer import RowBuffer
-from coheft.estimation.spatial import Array, skew
 
 Function = Callable[..., Any]
 

@@ -22,7 +22,7 @@ from coheft.app.faults.schedule import (
     Reordering,
     Replay,
 )
-from coheft.wire.messages import NeighbourMessage
+from coheft.wire.messages.structs import NeighbourMessage
 
 _ORDER_STREAM = 1
 """Marks the random stream of the order in which messages come."""

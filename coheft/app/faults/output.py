@@ -13,8 +13,8 @@ from rich.table import Table
 from coheft.app.faults.schedule import FaultSchedule
 from coheft.app.faults.summary import CampaignSummary
 from coheft.app.faults.trial import Outcome
-from coheft.app.progress import show_progress
-from coheft.app.wide_table import print_table
+from coheft.app.terminal.progress import show_progress
+from coheft.app.terminal.wide_table import print_table
 
 _SHOWN = 10
 """So many of the schedules that failed are shown."""

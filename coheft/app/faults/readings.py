@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.app.faults.schedule import ClockSkew, FaultSchedule, SensorFault
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import ACCELERATION, FORCE, GYRO, TORQUE, VELOCITY
-from coheft.estimation.spatial import Array
 
 _COLUMNS = {"gyro": GYRO, "velocity": VELOCITY, "acceleration": ACCELERATION, "force": FORCE, "torque": TORQUE}
 _USUAL = {"gyro": 0.5, "velocity": 0.3, "acceleration": 10.0, "force": 30.0, "torque": 3.0}

@@ -23,7 +23,7 @@ from coheft.app.faults.invariants import Violation
 from coheft.app.faults.run import FaultyBlock
 from coheft.app.faults.schedule import Crash, FaultSchedule, Lie, Partition, Release
 from coheft.consensus.graph import build_graph, diameter
-from coheft.wire.messages import Estimate
+from coheft.wire.messages.structs import Estimate
 
 BACK_FROM_SILENCE = 3.0
 """Time until everybody is valid again after crashes and partitions [s]."""

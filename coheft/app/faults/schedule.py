@@ -10,9 +10,9 @@ from msgspec import Meta
 
 from coheft.errors import ScenarioError
 from coheft.estimation.measurement import Positive
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_file import complete_scenario
-from coheft.wire.section import NotNegative, Seed
+from coheft.wire.scenario.file import complete_scenario
+from coheft.wire.scenario.schema import Scenario
+from coheft.wire.scenario.section import NotNegative, Seed
 
 Probability = Annotated[float, Meta(ge=0, le=1)]
 Count = Annotated[int, Meta(ge=1)]

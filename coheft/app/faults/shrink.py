@@ -9,7 +9,7 @@ import msgspec
 from coheft.app.faults.schedule import AnyFault, Crash, FaultSchedule
 from coheft.app.faults.trial import Outcome, try_schedule
 from coheft.errors import ScenarioError
-from coheft.wire.scenario import Graph
+from coheft.wire.scenario.schema import Graph
 
 _LEAST = 0.1
 """Faults are not shortened below this [s]."""

@@ -12,7 +12,7 @@ from coheft.app.faults.recovery import Recovery
 from coheft.app.faults.run import FaultyBlock, FaultyRun
 from coheft.app.faults.schedule import FaultSchedule, Lie, is_harmless
 from coheft.errors import SimulationError
-from coheft.wire.codec import encode
+from coheft.wire.messages.codec import encode
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):

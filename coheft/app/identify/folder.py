@@ -9,7 +9,7 @@ from rich.console import Console
 from coheft.app.identify.plots import plot_forces, plot_residuals, plot_uncertainty
 from coheft.app.identify.report import IdentifyReport
 from coheft.app.identify.tables import print_identification
-from coheft.app.report import write_report
+from coheft.app.results.report import write_report
 from coheft.errors import RecordingError
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.recording import Recording

@@ -12,9 +12,9 @@ from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.principal_axes import PrincipalInertia
 from coheft.estimation.batch.recording import Recording, Truth
-from coheft.estimation.body_motion import perturbation_between
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import rotation_log
+from coheft.estimation.geometry.body_motion import perturbation_between
+from coheft.estimation.geometry.spatial import rotation_log
+from coheft.estimation.rigid_body.mass_properties import Inertia
 
 _ALL_DIRECTIONS = 6
 _LOOSE = 2.0

@@ -7,7 +7,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from coheft.app.identify.report import IdentifyReport
-from coheft.app.wide_table import print_table
+from coheft.app.terminal.wide_table import print_table
 
 _UNSEEN = "not seen"
 

@@ -13,13 +13,13 @@ from coheft.app.identify.methods import identify
 from coheft.app.identify.report import load_errors, pose_errors
 from coheft.app.mocobots.paper import PAIRS, PAPER
 from coheft.app.mocobots.record import record, record_sphere
-from coheft.app.parallel import side_by_side, workers
+from coheft.app.run.parallel import side_by_side, workers
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.spatial import Array
-from coheft.wire.encoders import EncoderErrors
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_file import load_scenario
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.scenario.encoders import EncoderErrors
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Scenario
 
 Noise = Literal["vibration", "calibration"]
 _METHODS: dict[Noise, tuple[Method, ...]] = {

@@ -8,17 +8,17 @@ import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from coheft.agents.motion import make_motion
+from coheft.agents.motion.reference import make_motion
 from coheft.consensus.graph import build_graph
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.physics_server.data_recorder import DataRecorder
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.config import agent_config
-from coheft.wire.grasps import place_grasps
-from coheft.wire.messages import Reference
-from coheft.wire.scenario import Scenario
-from coheft.wire.via_points import ViaPoints
+from coheft.wire.messages.structs import Reference
+from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.schema import Scenario
+from coheft.wire.scenario.via_points import ViaPoints
 
 ReferenceOf = Callable[[int], Array]
 """From a block's number to the reference motion during it, see ``ReferenceMotion.reference``."""

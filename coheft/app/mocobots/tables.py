@@ -9,7 +9,7 @@ import numpy as np
 from coheft.app.identify.choices import Method
 from coheft.app.mocobots.campaign import Mocobots, Noise
 from coheft.app.mocobots.paper import PAPER, ROWS
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 _TABLES = (
     ("Table II: rotations, degrees", slice(0, 3)),

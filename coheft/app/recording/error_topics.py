@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from coheft.app.judge import Judge, standard_deviations
 from coheft.app.recording import ros
 from coheft.app.recording.ros import RosMessage
-from coheft.estimation.rigid_body import unpack_symmetric
-from coheft.estimation.spatial import Array
-from coheft.wire.messages import Estimate, PayloadEstimate
+from coheft.app.results.judge import Judge, standard_deviations
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import unpack_symmetric
+from coheft.wire.messages.structs import Estimate, PayloadEstimate
 
 
 def error_messages(time: int, estimate: Estimate, judge: Judge, total_time: int) -> Iterator[tuple[str, RosMessage]]:

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from coheft.app.recording import ros
 from coheft.app.recording.ros import RosMessage
-from coheft.estimation.spatial import Pose
-from coheft.wire.messages import Estimate
+from coheft.estimation.geometry.spatial import Pose
+from coheft.wire.messages.structs import Estimate
 
 _LEVELS = {"starting": ros.DOUBTFUL, "valid": ros.OK, "stale": ros.STALE}
 

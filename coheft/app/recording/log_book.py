@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from coheft.app.heard import News
 from coheft.app.recording import ros
-from coheft.wire.messages import Estimate, LoadState, Truth
-from coheft.wire.planes import SERVER
+from coheft.app.run.heard import News
+from coheft.wire.messages.structs import Estimate, LoadState, Truth
+from coheft.wire.transport.planes import SERVER
 
 
 class Line(NamedTuple):

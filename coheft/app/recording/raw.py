@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from coheft.wire.codec import decode, encode
-from coheft.wire.messages import Estimate, Message, Problem, Truth
-from coheft.wire.requests import Status
+from coheft.wire.messages.codec import decode, encode
+from coheft.wire.messages.requests import Status
+from coheft.wire.messages.structs import Estimate, Message, Problem, Truth
 
 KINDS: dict[str, type[Message]] = {
     "/coheft/status": Status,

@@ -9,14 +9,14 @@ from pathlib import Path
 from mcap.records import Attachment, Channel, McapRecord, Metadata
 from mcap.records import Message as McapMessage
 
-from coheft.app.heard import News, check_news, check_status
 from coheft.app.recording.mcap_records import is_finished, read_records
 from coheft.app.recording.raw import KINDS, from_raw
 from coheft.app.recording.ros import bytes_in
+from coheft.app.run.heard import News, check_news, check_status
 from coheft.errors import MessageError, RecordingError
-from coheft.wire.messages import Estimate, Message, Problem, Scene
-from coheft.wire.planes import SERVER
-from coheft.wire.requests import Status
+from coheft.wire.messages.requests import Status
+from coheft.wire.messages.structs import Estimate, Message, Problem, Scene
+from coheft.wire.transport.planes import SERVER
 
 SCENARIO = "scenario.json"
 """Name of the attachment with the scenario."""

@@ -9,12 +9,12 @@ from queue import Empty, SimpleQueue
 from types import TracebackType
 from typing import BinaryIO, Self
 
-from coheft.app.heard import News
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.writer import RunWriter
+from coheft.app.run.heard import News
 from coheft.errors import RecordingError
-from coheft.wire.requests import Status
-from coheft.wire.scenario import Scenario
+from coheft.wire.messages.requests import Status
+from coheft.wire.scenario.schema import Scenario
 
 _FLUSH_EVERY = 1.0
 """Wall time of which a killed run loses the recording at most [s]."""

@@ -15,7 +15,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
 from coheft.errors import MessageError
-from coheft.estimation.spatial import Array, Pose, quaternion_from_rotation
+from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rotation
 
 _STORE = get_typestore(Stores.ROS2_HUMBLE)
 _UNKNOWN = np.full((3, 3), np.nan)

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 from coheft.app.recording import ros
 from coheft.app.recording.ros import RosMessage
+from coheft.estimation.geometry.spatial import quaternion_from_rotation
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
-from coheft.estimation.spatial import quaternion_from_rotation
-from coheft.wire.messages import LoadState, Scene, Truth
-from coheft.wire.payload import Payload
-from coheft.wire.section import pose_of
+from coheft.wire.messages.structs import LoadState, Scene, Truth
+from coheft.wire.scenario.payload import Payload
+from coheft.wire.scenario.section import pose_of
 
 WORLD = "world"
 PAYLOAD = "payload"

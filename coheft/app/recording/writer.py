@@ -6,9 +6,6 @@ from collections.abc import Iterable
 
 import msgspec
 
-from coheft.app.heard import News
-from coheft.app.pairing import Pairing
-from coheft.app.record import load_ids
 from coheft.app.recording import ros
 from coheft.app.recording.error_topics import error_messages
 from coheft.app.recording.estimate_topics import estimate_messages
@@ -18,10 +15,13 @@ from coheft.app.recording.raw import to_raw
 from coheft.app.recording.reader import SCENARIO, VERSIONS
 from coheft.app.recording.ros import RosMessage
 from coheft.app.recording.truth_topics import box_messages, scene_messages, truth_messages
+from coheft.app.results.record import load_ids
+from coheft.app.run.heard import News
+from coheft.app.run.pairing import Pairing
 from coheft.app.versions import versions
-from coheft.wire.messages import Estimate, Message, Problem, Truth
-from coheft.wire.requests import Status
-from coheft.wire.scenario import Scenario
+from coheft.wire.messages.requests import Status
+from coheft.wire.messages.structs import Estimate, Message, Problem, Truth
+from coheft.wire.scenario.schema import Scenario
 
 
 class RunWriter:

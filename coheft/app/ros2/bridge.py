@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from coheft.app.heard import News
-from coheft.app.observer import observe
 from coheft.app.recording import ros
 from coheft.app.recording.estimate_topics import estimate_messages
 from coheft.app.recording.log_book import LogBook
@@ -13,9 +11,11 @@ from coheft.app.recording.ros import RosMessage
 from coheft.app.recording.truth_topics import scene_messages, truth_messages
 from coheft.app.ros2.names import check_ros_names
 from coheft.app.ros2.node import RosNode, open_node
-from coheft.app.run_folder import RunFile
-from coheft.wire.messages import Estimate, Problem, Scene, Truth
-from coheft.wire.requests import StatusRequest
+from coheft.app.run.folder import RunFile
+from coheft.app.run.heard import News
+from coheft.app.run.observer import observe
+from coheft.wire.messages.requests import StatusRequest
+from coheft.wire.messages.structs import Estimate, Problem, Scene, Truth
 
 _NODE = "coheft"
 _SILENCE = 2.0

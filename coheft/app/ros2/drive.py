@@ -8,16 +8,16 @@ from pathlib import Path
 
 import msgspec
 
-from coheft.app.processes import read_config
 from coheft.app.ros2.names import check_ros_names
 from coheft.app.ros2.node import open_node
 from coheft.app.ros2.team import Team
+from coheft.app.run.processes import read_config
 from coheft.errors import CoheftError, UsageError
 from coheft.wire.config import AgentProcessConfig
-from coheft.wire.inbox import Inbox
-from coheft.wire.planes import SERVER, guard_observer, guard_server_for_robot
-from coheft.wire.security import Credentials, credentials_in
-from coheft.wire.transport import Keys, open_session
+from coheft.wire.transport.inbox import Inbox
+from coheft.wire.transport.planes import SERVER, guard_observer, guard_server_for_robot
+from coheft.wire.transport.security import Credentials, credentials_in
+from coheft.wire.transport.sessions import Keys, open_session
 
 _NODE = "coheft_driver"
 

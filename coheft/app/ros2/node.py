@@ -15,7 +15,7 @@ import zenoh.ext
 from coheft.app.recording import ros
 from coheft.app.ros2.names import GID_SIZE, Node, Topic, attachment
 from coheft.errors import LinkError
-from coheft.wire.transport import session_id
+from coheft.wire.transport.sessions import session_id
 
 _HEARTBEAT = 1.0
 

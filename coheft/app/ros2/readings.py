@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from coheft.app.ros2.samples import read
 from coheft.errors import MessageError
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 AT_ONCE = 1024
 """So much is read before agents are heard: somebody may measure faster than can be read."""

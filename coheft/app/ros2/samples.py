@@ -10,8 +10,8 @@ import numpy as np
 from coheft.app.recording import ros
 from coheft.app.ros2.stamps import Stamps
 from coheft.errors import MessageError
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import ACCELERATION, SAMPLE_SIZE, TWIST, WRENCH
-from coheft.estimation.spatial import Array
 
 _OPEN = 8
 """Blocks that may wait for what they miss."""

@@ -10,21 +10,21 @@ from typing import NoReturn
 
 import zenoh
 
-from coheft.app.heard import check_estimate
 from coheft.app.recording import ros
 from coheft.app.ros2.bridge import Bridge
 from coheft.app.ros2.node import RosNode
 from coheft.app.ros2.readings import Readings
 from coheft.app.ros2.samples import STREAMS, BlockBuilder
 from coheft.app.ros2.stamps import LIMIT, Stamps
+from coheft.app.run.heard import check_estimate
 from coheft.errors import MessageError, one_line
-from coheft.estimation.spatial import Array, quaternion_from_rotation, rotation_exp
+from coheft.estimation.geometry.spatial import Array, quaternion_from_rotation, rotation_exp
 from coheft.wire.config import AgentConfig, AgentProcessConfig
-from coheft.wire.inbox import Inbox, LinkChange, Received, Refused
-from coheft.wire.messages import Estimate, Measurements, Message, Problem, Reference
-from coheft.wire.robot_link import RobotLink
-from coheft.wire.security import Guard
-from coheft.wire.transport import Keys
+from coheft.wire.messages.structs import Estimate, Measurements, Message, Problem, Reference
+from coheft.wire.transport.inbox import Inbox, LinkChange, Received, Refused
+from coheft.wire.transport.robot_link import RobotLink
+from coheft.wire.transport.security import Guard
+from coheft.wire.transport.sessions import Keys
 
 _POLL = 0.02
 _SILENCE = 5.0

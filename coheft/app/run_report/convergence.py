@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from coheft.app.figures import Theme
-from coheft.app.quantities import QUANTITIES, Quantity
-from coheft.app.report import Report
+from coheft.app.results.quantities import QUANTITIES, Quantity
+from coheft.app.results.report import Report
 from coheft.app.run_report.panels import mark_changes, robots_shown, use_logarithm
 from coheft.app.run_report.points import sizes
 from coheft.app.run_report.series import Series
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from coheft.app.run_report.points import Point
 from coheft.app.run_report.series import Series
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 Row = dict[str, float | str | bool | None]
 _PAYLOAD = (

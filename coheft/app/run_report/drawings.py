@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from coheft.app.figures import Theme
-from coheft.app.report import Report
+from coheft.app.results.report import Report
 from coheft.app.run_report.convergence import COM_SHOWN
 from coheft.app.run_report.panels import mark_changes, robots_shown, use_logarithm
 from coheft.app.run_report.points import Point, sizes
 from coheft.app.run_report.series import AFTER, BEFORE, Series
 from coheft.app.run_report.states import LEVELS, Level
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 STALE_STYLE: dict[str, Any] = {"linestyle": (0, (1, 2)), "linewidth": 0.8, "label": "stale"}
 """How lines look where a robot could not know whether its estimate still held."""

@@ -8,14 +8,14 @@ from io import BytesIO
 from pathlib import Path
 
 from coheft.app.figures import DARK, LIGHT, Theme, figure_to
-from coheft.app.report import Report, write_report
+from coheft.app.results.report import Report, write_report
 from coheft.app.run_report.data import write_data
 from coheft.app.run_report.former import remove_former
 from coheft.app.run_report.page import Drawn, render_page
 from coheft.app.run_report.pictures import Picture, pictures_of
 from coheft.app.run_report.series import Series, SeriesFollower
 from coheft.errors import CoheftError, MissingPackageError
-from coheft.wire.scenario import Scenario
+from coheft.wire.scenario.schema import Scenario
 
 PAGE = "report.html"
 

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import msgspec
 
-from coheft.app.final_table import HEADINGS, LEGEND, RECOVERED, robot_rows, sentences
-from coheft.app.report import Report
+from coheft.app.results.report import Report
 from coheft.app.run_report.data import TABLES
 from coheft.app.run_report.pictures import Picture
 from coheft.app.run_report.series import Series
+from coheft.app.terminal.final_table import HEADINGS, LEGEND, RECOVERED, robot_rows, sentences
 from coheft.app.versions import versions
-from coheft.wire.scenario import Scenario
+from coheft.wire.scenario.schema import Scenario
 
 _MOST_ROWS = 60
 SECTIONS = {

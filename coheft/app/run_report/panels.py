@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from coheft.app.figures import Theme
-from coheft.app.report import Report
+from coheft.app.results.report import Report
 from coheft.app.run_report.series import Series
 
 MOST_ROBOTS = 24

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from coheft.app.figures import Theme
-from coheft.app.report import Report
+from coheft.app.results.report import Report
 from coheft.app.run_report.convergence import ALL_SHOWN, Shown, convergence_size, draw_convergence, inside_band
 from coheft.app.run_report.drawings import (
     close_up_size,

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.app.judge import Judge
-from coheft.app.quantities import PAYLOAD_SIZE, Quantity, payload_error, pose_error
-from coheft.estimation.rigid_body import pack_symmetric
-from coheft.estimation.spatial import Array, Pose
-from coheft.wire.messages import Estimate
+from coheft.app.results.judge import Judge
+from coheft.app.results.quantities import PAYLOAD_SIZE, Quantity, payload_error, pose_error
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.mass_properties import pack_symmetric
+from coheft.wire.messages.structs import Estimate
 
 
 @dataclass(frozen=True, eq=False, slots=True)

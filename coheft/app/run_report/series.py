@@ -6,14 +6,14 @@ import time
 from collections import deque
 from dataclasses import dataclass, field
 
-from coheft.app.heard import News
-from coheft.app.pairing import Pairing
-from coheft.app.record import load_ids
+from coheft.app.results.record import load_ids
+from coheft.app.run.heard import News
+from coheft.app.run.pairing import Pairing
 from coheft.app.run_report.points import Point, make_point
 from coheft.app.run_report.states import Spans
 from coheft.app.run_report.thinned import Thinned
-from coheft.wire.messages import Estimate, Problem, Scene, Truth
-from coheft.wire.requests import Status
+from coheft.wire.messages.requests import Status
+from coheft.wire.messages.structs import Estimate, Problem, Scene, Truth
 
 _POINTS = 20_000
 """Of all robots together."""

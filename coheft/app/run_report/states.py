@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from coheft.wire.messages import Estimate
+from coheft.wire.messages.structs import Estimate
 
 _MOST = 400
 """Longest list of spans; then the shortest of them becomes part of the one before."""

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import msgspec
 
-from coheft.app.parallel import side_by_side, workers
-from coheft.app.quantities import UNITS
+from coheft.app.results.quantities import UNITS
+from coheft.app.run.parallel import side_by_side, workers
 from coheft.app.study.random_team import RANDOM, random_team
 from coheft.app.study.report import Cell, StudyReport, summarise
 from coheft.app.study.trial import Moments, Trial, run_trial
 from coheft.errors import ScenarioError
-from coheft.wire.borders import first_border
-from coheft.wire.scenario import Scenario
-from coheft.wire.scenario_checks import check_noise
+from coheft.wire.scenario.borders import first_border
+from coheft.wire.scenario.checks import check_noise
+from coheft.wire.scenario.schema import Scenario
 
 _LEAST_BLOCK = 2
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from coheft.wire.messages import LoadChangeNotice
+from coheft.wire.messages.structs import LoadChangeNotice
 
 
 class Detection(msgspec.Struct, frozen=True):

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.app.judge import Judge
-from coheft.app.quantities import Edges, Quantity
+from coheft.app.results.judge import Judge
+from coheft.app.results.quantities import Edges, Quantity
 from coheft.app.study.samples import TeamSamples
 from coheft.estimation.bounds import JointBound, JointInformation
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import KINEMATICS, WRENCH
-from coheft.estimation.spatial import Array
-from coheft.wire.scenario import Scenario
+from coheft.wire.scenario.schema import Scenario
 
 _BOUND_RATE = 100
 """Samples per second with which information is integrated over time; motions are slower by far."""

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from coheft.app.figures import make_folder
-from coheft.app.report import write_report
+from coheft.app.results.report import write_report
 from coheft.app.study.plots import plot_curves, plot_ratios
 from coheft.app.study.report import Cell, StudyReport
 from coheft.app.study.tables import (
@@ -26,7 +26,7 @@ from coheft.app.study.tables import (
     together,
 )
 from coheft.app.study.trial import Trial
-from coheft.app.wide_table import print_table
+from coheft.app.terminal.wide_table import print_table
 from coheft.errors import CoheftError
 
 _WIDTH = 7

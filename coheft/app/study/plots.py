@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from coheft.app.figures import figure_to
-from coheft.app.quantities import QUANTITIES
+from coheft.app.results.quantities import QUANTITIES
 from coheft.app.study.report import Accuracy, StudyReport
 from coheft.app.study.tables import NAMES, caption
 from coheft.app.study.trial import Trial

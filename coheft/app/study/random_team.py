@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 
 from coheft.errors import ScenarioError
-from coheft.wire.payload import Box, Payload
-from coheft.wire.scenario import Graph, GraphKind, Motion, Perimeter, Robots, Scenario
-from coheft.wire.scenario_checks import check_scenario
-from coheft.wire.scenario_errors import explain
-from coheft.wire.set_values import set_values
+from coheft.wire.scenario.checks import check_scenario
+from coheft.wire.scenario.errors import explain
+from coheft.wire.scenario.payload import Box, Payload
+from coheft.wire.scenario.schema import Graph, GraphKind, Motion, Perimeter, Robots, Scenario
+from coheft.wire.scenario.set_values import set_values
 
 RANDOM = "random"
 """Instead of a scenario's name: every run has a team of its own."""

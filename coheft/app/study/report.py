@@ -10,12 +10,12 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
-from coheft.app.quantities import ALL_TEN, QUANTITIES, Errors, Quantity
+from coheft.app.results.quantities import ALL_TEN, QUANTITIES, Errors, Quantity
 from coheft.app.study.detection import Detection, judge_detection
 from coheft.app.study.exact_run import Bounds
 from coheft.app.study.statistics import Interval, normalised_square, ratio_of_roots, root_mean
 from coheft.app.study.trial import Moments, Trial
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 T = TypeVar("T")
 

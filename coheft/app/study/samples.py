@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from coheft.agents.motion import ReferenceMotion, make_motion
+from coheft.agents.motion.reference import ReferenceMotion, make_motion
 from coheft.consensus.graph import build_graph
 from coheft.errors import ScenarioError
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.config import agent_config
-from coheft.wire.messages import Reference, Scene, Truth
-from coheft.wire.scenario import Scenario
+from coheft.wire.messages.structs import Reference, Scene, Truth
+from coheft.wire.scenario.schema import Scenario
 
 
 @dataclass(frozen=True, eq=False)

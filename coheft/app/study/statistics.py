@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 _RESAMPLES = 2000
 _CONFIDENCE = 0.95

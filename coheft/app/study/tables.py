@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from coheft.app.quantities import ALL_TEN, QUANTITIES
+from coheft.app.results.quantities import ALL_TEN, QUANTITIES
 from coheft.app.study.detection import Detection
 from coheft.app.study.report import Accuracy, Cell, Consistency, EstimatorResult, Number, Recovered, StudyReport
 

@@ -9,9 +9,8 @@ from itertools import accumulate, pairwise
 import msgspec
 import numpy as np
 
-from coheft.app.inprocess import run_in_process
-from coheft.app.judge import Judge
-from coheft.app.quantities import (
+from coheft.app.results.judge import Judge
+from coheft.app.results.quantities import (
     QUANTITIES,
     Edges,
     Errors,
@@ -19,11 +18,12 @@ from coheft.app.quantities import (
     payload_exists,
     published_errors,
 )
+from coheft.app.run.inprocess import run_in_process
 from coheft.app.study.exact_run import Bounds, ExactRun
 from coheft.app.study.samples import simulate, with_exact_sensors
-from coheft.estimation.spatial import Array
-from coheft.wire.messages import Estimate, LoadChangeNotice
-from coheft.wire.scenario import Scenario
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.messages.structs import Estimate, LoadChangeNotice
+from coheft.wire.scenario.schema import Scenario
 
 
 @dataclass(frozen=True)

@@ -12,15 +12,22 @@ from typing import Any
 import numpy as np
 import viser
 
-from coheft.app.observer import ask_server, set_link
-from coheft.app.run_folder import RunFile, find_run
+from coheft.app.run.folder import RunFile, find_run
+from coheft.app.run.observer import ask_server, set_link
 from coheft.app.view import words
 from coheft.app.view.geometry import resting_place
 from coheft.app.view.load_choice import LoadChoice
 from coheft.app.view.model import Edge, ViewModel
 from coheft.app.view.page import Page
 from coheft.errors import CoheftError
-from coheft.wire.requests import EstimatorRequest, InjectRequest, PauseRequest, RemoveRequest, Request, StopRequest
+from coheft.wire.messages.requests import (
+    EstimatorRequest,
+    InjectRequest,
+    PauseRequest,
+    RemoveRequest,
+    Request,
+    StopRequest,
+)
 
 _NOTE_SECONDS = 6.0
 _MASSES = (0.1, 10.0, 0.1, 3.0)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose, rotation_exp
-from coheft.wire.messages import BoxShape, Scene
-from coheft.wire.section import pose_of
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.wire.messages.structs import BoxShape, Scene
+from coheft.wire.scenario.section import pose_of
 
 SIGMAS = 3.0
 """Half lengths of an ellipsoid of doubt, in standard deviations."""

@@ -7,13 +7,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from coheft.app.observer import Observer, observe
-from coheft.app.run_folder import locate_run
+from coheft.app.run.folder import locate_run
+from coheft.app.run.observer import Observer, observe
 from coheft.app.view import words
 from coheft.app.view.controls import Controls
 from coheft.app.view.model import ViewModel
 from coheft.app.view.page import FRAME, Page, open_server, url_of
-from coheft.wire.requests import Status, StatusRequest
+from coheft.wire.messages.requests import Status, StatusRequest
 
 _STATUS_EVERY = 0.5
 _STILL = 1.0

@@ -8,14 +8,14 @@ from typing import Literal
 
 import msgspec
 
-from coheft.app.heard import News
-from coheft.app.judge import RobotReport
-from coheft.app.pairing import Pairing
-from coheft.app.record import SILENT, as_of_now
+from coheft.app.results.judge import RobotReport
+from coheft.app.results.record import SILENT, as_of_now
+from coheft.app.run.heard import News
+from coheft.app.run.pairing import Pairing
 from coheft.app.view.traces import Trace
-from coheft.estimation.rigid_body import Inertia
-from coheft.wire.messages import Estimate, Problem, Truth
-from coheft.wire.requests import Status
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.wire.messages.requests import Status
+from coheft.wire.messages.structs import Estimate, Problem, Truth
 
 LinkHealth = Literal["up", "silent", "unknown"]
 _PROBLEMS = 100

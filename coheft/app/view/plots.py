@@ -10,7 +10,7 @@ from viser import uplot
 
 from coheft.app.view.colours import ACCENT, FORCE, TORQUE, css
 from coheft.app.view.traces import WINDOW, Curves, Trace
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 _TITLES = {"mass": "mass error, kg", "com": "centre of mass error, mm", "inertia": "inertia error, kg·m²"}
 _AXES = {"mass": ("mass",), "com": ("x", "y", "z"), "inertia": ("xx", "yy", "zz")}

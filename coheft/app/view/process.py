@@ -13,13 +13,13 @@ from typing import NoReturn, Self
 
 import msgspec
 
-from coheft.app.heard import News
-from coheft.app.processes import Processes
-from coheft.app.run_folder import find_run
+from coheft.app.run.folder import find_run
+from coheft.app.run.heard import News
+from coheft.app.run.processes import Processes
 from coheft.app.view.ports import choose_port, url
 from coheft.errors import CoheftError
-from coheft.wire.requests import Status
-from coheft.wire.supervised import supervised_main
+from coheft.wire.messages.requests import Status
+from coheft.wire.process.supervised import supervised_main
 
 _LOOK_EVERY = 0.2
 

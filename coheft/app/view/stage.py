@@ -22,11 +22,11 @@ from coheft.app.view.geometry import (
     stands,
 )
 from coheft.app.view.model import ViewModel
+from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
 from coheft.estimation.measurement import WRENCH
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
-from coheft.wire.messages import Estimate, LoadState, Truth
-from coheft.wire.section import Vector, pose_of
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.wire.messages.structs import Estimate, LoadState, Truth
+from coheft.wire.scenario.section import Vector, pose_of
 
 _NO_LINES = np.zeros((1, 2, 3))
 _FORCE_LENGTH = 0.15

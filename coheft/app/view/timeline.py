@@ -8,10 +8,10 @@ from itertools import accumulate
 
 import msgspec
 
-from coheft.app.heard import News
+from coheft.app.run.heard import News
 from coheft.app.view.model import ViewModel
 from coheft.app.view.traces import WINDOW
-from coheft.wire.requests import Status
+from coheft.wire.messages.requests import Status
 
 
 class Timeline:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.app.judge import RobotReport
+from coheft.app.results.judge import RobotReport
 from coheft.app.view.geometry import SIGMAS
-from coheft.estimation.rigid_body import pack_symmetric
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import pack_symmetric
 
 WINDOW = 30.0
 """How far curves look back [s]."""

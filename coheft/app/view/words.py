@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from coheft.app.judge import RobotReport
-from coheft.app.states import state_of
+from coheft.app.results.judge import RobotReport
+from coheft.app.results.states import state_of
 from coheft.app.view.colours import ACCENT, STATUS, WAITING, Colour, css
 from coheft.app.view.model import ViewModel
-from coheft.wire.messages import Estimate, LoadState
-from coheft.wire.requests import Status
+from coheft.wire.messages.requests import Status
+from coheft.wire.messages.structs import Estimate, LoadState
 
 _STYLE = "font-size:13px;line-height:1.45;padding:2px 10px 4px 10px;font-variant-numeric:tabular-nums"
 _DIM = "opacity:.62"

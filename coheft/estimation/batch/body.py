@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from coheft.estimation.batch.signals import Signals
-from coheft.estimation.body_motion import grasp_measurements
-from coheft.estimation.inertia import features, regressor_coefficients
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.geometry.body_motion import grasp_measurements
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.regressor import features, regressor_coefficients
 
 _COEFFICIENTS = regressor_coefficients(with_offset=False)[:, :, :-1]
 

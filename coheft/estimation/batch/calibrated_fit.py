@@ -23,8 +23,8 @@ from coheft.estimation.batch.inertia_fit import LinearFit, Prior, instrumental_f
 from coheft.estimation.batch.payload import hidden_covariance
 from coheft.estimation.batch.signals import Signals
 from coheft.estimation.batch.statistics import span_length
-from coheft.estimation.inertia import INERTIA_SIZE
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 
 _STEPS = 6
 _GRAVITY = INERTIA_SIZE

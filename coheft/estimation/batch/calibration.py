@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 ZERO, ANGLE_SCALE, POSITION_SCALE = slice(0, 3), slice(3, 6), slice(6, 7)
 POSE_ERRORS = 7

@@ -13,8 +13,8 @@ import numpy as np
 
 from coheft.estimation.batch.calibrated_fit import CalibratedFit
 from coheft.estimation.batch.calibration import UNIFORM_BOUND, Tolerances
-from coheft.estimation.inertia import INERTIA_SIZE
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 
 _SAMPLES = 2**16
 _FEWEST = 100.0

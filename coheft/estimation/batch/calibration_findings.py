@@ -11,7 +11,7 @@ from coheft.estimation.batch.calibration import POSITION_SCALE, Tolerances
 from coheft.estimation.batch.hand_eye import HandEye
 from coheft.estimation.batch.hand_eye_equations import position_scale_rows
 from coheft.estimation.batch.identification import CalibrationFinding
-from coheft.estimation.inertia import INERTIA_SIZE
+from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 
 
 def calibration_findings(

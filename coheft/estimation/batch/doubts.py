@@ -8,7 +8,7 @@ import numpy as np
 
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.inertia_estimate import middle_and_size
+from coheft.estimation.rigid_body.unseen import middle_and_size
 
 _FAR = 10.0
 """Standard deviations from all bodies that can exist, from which on noise is no explanation."""

@@ -33,9 +33,9 @@ from coheft.estimation.batch.hand_eye_equations import (
 from coheft.estimation.batch.statistics import EXACT, batch_scatter
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.batch.wrist_poses import WristPoses
-from coheft.estimation.body_motion import perturbed
-from coheft.estimation.observability import Visibility
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.geometry.body_motion import perturbed
+from coheft.estimation.geometry.observability import Visibility
+from coheft.estimation.geometry.spatial import Array, Pose
 
 _STEPS = 15
 _CLOSE = 1e-7

@@ -20,7 +20,7 @@ from coheft.estimation.batch.calibration import (
     gimbal_axes,
 )
 from coheft.estimation.batch.wrist_poses import WristPoses
-from coheft.estimation.spatial import Array, Pose, skew
+from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 HOME, GRASP = slice(0, 6), slice(6, 12)
 ERRORS = slice(12, 12 + POSE_ERRORS)

@@ -12,7 +12,7 @@ from coheft.errors import RecordingError
 from coheft.estimation.batch.body import total_wrench
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import PAPER_CUTOFF, smooth_poses
-from coheft.estimation.spatial import Array, Pose, skew
+from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 _TOLERANCE = 0.5
 """Forces may differ by so much from the middle of their range [N]."""

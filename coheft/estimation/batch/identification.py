@@ -11,7 +11,7 @@ from coheft.estimation.batch.holds import Holds
 from coheft.estimation.batch.loop_closure import LoopError
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,10 +21,10 @@ from coheft.estimation.batch.pose_differences import derivative_by_poses, turned
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.inertia_derivatives import central_derivative
-from coheft.estimation.observability import PoseEstimate
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.geometry.observability import PoseEstimate
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.derivatives import central_derivative
+from coheft.estimation.rigid_body.mass_properties import Inertia
 
 _COM_STEP = 1e-4
 """For differences [m]."""

@@ -39,10 +39,10 @@ from coheft.estimation.batch.signals import CUTOFF, EDGE, Signals, signals_of
 from coheft.estimation.batch.statistics import SPAN
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.batch.wrist_poses import WristPoses
-from coheft.estimation.inertia import INERTIA_SIZE
-from coheft.estimation.inertia_derivatives import seen_inertia_derivative
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.derivatives import seen_inertia_derivative
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 
 _POSES_PER_SECOND = 25.0
 _LARGEST_TURN, _LARGEST_SHIFT = 1.0, 0.01

@@ -11,13 +11,13 @@ from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.plausibility import check_units, check_weight
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.inertia_derivatives import central_derivative
-from coheft.estimation.inertia_estimate import unseen_quantities
+from coheft.estimation.geometry.observability import Visibility
 from coheft.estimation.moments.claims import possible_load
 from coheft.estimation.moments.recorded import fit_recorded
 from coheft.estimation.moments.unknowns import THETA
-from coheft.estimation.observability import Visibility
-from coheft.estimation.rigid_body import Inertia
+from coheft.estimation.rigid_body.derivatives import central_derivative
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.estimation.rigid_body.unseen import unseen_quantities
 
 _TOO_LARGE = 1.3
 """Residuals are suspicious from this share of what noise explains on."""

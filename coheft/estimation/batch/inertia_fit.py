@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from coheft.estimation.batch.body import regressor
 from coheft.estimation.batch.statistics import batch_scatter
-from coheft.estimation.body_motion import BODY_ALPHA, BODY_W
-from coheft.estimation.rigid_body import euler_regressor
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.body_motion import BODY_ALPHA, BODY_W
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import euler_regressor
 
 _REWEIGHTINGS = 3
 _FINEST = 1e-4

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.body_motion import perturbation_between, perturbed, relative_pose_derivative
-from coheft.estimation.observability import Visibility
-from coheft.estimation.spatial import Array, Pose, skew
-from coheft.estimation.uncertain_pose import UncertainPose
+from coheft.estimation.geometry.body_motion import perturbation_between, perturbed, relative_pose_derivative
+from coheft.estimation.geometry.observability import Visibility
+from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.geometry.uncertain_pose import UncertainPose
 
 _STEPS = 20
 _CLOSE = 1e-9

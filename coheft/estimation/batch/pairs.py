@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.estimation.batch.statistics import sandwich_information
-from coheft.estimation.observability import PoseEstimate, Visibility, seen_information
-from coheft.estimation.spatial import Array, Pose, skew
+from coheft.estimation.geometry.observability import PoseEstimate, Visibility, seen_information
+from coheft.estimation.geometry.spatial import Array, Pose, skew
 
 _SINGULAR = 1e-12
 """Share of the largest singular value below which a direction of positions is not seen, and left zero."""

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.consistency import is_possible, nearest_possible
-from coheft.estimation.inertia_derivatives import barycentric_derivative
-from coheft.estimation.inertia_estimate import Quantity, Unseen, middle_and_size, unseen_quantities
-from coheft.estimation.rigid_body import Inertia, unpack_symmetric
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.consistency import is_possible, nearest_possible
+from coheft.estimation.rigid_body.derivatives import barycentric_derivative
+from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
+from coheft.estimation.rigid_body.unseen import Quantity, Unseen, middle_and_size, unseen_quantities
 
 _HIDDEN = 100.0
 """Deviation of what the data do not show at all, in units of the mass, times metres or their squares: for infinite."""

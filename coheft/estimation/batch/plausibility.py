@@ -11,7 +11,7 @@ from coheft.estimation.batch.jumps import check_jumps
 from coheft.estimation.batch.quaternion_order import check_quaternions
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.signals import Signals, signals_of
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 _FASTEST = 5.0
 """Nobody carries a load faster than this for a tenth of the time [m/s]."""

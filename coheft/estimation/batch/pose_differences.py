@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from coheft.estimation.batch.team_poses import TeamPoses
-from coheft.estimation.body_motion import perturbed
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.geometry.body_motion import perturbed
+from coheft.estimation.geometry.spatial import Array, Pose
 
 _ROTATION_STEP, _TRANSLATION_STEP = 1e-4, 1e-4
 _TURNS = (2.0 * np.pi / 3.0, -2.0 * np.pi / 3.0)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.rigid_body import TIMES_IN_MATRIX, pack_symmetric
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import TIMES_IN_MATRIX, pack_symmetric
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from coheft.errors import RecordingError
 from coheft.estimation.batch.pairs import kabsch, position_between
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import signals_of
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 _MISFIT = 0.3
 """Share of the velocities that may be unexplained without a doubt about the order."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from coheft.errors import RecordingError
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SensorNoise
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.rigid_body.mass_properties import Inertia
 
 GRAVITY = (0.0, 0.0, -9.81)
 _WIDTHS = {"pose": 7, "twist": 6, "dtwist": 6, "acceleration": 3, "wrench": 6}

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.recording import Recording
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 ORDER = 3
 PAPER_CUTOFF = 5.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 SPAN = 1.0
 """Scores are summed over so long [s]: much longer than filtered noise is correlated."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.body_motion import relative_pose_derivative
-from coheft.estimation.observability import PoseEstimate, Visibility, seen_information
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.geometry.body_motion import relative_pose_derivative
+from coheft.estimation.geometry.observability import PoseEstimate, Visibility, seen_information
+from coheft.estimation.geometry.spatial import Array, Pose
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.calibration import gimbal_angles, gimbal_rotations
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 
 _LARGEST_TILT = 70.0
 """Of the gimbal's second angle [degrees]; at 90 the two others turn about the same axis."""

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.inertia import regressor_coefficients, spatial_inertia
+from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array, skew
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import ONE, RATES
 from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA, State, Unknowns
-from coheft.estimation.rigid_body import inertia_operator, pack_symmetric, unpack_symmetric
-from coheft.estimation.spatial import CROSS_OF_AXES, Array, skew
+from coheft.estimation.rigid_body.mass_properties import inertia_operator, pack_symmetric, unpack_symmetric
+from coheft.estimation.rigid_body.regressor import regressor_coefficients, spatial_inertia
 
 MOTION_SIZE = 19
 W, V, A, ALPHA = slice(1, 4), slice(4, 7), slice(7, 10), slice(10, 13)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.estimation.chi_square import chi_square_threshold
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.linear_algebra import is_positive_definite
 from coheft.estimation.moments.body import FORCING, FORCING_SIZE, REGRESSOR, BodyModel, residual_covariance
@@ -25,7 +26,6 @@ from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.likelihood import information_table
 from coheft.estimation.moments.row_buffer import VIEW_SIZE
 from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA, Indices
-from coheft.estimation.spatial import Array
 
 FALSE_ALARM = 1e-12
 """Probability that a look finds a change where there is none: looks are many, and their windows overlap."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
@@ -23,7 +24,6 @@ from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidenc
 from coheft.estimation.moments.moments import SeenMoments, seen_moments, wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.unknowns import Indices, State, Unknowns
-from coheft.estimation.spatial import Array, Pose
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.consistency import is_possible, nearest_possible
-from coheft.estimation.inertia_derivatives import central_derivative, seen_inertia_derivative
-from coheft.estimation.inertia_estimate import unseen_quantities
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.unknowns import THETA, Flags
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array
+from coheft.estimation.rigid_body.consistency import is_possible, nearest_possible
+from coheft.estimation.rigid_body.derivatives import central_derivative, seen_inertia_derivative
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.estimation.rigid_body.unseen import unseen_quantities
 
 CLAIM_LIMITS: Array = np.repeat([np.radians(2.0), 0.04], 3)
 """Poses are claimed when they are known to this [rad, m]: deviations of five times as much are then still linear."""

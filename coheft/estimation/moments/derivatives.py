@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coheft.estimation.inertia import spatial_inertia
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import (
     FORCING,
@@ -30,7 +30,7 @@ from coheft.estimation.moments.body import (
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, WRENCH_SIZE
 from coheft.estimation.moments.sensor_errors import RATES
 from coheft.estimation.moments.unknowns import POSE_SIZE, THETA, Indices
-from coheft.estimation.spatial import Array
+from coheft.estimation.rigid_body.regressor import spatial_inertia
 
 FORCING_PRODUCTS = slice(7, 13)
 """Places of the products within ``motion[FORCING]``."""

@@ -15,10 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.linear_algebra import is_positive_definite
 from coheft.estimation.moments.unknowns import Indices
-from coheft.estimation.spatial import Array
 
 _DOUBT, _LEAST_DOUBT = 5.0, 0.3
 """The noise's sum is trusted to so many of its standard deviations, and to this share at most: tolerances of noise."""

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, BodyModel, load_operator, residual_covariance
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
@@ -19,7 +20,6 @@ from coheft.estimation.moments.fit_settings import POSE_LIMITS, FitSettings, Gue
 from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidence
 from coheft.estimation.moments.moments import SeenMoments, WrenchMoments
 from coheft.estimation.moments.unknowns import Flags, State
-from coheft.estimation.spatial import Array
 
 _FARTHEST = 6.0
 """No error of a sensor becomes larger, in prior deviations: a gain of zero would explain everything."""

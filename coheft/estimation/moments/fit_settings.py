@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from coheft.estimation.inertia_estimate import middle_and_size
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments.body import FORCING, BodyModel
 from coheft.estimation.moments.evidence import Evidence
@@ -18,8 +18,8 @@ from coheft.estimation.moments.moments import Moments
 from coheft.estimation.moments.rows import ROW_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import OFFSET, Indices, State, Unknowns
-from coheft.estimation.rigid_body import unit_point
-from coheft.estimation.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import unit_point
+from coheft.estimation.rigid_body.unseen import middle_and_size
 
 POSE_LIMITS: Array = np.repeat([np.radians(5.0), 0.1], 3)
 """A pose is hidden in directions in which its standard deviation is larger [rad, m]: so far steps are nearly linear."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import PRODUCTS, REGRESSOR, BodyModel, residual_covariance
@@ -18,7 +19,6 @@ from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDeriv
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.moments import MotionMoments, WrenchMoments
 from coheft.estimation.moments.unknowns import LOAD_SIZE, Indices
-from coheft.estimation.spatial import Array
 
 
 def motion_evidence(

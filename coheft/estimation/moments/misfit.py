@@ -14,13 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.moments import WrenchMoments
 from coheft.estimation.moments.unknowns import LOAD_SIZE, OFFSET, THETA
-from coheft.estimation.spatial import Array
 
 WINDOWS = (1, 2, 4, 8, 16, 32)
 """Numbers of rows in a row that are tested: longer ones would show what rows approximate."""

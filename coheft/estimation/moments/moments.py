@@ -13,12 +13,12 @@ from typing import Protocol, Self
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import FORCING, FORCING_SIZE, BodyModel
 from coheft.estimation.moments.rows import KINEMATICS, ROW_SIZE, WRENCH
 from coheft.estimation.moments.sensor_errors import ONE, RATES
 from coheft.estimation.moments.unknowns import Indices
-from coheft.estimation.spatial import Array
 
 
 class Moments(Protocol):

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import MOTION_SIZE, PRODUCTS, PRODUCTS_BY_RATE, BodyModel, W
@@ -19,8 +20,7 @@ from coheft.estimation.moments.moments import wrench_places
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import ONE, RATES
 from coheft.estimation.moments.unknowns import Indices
-from coheft.estimation.rigid_body import pack_symmetric
-from coheft.estimation.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import pack_symmetric
 
 
 def motion_then_to_now(then: BodyModel, now: BodyModel) -> Array:

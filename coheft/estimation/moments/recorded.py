@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SAMPLE_SIZE, SensorNoise
 from coheft.estimation.moments.body import FORCING, BodyModel, load_operator, residual_covariance
 from coheft.estimation.moments.fit import Estimate, fitted
@@ -17,7 +18,6 @@ from coheft.estimation.moments.moments import RowMoments, SeenMoments, seen_mome
 from coheft.estimation.moments.rows import RowNoise, row_of_samples, rows_per_block
 from coheft.estimation.moments.start import first_load, poses_by_motion
 from coheft.estimation.moments.unknowns import State
-from coheft.estimation.spatial import Array, Pose
 
 _MOST_STEPS, _CLOSE = 30, 1e-3
 """Steps at most; a step below this share of the poses' standard deviations is the last one."""

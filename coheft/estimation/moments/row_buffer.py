@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE, BodyModel
 from coheft.estimation.moments.moments import Moments, RowMoments
 from coheft.estimation.moments.projected import ProjectedMoments
 from coheft.estimation.moments.rows import WRENCH_SIZE
-from coheft.estimation.spatial import Array
 
 KEPT = 1024
 """At least so many of the newest rows are kept; there is room for twice as many."""

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
-from coheft.estimation.rigid_body import PACKED_COLUMNS, PACKED_ROWS
-from coheft.estimation.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import PACKED_COLUMNS, PACKED_ROWS
 
 ROW_SIZE = 24
 W, V, A, SLOPE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)

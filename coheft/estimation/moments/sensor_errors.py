@@ -15,8 +15,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array
 from coheft.estimation.moments.rows import PRODUCTS, ROW_SIZE, WRENCH, A
-from coheft.estimation.spatial import CROSS_OF_AXES, Array
 
 ONE, RATES = ROW_SIZE, ROW_SIZE + 1
 """Places of the constant and of the rates in an extended row."""

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.derivatives import MotionDerivatives
@@ -21,7 +22,6 @@ from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.moments import RowMoments, WrenchMoments
 from coheft.estimation.moments.rows import ROW_SIZE, RowNoise
 from coheft.estimation.moments.unknowns import Flags, Indices, State
-from coheft.estimation.spatial import Array, Pose, rotation_from_quaternion
 
 _WEAK = 1e-9
 """Share of the noise that keeps an explained velocity solvable where nothing turns."""

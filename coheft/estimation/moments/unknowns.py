@@ -17,9 +17,9 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from coheft.estimation.body_motion import perturbation_between
+from coheft.estimation.geometry.body_motion import perturbation_between
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.moments.sensor_errors import SensorErrors
-from coheft.estimation.spatial import Array, Pose, rotation_exp
 
 Indices = npt.NDArray[np.intp]
 Flags = npt.NDArray[np.bool_]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import msgspec
 
-from coheft.estimation.cart_control import Tracking
-from coheft.estimation.cart_prior import CartPrior
+from coheft.estimation.cart.control import Tracking
+from coheft.estimation.cart.prior import CartPrior
 from coheft.wire.cart.scenario import CartGuess, CartScenario, TrajectoryName
 from coheft.wire.config import Neighbour
 

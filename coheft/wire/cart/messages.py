@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from coheft.wire.cart.scenario import CartGuess
-from coheft.wire.messages import LinkState, Message
+from coheft.wire.messages.structs import LinkState, Message
 
 # --- robot plane -------------------------------------------------------------------------------------------------
 

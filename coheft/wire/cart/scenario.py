@@ -7,9 +7,9 @@ from typing import Literal
 import msgspec
 
 from coheft.errors import ScenarioError
-from coheft.estimation.cart_control import Tracking
-from coheft.estimation.cart_model import CartBody
-from coheft.estimation.cart_prior import CartPrior
+from coheft.estimation.cart.control import Tracking
+from coheft.estimation.cart.model import CartBody
+from coheft.estimation.cart.prior import CartPrior
 
 PHYSICS_RATE = 500
 """Steps of the physics per second."""
@@ -77,7 +77,7 @@ class CartScenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         duration: [s].
         rate: Samples, messages and pushes per second; must divide ``PHYSICS_RATE``.
         lag: Samples from a measurement to the push that answers it.
-        arm: What torque costs a hand [m], see ``coheft.estimation.cart_contact``.
+        arm: What torque costs a hand [m], see ``coheft.estimation.cart.contact``.
         strength: Largest effort of all hands together [N].
         handle: ``x`` of the handle in ``{b}`` and half its length [m].
         prior: How wrong the guess may be.

@@ -16,10 +16,10 @@ import numpy as np
 
 from coheft.agents.estimator import Belief, Channels
 from coheft.consensus.gossip import Gossip
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import ACCELERATION, FORCE, GYRO, MeasurementBlock
-from coheft.estimation.spatial import Array
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages import PayloadEstimate
+from coheft.wire.messages.structs import PayloadEstimate
 
 _GRAVITY = 9.81
 _LEAST = 0.5

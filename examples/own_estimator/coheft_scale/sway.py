@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from coheft.estimation.spatial import Array
+from coheft.estimation.geometry.spatial import Array
 from coheft.wire.config import AgentConfig
 
 
@@ -22,7 +22,7 @@ class SwaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Sway:
-    """Sways along a direction that this robot draws alone. See ``coheft.agents.motion.ReferenceMotion``."""
+    """Sways along a direction that this robot draws alone. See ``coheft.agents.motion.reference.ReferenceMotion``."""
 
     def __init__(self, config: AgentConfig) -> None:
         settings = msgspec.convert(config.motion_settings, SwaySettings)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.chapter import Chapter
 from coheft.estimation.moments.fit import Estimate, fitted
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
@@ -13,8 +14,7 @@ from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.start import first_load, first_poses
 from coheft.estimation.moments.unknowns import State, Unknowns
-from coheft.estimation.rigid_body import PACKED_COLUMNS, PACKED_ROWS
-from coheft.estimation.spatial import Array, Pose
+from coheft.estimation.rigid_body.mass_properties import PACKED_COLUMNS, PACKED_ROWS
 from tests.estimation.moments.moving_team import NOISE, PERIOD, Team, misread, with_rates
 
 IDEAL = FitSettings(NOISE, PERIOD)

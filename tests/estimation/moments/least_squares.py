@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array, skew
 from coheft.estimation.moments.body import BodyModel, load_operator
 from coheft.estimation.moments.unknowns import State
-from coheft.estimation.spatial import Array, skew
 from tests.estimation.moments.moving_team import body_at, by_robot
 
 STEP = 1e-5

@@ -8,15 +8,15 @@ from functools import cached_property
 
 import numpy as np
 
-from coheft.estimation.body_motion import BODY_A, BODY_ALPHA, BODY_W, grasp_measurements
-from coheft.estimation.inertia import symmetric_products
+from coheft.estimation.geometry.body_motion import BODY_A, BODY_ALPHA, BODY_W, grasp_measurements
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.rows import ROW_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State, Unknowns
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array, Pose, rotation_exp
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.estimation.rigid_body.regressor import symmetric_products
 from tests.estimation.team import body_motion, smooth
 
 PERIOD = 0.02

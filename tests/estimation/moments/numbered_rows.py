@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.moments import RowMoments
 from coheft.estimation.moments.row_buffer import RowBuffer
-from coheft.estimation.spatial import Array
 from tests.estimation.moments.moving_team import PERIOD
 
 SIZE = 5

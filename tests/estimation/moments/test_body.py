@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coheft.estimation.body_motion import grasp_measurements
-from coheft.estimation.inertia import symmetric_products
+from coheft.estimation.geometry.body_motion import grasp_measurements
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.moments.body import (
     ACCELERATIONS,
     FORCING,
@@ -19,7 +19,7 @@ from coheft.estimation.moments.body import (
 )
 from coheft.estimation.moments.rows import ROW_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
-from coheft.estimation.spatial import Array, Pose, rotation_exp
+from coheft.estimation.rigid_body.regressor import symmetric_products
 from tests.estimation.moments.moving_team import (
     ERRORS,
     EXACT,

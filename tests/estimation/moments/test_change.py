@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from coheft.estimation.chi_square import chi_square_threshold
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, REGRESSOR, BodyModel, residual_covariance
 from coheft.estimation.moments.change import FALSE_ALARM, Weights, likeliest_change, surprise
 from coheft.estimation.moments.chapter import Chapter
@@ -17,7 +18,6 @@ from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.rows import RowNoise
-from coheft.estimation.spatial import Array
 from tests.estimation.moments.fitting import IDEAL, Fitted, fit
 from tests.estimation.moments.moving_team import NOISE, Team, make_team
 

@@ -9,14 +9,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from coheft.estimation.body_motion import perturbation_between
+from coheft.estimation.geometry.body_motion import perturbation_between
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.moments import RowMoments
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.start import first_poses
 from coheft.estimation.moments.unknowns import THETA, State
-from coheft.estimation.spatial import Array, Pose
 from tests.estimation.moments.fitting import IDEAL, Fitted, add_rows, buffer_of, erring, fit, fit_from, normalised_error
 from tests.estimation.moments.moving_team import NOISE, PERIOD, Team, make_team
 

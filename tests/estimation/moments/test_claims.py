@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coheft.estimation.body_motion import perturbed
-from coheft.estimation.consistency import is_possible, nearest_possible
+from coheft.estimation.geometry.body_motion import perturbed
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.claims import CLAIM_LIMITS, Claim, claim_of
 from coheft.estimation.moments.evidence import Evidence
@@ -16,8 +16,8 @@ from coheft.estimation.moments.fit import Estimate, fitted
 from coheft.estimation.moments.fit_settings import Guess
 from coheft.estimation.moments.moments import RowMoments, seen_moments
 from coheft.estimation.moments.start import first_load
-from coheft.estimation.rigid_body import Inertia, pseudo_inertia
-from coheft.estimation.spatial import Array
+from coheft.estimation.rigid_body.consistency import is_possible, nearest_possible
+from coheft.estimation.rigid_body.mass_properties import Inertia, pseudo_inertia
 from tests.estimation.moments.fitting import IDEAL
 from tests.estimation.moments.moving_team import Team, make_team
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import (
     ACCELERATIONS,
     FORCING,
@@ -19,7 +20,6 @@ from coheft.estimation.moments.moments import wrench_places
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State
-from coheft.estimation.spatial import Array
 from tests.estimation.moments.moving_team import (
     ERRORS,
     EXACT,

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.evidence import Evidence
-from coheft.estimation.spatial import Array
 
 SIZE = 6
 WIDE = np.full(SIZE, 1e3)

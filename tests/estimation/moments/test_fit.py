@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.moments.body import FORCING, BodyModel, load_operator, residual_covariance
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate, fitted, noise_level
@@ -16,7 +17,6 @@ from coheft.estimation.moments.moments import RowMoments, seen_moments
 from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State, Unknowns
-from coheft.estimation.spatial import Array, Pose, rotation_exp
 from tests.estimation.moments.fitting import IDEAL, Fitted, buffer_of, erring, fit, fit_from, normalised_error
 from tests.estimation.moments.moving_team import NOISE, PERIOD, Team, make_team, with_rates
 

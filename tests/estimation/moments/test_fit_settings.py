@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coheft.estimation.inertia_estimate import middle_and_size
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.fit_settings import POSE_LIMITS, FitSettings, Guess
 from coheft.estimation.moments.moments import RowMoments
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import Unknowns
-from coheft.estimation.rigid_body import Inertia
-from coheft.estimation.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.estimation.rigid_body.unseen import middle_and_size
 from tests.estimation.moments.fitting import IDEAL
 from tests.estimation.moments.moving_team import ERRORS, LATE, NOISE, PERIOD, make_team
 

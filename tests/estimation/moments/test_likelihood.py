@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.moments.body import FORCING, BodyModel, residual_covariance
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
@@ -12,7 +13,6 @@ from coheft.estimation.moments.likelihood import information_table, motion_evide
 from coheft.estimation.moments.moments import RowMoments, seen_moments
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State
-from coheft.estimation.spatial import Array, Pose, rotation_exp
 from tests.estimation.moments.least_squares import STEP, jacobian_of_motion, jacobian_of_wrench, moved, wrench_residuals
 from tests.estimation.moments.moving_team import (
     ERRORS,

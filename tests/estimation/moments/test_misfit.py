@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, REGRESSOR, BodyModel, load_operator, residual_covariance
 from coheft.estimation.moments.misfit import WINDOWS, Explanations, Settled, excess_energy, explanations, worst_misfit
 from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.rows import RowNoise
-from coheft.estimation.spatial import Array
 from tests.estimation.moments.moving_team import NOISE, Team, body_at, make_team
 
 KNOWN: Array = 1e-4 * np.eye(10)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING, BodyModel
 from coheft.estimation.moments.moments import (
     MotionMoments,
@@ -18,7 +19,6 @@ from coheft.estimation.moments.moments import (
 from coheft.estimation.moments.projected import ProjectedMoments
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
-from coheft.estimation.spatial import Array
 from tests.estimation.moments.moving_team import (
     ERRORS,
     EXACT,

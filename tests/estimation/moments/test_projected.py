@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.moments import RowMoments, seen_moments, wrench_places
 from coheft.estimation.moments.projected import ProjectedMoments, motion_then_to_now
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State, Unknowns
-from coheft.estimation.spatial import Array
 from tests.estimation.moments.moving_team import ERRORS, EXACT, LATE, body_at, extended_for, make_team, with_errors
 
 EVERY = pytest.mark.parametrize("errors", [EXACT, ERRORS, LATE], ids=["exact", "errors", "late"])

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.rows import (
     KINEMATICS,
@@ -21,8 +22,7 @@ from coheft.estimation.moments.rows import (
     row_of_samples,
     rows_per_block,
 )
-from coheft.estimation.rigid_body import unpack_symmetric
-from coheft.estimation.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import unpack_symmetric
 from tests.rigid_motions import vectors
 
 RATE = 500.0

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from coheft.estimation.inertia import symmetric_products
+from coheft.estimation.geometry.spatial import Array, rotation_exp
 from coheft.estimation.moments.rows import PRODUCTS, ROW_SIZE, SLOPE, A, V, W
 from coheft.estimation.moments.sensor_errors import KINDS, ONE, RATES, SensorErrors
-from coheft.estimation.spatial import Array, rotation_exp
+from coheft.estimation.rigid_body.regressor import symmetric_products
 
 FORCE, TORQUE = slice(12, 15), slice(15, 18)
 SENSORS = {"gyro": W, "velocity": V, "acceleration": A, "force": FORCE, "torque": TORQUE}

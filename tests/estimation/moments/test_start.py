@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coheft.estimation.body_motion import perturbation_between
+from coheft.estimation.geometry.body_motion import perturbation_between
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.moments import RowMoments, seen_moments
 from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.start import first_load, first_poses
 from coheft.estimation.moments.unknowns import State
-from coheft.estimation.spatial import Array, Pose
 from tests.estimation.moments.fitting import IDEAL
 from tests.estimation.moments.moving_team import EXACT, NOISE, PERIOD, Team, make_team
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coheft.estimation.body_motion import perturbation_between, perturbed
+from coheft.estimation.geometry.body_motion import perturbation_between, perturbed
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import LOAD_SIZE, OFFSET, THETA, State, Unknowns
-from coheft.estimation.spatial import Array
 from tests.estimation.moments.moving_team import ERRORS, EXACT, LATE, make_team
 
 EVERY = pytest.mark.parametrize("errors", [EXACT, ERRORS, LATE], ids=["exact", "errors", "late"])

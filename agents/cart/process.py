@@ -1,0 +1,161 @@
+"""One pusher of a cart in a process of its own: the pure core with its links.
+
+``python -m coheft.agents.cart.process`` reads a ``CartAgentProcessConfig`` from stdin.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from typing import NoReturn
+
+import numpy as np
+from msgspec import structs
+
+from coheft.agents.cart.agent import CartAgent
+from coheft.agents.cart.sums import CHANNELS
+from coheft.agents.inbox import is_possible
+from coheft.agents.process.links import HELLO_PERIOD, AgentLinks, open_links
+from coheft.errors import LinkError, MessageError
+from coheft.wire.cart.config import CartAgentConfig, CartAgentProcessConfig
+from coheft.wire.cart.messages import CartMeasurement, CartMessage
+from coheft.wire.messages.codec import check_array, check_field
+from coheft.wire.messages.structs import Hello, Message, Ready
+from coheft.wire.process.supervised import supervised_main
+from coheft.wire.transport.inbox import Event, LinkChange
+
+_LARGEST = 1e12
+"""No number of a sum that is under way is as large as this."""
+
+
+class CartAgentProcess:
+    """A pusher and its links.
+
+    At sample k the pusher steps with its measurement k and its neighbours' messages k - 1.
+    """
+
+    def __init__(self, config: CartAgentConfig, links: AgentLinks) -> None:
+        self._config = config
+        self._links = links
+        self._agent = CartAgent(config)
+        self._block = 0
+        self._measurements: deque[CartMeasurement] = deque()
+        self._next_measurement = 0
+        self._messages: dict[int, dict[str, CartMessage]] = {}
+        self._heard: set[str] = set()
+        self._heard_by: set[str] = set()
+
+    def run(self) -> None:
+        """Meet the neighbours, then answer sample after sample.
+
+        Raises:
+            LinkError: The link with the server is lost.
+            Stopped: The server said so.
+        """
+        self._meet()
+        while True:
+            self._answer()
+
+    def _meet(self) -> None:
+        """Say hello until all neighbours hear us, then ready, both until the first sample comes."""
+        next_hello = time.monotonic()
+        while not self._measurements:
+            wait = next_hello - time.monotonic()
+            if wait > 0.0:
+                self._handle(self._links.receive(wait))
+                continue
+            self._links.hello.send(Hello(sender=self._config.name, heard=sorted(self._heard)))
+            if self._heard_by.issuperset(self._config.neighbours):
+                self._links.ready.send(Ready(robot=self._config.name))
+            next_hello = time.monotonic() + HELLO_PERIOD
+
+    def _answer(self) -> None:
+        """Wait for all that belongs to one sample, step, and say what came of it."""
+        expected = set(self._config.neighbours) if self._block > 0 else set()
+        while not self._measurements or expected - self._messages.get(self._block - 1, {}).keys():
+            self._handle(self._links.receive())
+        heard = self._messages.pop(self._block - 1, {})
+        outbox = self._agent.step(self._measurements.popleft(), list(heard.values()))
+        self._block += 1
+        self._links.message.send(outbox.message)
+        self._links.reference.send(outbox.push)
+        if outbox.estimate is not None:
+            self._links.estimate.send(structs.replace(outbox.estimate, problems=self._links.problems.count))
+
+    def _handle(self, event: Event | None) -> None:
+        """Take in whatever came.
+
+        Raises:
+            LinkError: The link with the server is lost.
+            Stopped: The server said so.
+        """
+        match self._links.sort(event, self._take):
+            case LinkChange(source, links=0):
+                raise LinkError(f"{self._config.name} lost its link with {source} at sample {self._block}")
+
+    def _take(self, source: str, message: Message) -> None:
+        """Put a message where it is waited for.
+
+        Raises:
+            MessageError: Nobody waits for it.
+        """
+        match message:
+            case CartMeasurement():
+                check_field("robot", message.robot, self._config.name)
+                check_field("block", message.block, self._next_measurement)
+                check_array(message.motion, (6,), "motion")
+                check_array(message.wrench, (3,), "wrench")
+                check_array(message.hand, (2,), "hand")
+                self._measurements.append(message)
+                self._next_measurement += 1
+            case CartMessage():
+                self._check_message(source, message)
+                self._messages.setdefault(message.block, {})[source] = message
+            case Hello():
+                check_field("sender", message.sender, source)
+                self._heard.add(source)
+                if self._config.name in message.heard:
+                    self._heard_by.add(source)
+
+    def _check_message(self, source: str, message: CartMessage) -> None:
+        check_field("sender", message.sender, source)
+        # A neighbour needs our message of a sample to get past the next one, so it is at most one ahead.
+        expected = [b for b in (self._block - 1, self._block) if b >= 0 and source not in self._messages.get(b, {})]
+        if message.block not in expected:
+            raise MessageError(f"block is {message.block} but expected one of {expected}")
+        check_content(message)
+
+
+def check_content(message: CartMessage) -> None:
+    """Check what a pusher says of sums and of others.
+
+    Raises:
+        MessageError: It cannot be used.
+    """
+    rounds = message.valid.size
+    check_array(message.valid, (rounds,), "valid")
+    check_array(message.stages, (rounds, 1, CHANNELS), "stages")
+    if not np.abs(message.stages).max(initial=0.0) < _LARGEST:  # false for what is not a number, too
+        raise MessageError(f"stages hold numbers that are not finite, or not below {_LARGEST:g}")
+    impossible = [record.robot for record in message.gossip if not is_possible(record)]
+    if impossible:
+        raise MessageError(f"what it says about {impossible[0]!r} is impossible")
+
+
+def run_agent(config: CartAgentProcessConfig) -> None:
+    """Run a pusher until the server says stop.
+
+    Raises:
+        LinkError: Somebody listens at one of its endpoints already, or the link with the server is lost.
+    """
+    with open_links(config, CartMeasurement, CartMessage) as links:
+        CartAgentProcess(config.agent, links).run()
+
+
+def main() -> NoReturn:
+    """Run the pusher whose configuration comes on stdin."""
+    supervised_main(CartAgentProcessConfig, run_agent)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,172 @@
+"""The seed paper's method: Fan et al., sections V to VII, for one robot.
+
+First, relative poses of the neighbours by dual-quaternion least squares. When everybody's have converged, the poses are
+frozen and the inertial phase begins: total wrench and angular acceleration by dynamic consensus, mass properties by
+joint least squares with forgetting, and consensus over the robots' estimates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from coheft.agents.estimator import Belief, Channels, is_converged
+from coheft.agents.fan2017 import kinematics
+from coheft.agents.fan2017.inertial_phase import SeedSums
+from coheft.agents.fan2017.load_changes import LoadChanges
+from coheft.consensus.gossip import Gossip
+from coheft.consensus.graph import Neighbours
+from coheft.estimation.fan2017.pose_rls import PoseRls
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.geometry.uncertain_pose import UncertainPose
+from coheft.estimation.measurement import KINEMATICS, MeasurementBlock
+from coheft.wire.config import AgentConfig
+
+_SOLVE_EVERY = 5
+"""Blocks per solution of a pose filter: poses do not change, and solving costs more than taking in."""
+
+_UNSEEN_DEG = 20.0
+"""A pose whose rotation is less certain than this is not worth a number [degrees]."""
+
+
+class SeedEstimator:
+    """One robot's share of the seed method. See ``coheft.agents.estimator.Estimator``."""
+
+    def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
+        self._config = config
+        self._settings = config.seed_method
+        self._gossip = gossip
+        self._load_changes = LoadChanges(config)
+        # Of neighbours while both hold the load. Both ends of an edge run the same filter on the same numbers, if none
+        # are lost, and take each other's inverse: so the transports of an edge are exactly inverse to each other, as
+        # Proposition 3 demands.
+        self._filters: dict[str, PoseRls] = {}
+        self._holds: dict[str, tuple[int, int]] = {}
+        self._blocks: dict[int, Array] = {}
+        self._inertial_phase: SeedSums | None = None
+        self._started = -1
+        """The block after which the sums started last."""
+        self._team = 0
+        self._index = -1
+
+    def step(self, index: int, own: MeasurementBlock | None, inbox: Mapping[str, Channels]) -> dict[str, Array]:
+        """See ``Estimator.step``."""
+        previous = self._blocks.get(index - 1)
+        heard = {name: told[kinematics.CHANNEL] for name, told in inbox.items() if kinematics.CHANNEL in told}
+        self._follow_holds()
+        if previous is not None:
+            for name in heard.keys() & self._filters.keys():
+                if index - 1 >= max(self._holds[name]):  # else one of them was still elsewhere
+                    self._update_pose(name, previous[:, :6], heard[name][:, :6])
+        if own is not None:
+            self._blocks[index] = own.samples
+        kept = index - self._settings.rounds - 3
+        self._blocks = {block: rows for block, rows in self._blocks.items() if block > kept}
+        sent = {} if own is None else {kinematics.CHANNEL: own.samples[:, KINEMATICS]}
+
+        if self._gossip.membership != self._team:  # one of its members started again, let go, or took hold
+            self._team, self._inertial_phase = self._gossip.membership, None
+        self._index = index
+        graph, start = self._gossip.graph, self._gossip.start_block
+        if graph is None or self._config.name not in graph:
+            return sent
+        if start is None or index <= start:
+            self._announce_poses(index, graph)
+            return sent
+        if self._inertial_phase is None:
+            estimates = self._poses()
+            poses = {name: estimates[name].pose for name in graph[self._config.name]}
+            self._inertial_phase = SeedSums(self._config, graph, poses, self._load_changes)
+        elif start != self._started:
+            self._inertial_phase.start_sums()
+        self._started = start
+        self._inertial_phase.step(index, self._blocks, heard, inbox)
+        if self._inertial_phase.is_broken:
+            self._announce_start(index, graph)
+        return sent | self._inertial_phase.channels()
+
+    def _follow_holds(self) -> None:
+        """Whoever takes hold again may do so elsewhere: its pose is found anew."""
+        own = self._gossip.own
+        for name in self._config.neighbours:
+            record = self._gossip.records.get(name)
+            if record is None or not (record.holding and own.holding):
+                self._filters.pop(name, None)
+                self._holds.pop(name, None)
+            elif self._holds.get(name) != (hold := (record.since, own.since)):
+                self._holds[name], self._filters[name] = hold, PoseRls(self._config.noise, solve_every=_SOLVE_EVERY)
+
+    def fits(self, channels: Channels) -> bool:
+        """See ``Estimator.fits``."""
+        return kinematics.are_readable(channels, self._config.block)
+
+    def belief(self) -> Belief:
+        """See ``Estimator.belief``."""
+        poses = self._poses()
+        missing = tuple(
+            f"pose of {name}: {_in_words(pose)}; the payload has to turn more, about at least two axes"
+            for name, pose in sorted(poses.items())
+            if not self._is_known(pose)
+        )
+        phase = self._inertial_phase
+        if phase is None:
+            return Belief("poses", False, None, poses, not_observable=missing, load_changes=self._load_changes.notices)
+        payload = phase.payload()
+        return Belief(
+            phase="inertia",
+            converged=payload is not None and is_converged(payload, self._config.converged),
+            payload=payload,
+            poses=poses,
+            total_block=phase.newest,
+            total_wrench=phase.total_wrench,
+            not_observable=missing,
+            load_changes=self._load_changes.notices,
+            learned_block=phase.newest,
+        )
+
+    def doubts(self) -> tuple[str, ...]:
+        """See ``Estimator.doubts``."""
+        phase = self._inertial_phase
+        if phase is None:
+            return ("the team's sums have not begun",)
+        if phase.newest < 0:
+            return ("the team's sums have just begun",)
+        gap = phase.gap(self._index + 1)
+        return () if gap is None else (gap,)
+
+    def _update_pose(self, name: str, own: Array, other: Array) -> None:
+        if self._config.name < name:
+            self._filters[name].update(own, other)
+        else:
+            self._filters[name].update(other, own)
+
+    def _poses(self) -> dict[str, UncertainPose]:
+        """Estimates of ``pose_j_in_i`` by neighbour."""
+        own_name = self._config.name
+        return {
+            name: pose.estimate if own_name < name else pose.estimate.inverse() for name, pose in self._filters.items()
+        }
+
+    def _is_known(self, pose: UncertainPose) -> bool:
+        return bool(
+            np.degrees(pose.rotation_std) < self._settings.pose_rotation_deg
+            and 1e3 * pose.translation_std < self._settings.pose_translation_mm
+        )
+
+    def _announce_poses(self, index: int, graph: Neighbours) -> None:
+        """Once all poses are known, offer a start."""
+        poses = self._poses()
+        if not self._gossip.is_ready and all(self._is_known(poses[name]) for name in graph[self._config.name]):
+            self._announce_start(index, graph)
+
+    def _announce_start(self, index: int, graph: Neighbours) -> None:
+        """Offer a start of the sums that lies far enough ahead for everybody to hear of it in time."""
+        self._gossip.announce_ready(index + 2 * len(graph))
+
+
+def _in_words(pose: UncertainPose) -> str:
+    degrees, millimetres = np.degrees(pose.rotation_std), 1e3 * pose.translation_std
+    if degrees > _UNSEEN_DEG:
+        return "not seen yet"
+    return f"known to {degrees:.2g} degrees and {millimetres:.0f} mm only"

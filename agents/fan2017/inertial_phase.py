@@ -1,0 +1,236 @@
+"""The seed paper's inertial phase: Fan et al., sections VI and VII, for one robot.
+
+Total wrench and angular acceleration by dynamic consensus, mass properties by joint least squares with forgetting, and
+consensus over the robots' estimates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from coheft.agents.estimator import Channels
+from coheft.agents.fan2017.load_changes import LoadChanges
+from coheft.consensus.dynamic import DynamicConsensus
+from coheft.consensus.graph import Neighbours, metropolis_weight
+from coheft.consensus.pipeline import NeighbourStages
+from coheft.estimation.fan2017.angular_acceleration import AngularAcceleration, gyro_derivative
+from coheft.estimation.fan2017.joint_rls import JointRls
+from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.rigid_body.consistency import is_possible, nearest_possible
+from coheft.estimation.rigid_body.derivatives import barycentric_derivative
+from coheft.estimation.rigid_body.mass_properties import Inertia, packed_rotation, unpack_symmetric
+from coheft.wire.config import AgentConfig
+from coheft.wire.messages.structs import PayloadEstimate
+
+_SAMPLE_CHANNELS = 10
+"""Per sample: total force and torque, angular acceleration, and 1 where these were measured or 0 where made up."""
+_PARAMETER_CHANNELS = 11
+"""Per block: 1/m, the constant 1 that makes points linear, h, J."""
+_START = np.array([1.0, 1.0] + [0.0] * 9)
+"""Before the first estimate: 1 kg, and h at the own grasp, so that the consensus on h is the centre of the grasps."""
+
+_SURPRISE = 9.0
+"""A block is surprising when the mean square of its normalised residuals is so many times the usual one."""
+_SURPRISED_BLOCKS = 2
+"""So many surprising blocks in a row are a load change."""
+_SETTLED = 1.0
+"""None is noticed so soon after the filter has started or noticed one [s]."""
+_PATIENCE = 0.25
+"""After so long without a complete sum, the load may have changed unnoticed [s]."""
+
+
+class SeedSums:
+    """Sums over the network, and the joint filter fed by them; poses and team no longer change.
+
+    Args:
+        config: The robot's settings.
+        graph: Of all robots that hold the load.
+        poses_j_in_i: Of its neighbours among them, by name.
+        load_changes: Told of those that are noticed.
+
+    Attributes:
+        newest: The newest block whose totals have come, -1 while there is none.
+        total_wrench: Total wrench (6,) about the origin of ``F_i`` at the last sample of the newest one.
+    """
+
+    def __init__(
+        self, config: AgentConfig, graph: Neighbours, poses_j_in_i: Mapping[str, Pose], load_changes: LoadChanges
+    ) -> None:
+        self._config = config
+        self._rounds = config.seed_method.rounds
+        self._poses = dict(sorted(poses_j_in_i.items()))
+        self._members = len(graph)
+        degree = len(graph[config.name])
+        self._gains = {name: metropolis_weight(degree, len(graph[name])) for name in self._poses}
+        self._transports = {name: _transports(pose) for name, pose in self._poses.items()}
+        self._acceleration = AngularAcceleration(list(self._poses.values()), config.noise, config.rate)
+        self._inputs = np.zeros((config.block, _SAMPLE_CHANNELS))
+        self._agreed = _START
+        self._filter: JointRls | None = None
+        self._surprised = 0
+        self._quiet_until = np.inf
+        self.newest = -1
+        self.total_wrench = np.zeros(6)
+        self._load_changes = load_changes
+        self.start_sums()
+
+    def start_sums(self) -> None:
+        """Start the sums, or start them anew after a loss; what was estimated so far stays."""
+        self._sums = DynamicConsensus(self._rounds, self._config.block, _SAMPLE_CHANNELS)
+        self._parameters = DynamicConsensus(1, 1, _PARAMETER_CHANNELS)
+        self._next: int | None = None
+
+    @property
+    def is_broken(self) -> bool:
+        """Whether a neighbour's message was lost, so that everybody has to start the sums anew."""
+        return self._sums.is_broken or self._parameters.is_broken
+
+    def step(
+        self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array], inbox: Mapping[str, Channels]
+    ) -> None:
+        """Let block ``index - 1`` enter the sums, and take in the one that leaves them."""
+        if self._next not in (None, index):
+            self._sums.pipeline.clear()
+            self._parameters.pipeline.clear()
+        self._next = index + 1
+        self._inputs = self._inputs_of(index - 1, blocks, heard)
+        finished = self._sums.step(self._inputs, self._stages(inbox, "sums", 0, self._rounds))
+        leaving = index - 1 - self._rounds
+        if finished is not None and leaving in blocks and self._is_measured(finished):
+            self._take_in(leaving, index, blocks[leaving], finished)
+        own = _START if self._filter is None else _parameters(self._filter.theta)
+        agreed = self._parameters.step(own[None], self._stages(inbox, "parameters", 1, 1))
+        if agreed is not None:
+            self._agreed = agreed[0]
+
+    def channels(self) -> dict[str, Array]:
+        """What to send to the neighbours."""
+        sums, parameters = self._sums.pipeline, self._parameters.pipeline
+        return {
+            "sums": sums.stages.copy(),
+            "sums_valid": sums.valid.astype(np.float64),
+            "parameters": parameters.stages.copy(),
+            "parameters_valid": parameters.valid.astype(np.float64),
+        }
+
+    def payload(self) -> PayloadEstimate | None:
+        """The robots' agreed estimate, with the covariance of this robot's own and what the two differ by.
+
+        While the agreement is under way, the difference tells how far it has come. It counts as two standard
+        deviations: that far an own estimate often is from a good agreement.
+        """
+        if self._filter is None or self._agreed[0] <= 0.0 or self._filter.theta[9] <= 0.0:
+            return None
+        agreed, own = (_payload_parameters(values) for values in (self._agreed, _parameters(self._filter.theta)))
+        order = [9, 6, 7, 8, 0, 1, 2, 3, 4, 5]  # (J, h, 1/m) to (m, h, J)
+        covariance = self._filter.covariance[np.ix_(order, order)]
+        covariance[0] *= -(agreed[0] ** 2)
+        covariance[:, 0] *= -(agreed[0] ** 2)
+        covariance += 0.25 * np.outer(agreed - own, agreed - own)
+        raw = Inertia(float(agreed[0]), agreed[1:4], unpack_symmetric(agreed[4:]))
+        inertia = self._possible(raw, covariance)
+        return PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, covariance)
+
+    def _possible(self, raw: Inertia, covariance: Array) -> Inertia:
+        """The likeliest body that can exist: nobody is to be told of one that cannot."""
+        parameters = raw.barycentric()
+        if is_possible(parameters):
+            return raw
+        derivative = barycentric_derivative(raw)
+        information = np.linalg.inv(derivative @ covariance @ derivative.T).astype(np.float64)
+        length = np.sqrt(np.mean([pose.translation @ pose.translation for pose in self._poses.values()]))
+        return Inertia.from_barycentric(nearest_possible(parameters, information, float(length)))
+
+    def _inputs_of(self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array]) -> Array:
+        """This robot's wrench and angular acceleration of a block; the last ones if a measurement is missing."""
+        near = [blocks.get(index + offset) for offset in (-1, 0, 1)]
+        if any(block is None for block in near) or not heard.keys() >= self._poses.keys():
+            made_up = self._inputs.copy()
+            made_up[:, 9] = 0.0
+            return made_up
+        before, block, after = (block for block in near if block is not None)
+        derivative = gyro_derivative(before[-1, :3], block[:, :3], after[0, :3], self._config.rate)
+        others = [heard[name][:, 6:9] for name in self._poses]
+        alpha = self._acceleration.estimate(derivative, block[:, :3], block[:, 6:9], others)
+        return np.hstack([block[:, 9:15], alpha, np.ones((len(block), 1))])
+
+    def _is_measured(self, average: Array) -> bool:
+        """Whether nobody's share in a block was made up: what is made up spreads just as the sums that it spoils."""
+        return bool(average[:, 9].min() > 1.0 - 0.5 / self._members)
+
+    def _stages(self, inbox: Mapping[str, Channels], channel: str, which: int, rounds: int) -> list[NeighbourStages]:
+        """The neighbours' stages of one of the two consensuses, with their transports."""
+        stages = []
+        for name, transports in self._transports.items():
+            channels = inbox.get(name, {})
+            valid = channels.get(f"{channel}_valid")
+            stages.append(
+                NeighbourStages(
+                    transport=transports[which],
+                    gains=np.full(rounds, self._gains[name]),
+                    stages=channels.get(channel),
+                    valid=None if valid is None else valid > 0.5,
+                )
+            )
+        return stages
+
+    def gap(self, block: int) -> str | None:
+        """Why the load may have changed unnoticed by now, the start of a block; None if it cannot have."""
+        if block - 1 - self._rounds - self.newest <= self._config.blocks(_PATIENCE):
+            return None
+        return f"no complete sum of the team since {self._config.start_of(self.newest + 1):.2f} s"
+
+    def _take_in(self, leaving: int, index: int, samples: Array, average: Array) -> None:
+        total = self._members * average[:, :6]
+        self.newest = leaving
+        self.total_wrench = total[-1]
+        if self._filter is None:
+            self._filter = self._new_filter(centre=self._agreed[2:5])
+            self._quiet_until = self._config.start_of(index) + _SETTLED
+        self._filter.update(samples[:, :3], samples[:, 6:9], average[:, 6:9], total[:, :3], total[:, 3:])
+        self._watch_for_change(leaving, index, self._filter.surprise)
+
+    def _watch_for_change(self, leaving: int, index: int, surprise: float) -> None:
+        self._surprised = self._surprised + 1 if surprise > _SURPRISE else 0
+        if self._surprised >= _SURPRISED_BLOCKS and self._config.start_of(index) > self._quiet_until:
+            self._load_changes.notice(leaving + 1 - self._surprised, index, within=0)
+            self._quiet_until = self._config.start_of(index) + self._config.seed_method.memory + _SETTLED
+
+    def _new_filter(self, centre: Array) -> JointRls:
+        """The joint filter; lever arms and accelerations that it cannot know are taken to be like its neighbours'."""
+        noise, n = self._config.noise, self._members
+        wrench_covariance = np.diag(np.repeat([n * noise.force**2, n * noise.torque**2], 3))
+        for pose in self._poses.values():
+            arm = skew(pose.translation)
+            wrench_covariance[3:, 3:] += n / len(self._poses) * noise.force**2 * arm @ arm.T
+        motion_covariance = np.zeros((6, 6))
+        motion_covariance[:3, :3] = noise.acceleration**2 * np.eye(3)
+        shared = min(1.0, (len(self._poses) + 1) / n)  # each accelerometer serves its owner and its neighbours
+        motion_covariance[3:, 3:] = shared * self._acceleration.covariance
+        forgetting = 1.0 - 1.0 / (self._config.seed_method.memory * self._config.rate)
+        return JointRls(centre, wrench_covariance, motion_covariance, forgetting)
+
+
+def _transports(pose_j_in_i: Pose) -> tuple[Array, Array]:
+    """``X_ij`` of samples (wrench, angular acceleration, 1) and of parameters (1/m, 1, h, J)."""
+    rotation = pose_j_in_i.rotation
+    samples = np.eye(_SAMPLE_CHANNELS)
+    samples[:6, :6] = pose_j_in_i.adjoint()
+    samples[6:9, 6:9] = rotation
+    parameters = np.eye(_PARAMETER_CHANNELS)
+    parameters[2:5, 1] = pose_j_in_i.translation
+    parameters[2:5, 2:5] = rotation
+    parameters[5:, 5:] = packed_rotation(rotation)
+    return samples, parameters
+
+
+def _parameters(theta: Array) -> Array:
+    """``(1/m, 1, h, J)`` of ``(J, h, 1/m)``."""
+    return np.concatenate([theta[9:], [1.0], theta[6:9], theta[:6]])
+
+
+def _payload_parameters(parameters: Array) -> Array:
+    """``(m, h, J)`` of ``(1/m, 1, h, J)``."""
+    return np.concatenate([1.0 / parameters[:1], parameters[2:]])

@@ -1,0 +1,161 @@
+"""One robot's part in carrying the load along a common path, with what it knows of the load.
+
+The robot knows its own pose in the grasp frame of the first robot, so it knows how its own grasp has to move. It knows
+mass, centre of mass and inertia in its own frame, so it knows what total wrench moves the load like that; and it knows
+where everybody holds it, so it knows its own share. Its accelerometer says where up is. Nobody has to be asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from coheft.agents.motion.common_path import CommonPath
+from coheft.agents.motion.reference import ReferenceMotion
+from coheft.estimation.geometry.carried_motion import CarriedMotion, carried_motion
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
+from coheft.estimation.measurement import ACCELERATION
+from coheft.estimation.rigid_body.feedforward import load_shares, weight_deviations
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.estimation.rigid_body.unseen import middle_and_size
+from coheft.wire.config import AgentConfig
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.scenario.carry import Carry
+
+_STEP = 1e-3
+"""Between times of which the rates are compared, to find accelerations [s]."""
+_WELL_KNOWN = 0.03
+"""An estimate is used when the standard deviations of the force and the torque that hold the load are less than this
+share of its weight, and of its weight at a lever as long as the team is large."""
+_CHANGE_TIME = 0.1
+"""In about this time a new estimate takes the place of the one before [s]."""
+_LEVEL_TIME = 1.0
+"""Time over which the accelerometer is averaged [s]."""
+
+
+class Carrier:
+    """What one robot's arm shall do.
+
+    An estimate that is doubted, or not known well, is not used: the last good one stays. So do the poses of a team that
+    is no more, until there is another one.
+
+    Args:
+        config: The agent's settings.
+        carry: The path.
+        alone: How the robot moves before the common path begins.
+    """
+
+    def __init__(self, config: AgentConfig, carry: Carry, alone: ReferenceMotion) -> None:
+        self._config = config
+        self._carry = carry
+        self._alone = alone
+        self._path: CommonPath | None = None
+        self._pose_in_ref = Pose.identity()
+        self._share = np.zeros((6, 6))
+        self._size = 0.0
+        # Proper acceleration of a frame at rest, in the axes of the home frame, and its number of blocks.
+        self._lift = np.zeros(3)
+        self._lift_blocks = 0
+        self._load: Inertia | None = None
+        self._used = np.zeros(10)
+
+    def learn(self, index: int, estimate: Estimate, grasps: Mapping[str, Pose]) -> None:
+        """Take in what is known after a block.
+
+        Args:
+            index: Its number.
+            estimate: What the robot says of it.
+            grasps: ``pose_j_in_ref`` of all robots that hold the load.
+        """
+        own = self._config.name
+        if estimate.status != "valid" or own not in grasps:
+            return
+        self._pose_in_ref = grasps[own]
+        poses = [self._pose_in_ref.inverse() @ pose for pose in grasps.values()]
+        self._share = load_shares(poses)[list(grasps).index(own)]
+        _, self._size = middle_and_size(poses)
+        if self._path is None:
+            start = max(self._carry.start, self._config.start_of(index + 1 + self._config.lag))
+            self._path = CommonPath(self._carry, start)
+        self._weigh(self._path, index, estimate)
+
+    def _weigh(self, path: CommonPath, index: int, estimate: Estimate) -> None:
+        """Use the load of an estimate, if it is known well enough at the attitude at which it would be used first."""
+        payload = estimate.payload
+        if payload is None or payload.com is None:
+            return
+        rotation, _, _, _ = self._middle(path, index + self._config.lag)
+        weight = payload.mass * float(np.linalg.norm(self._lift))
+        force, torque = weight_deviations(payload.mass, payload.covariance, rotation.T @ self._lift)
+        if weight == 0.0 or max(force, torque / self._size) > _WELL_KNOWN * weight:
+            return
+        before = np.zeros((3, 3)) if self._load is None else self._load.tensor
+        self._load = Inertia(payload.mass, payload.com, before if payload.tensor is None else payload.tensor)
+
+    def step(self, index: int, samples: Array | None) -> tuple[Array, Array]:
+        """What the arm shall do ``lag`` blocks after this one: ``motion`` and ``wrench`` of a ``Reference``.
+
+        Args:
+            index: The block's number.
+            samples: Own measurements, shape (B, 15); None if they are unusable.
+        """
+        ahead = index + self._config.lag
+        alone = self._alone.reference(ahead)
+        if self._path is None:
+            return alone, np.zeros(6)
+        if samples is not None and self._config.start_of(index) >= self._path.full_from:
+            self._find_up(index, samples)
+        time = self._times(ahead)
+        common = self._motion(self._path, time)
+        share, share_rate = self._path.share(time)
+        fading = np.hstack(
+            [(1.0 - share) * alone[:, :6], (1.0 - share) * alone[:, 6:] - share_rate * alone[:, :6]],
+        )
+        together = np.hstack([common.rotation, common.position, common.rotation_rate, common.velocity])
+        return fading + together, self._wrench(self._path, ahead)
+
+    def _find_up(self, index: int, samples: Array) -> None:
+        """While the load goes where it should, what the accelerometer reads beyond that is what holds it up."""
+        assert self._path is not None
+        rotation, acceleration, _, _ = self._middle(self._path, index)
+        read = rotation @ samples[:, ACCELERATION].mean(axis=0) - acceleration
+        self._lift_blocks += 1
+        self._lift += (read - self._lift) / min(self._lift_blocks, self._config.blocks(_LEVEL_TIME))
+
+    def _wrench(self, path: CommonPath, block: int) -> Array:
+        """The robot's share of what moves the load in the middle of a block, ``(f, t)`` in ``F_i``, shape (6,)."""
+        carry = self._carry
+        is_on = carry.feedforward and self._config.start_of(block) >= carry.feedforward_at
+        is_level = self._lift_blocks >= self._config.blocks(_LEVEL_TIME)
+        if not is_on or not is_level or self._load is None:
+            return np.zeros(6)
+        faster = self._config.blocks(_CHANGE_TIME)
+        self._used += (self._load.barycentric() - self._used) / faster
+        rotation, acceleration, w, alpha = self._middle(path, block)
+        load = Inertia.from_barycentric(self._used)
+        total = load.wrench(rotation.T @ w, rotation.T @ (acceleration + self._lift), rotation.T @ alpha)
+        return self._limited(self._share @ total)
+
+    def _limited(self, wrench: Array) -> Array:
+        """The wrench, made smaller as a whole until the arm can exert it."""
+        force, torque = float(np.linalg.norm(wrench[:3])), float(np.linalg.norm(wrench[3:]))
+        return wrench / max(1.0, force / self._carry.force_limit, torque / self._carry.torque_limit)
+
+    def _middle(self, path: CommonPath, block: int) -> tuple[Array, Array, Array, Array]:
+        """Of ``F_i`` in the middle of a block, in the axes of its home frame.
+
+        Returns:
+            Orientation (3, 3), acceleration of the origin, angular velocity and acceleration, each (3,).
+        """
+        middle = self._config.start_of(block) + 0.5 * (self._config.block - 1) / self._config.rate
+        motion = self._motion(path, middle + _STEP * np.array([-1.0, 0.0, 1.0]))
+        acceleration = (motion.velocity[2] - motion.velocity[0]) / (2.0 * _STEP)
+        alpha = (motion.w[2] - motion.w[0]) / (2.0 * _STEP)
+        return rotation_exp(motion.rotation[1]), acceleration, motion.w[1], alpha
+
+    def _motion(self, path: CommonPath, time: Array) -> CarriedMotion:
+        return carried_motion(*path.displacement(time), self._pose_in_ref)
+
+    def _times(self, block: int) -> Array:
+        return self._config.start_of(block) + np.arange(self._config.block) / self._config.rate

@@ -1,0 +1,56 @@
+"""Makes estimators and motions of the user's own, and checks that an agent can work with them."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+from coheft.errors import CoheftError, PluginError
+from coheft.wire.scenario.plugins import Kind, load_plugin, told
+
+
+def make_own(kind: Kind, name: str, protocol: type, *arguments: object) -> Any:
+    """Make what an installed package offers under a name.
+
+    Args:
+        kind: Which kind of thing.
+        name: Of its entry point, and of the table of its settings.
+        protocol: Whose methods it must have.
+        arguments: What it is made from.
+
+    Raises:
+        PluginError: It cannot be imported or made, or lacks a method.
+    """
+    factory = load_plugin(kind, name)
+    try:
+        made = factory(*arguments)
+    except CoheftError:
+        raise
+    except Exception as error:  # whatever somebody else's code raises
+        raise PluginError(
+            f"the {kind} {name!r} cannot be made from {', '.join(type(a).__name__ for a in arguments)}, or not with "
+            f"the settings in [settings.{name}]: {told(error, getattr(factory, '__module__', ''))}"
+        ) from error
+    for method, expected in inspect.getmembers(protocol, inspect.isfunction):
+        if not method.startswith("_"):
+            _check_method(made, method, expected, f"the {kind} {name!r}")
+    return made
+
+
+def _check_method(made: object, method: str, expected: Any, what: str) -> None:
+    """Check that a method is there and takes the arguments that it will get.
+
+    Raises:
+        PluginError: It is not, or does not.
+    """
+    wanted = [*inspect.signature(expected).parameters][1:]
+    call = f"{method}({', '.join(wanted)})"
+    found = getattr(made, method, None)
+    if not callable(found):
+        raise PluginError(f"{what}, a {type(made).__name__}, has no method {call}; see docs/own.md")
+    try:
+        inspect.signature(found).bind(*wanted)
+    except TypeError as error:
+        raise PluginError(
+            f"{what}: its method {method}{inspect.signature(found)} cannot be called as {call}"
+        ) from error

@@ -1,0 +1,313 @@
+"""One agent in a process of its own: the pure core with its links.
+
+``python -m coheft.agents.process.main`` reads an ``AgentProcessConfig`` from stdin.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections import deque
+from typing import NoReturn
+
+from msgspec import structs
+
+from coheft.agents.agent import Agent
+from coheft.agents.process.heartbeat import PERIOD, Heartbeat
+from coheft.agents.process.links import HELLO_PERIOD, SERVER, AgentLinks, open_links
+from coheft.agents.process.neighbour_link import NeighbourLink
+from coheft.errors import LinkError, MessageError
+from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
+from coheft.wire.config import AgentProcessConfig
+from coheft.wire.messages.codec import check_field
+from coheft.wire.messages.structs import Estimate, Hello, Measurements, Message, NeighbourMessage, Ready
+from coheft.wire.process.supervised import COMMENT_AFTER, supervised_main
+from coheft.wire.scenario.plugins import usable_in_run
+from coheft.wire.transport.inbox import Event, LinkChange, Presence
+
+_BACKLOG = 64
+"""Blocks of measurements that may wait; an agent that is slower for longer than that skips the oldest."""
+_ASK_AGAIN = 1.0
+"""After so long without measurements it asks again [s]: the server may have noticed a lost link that we have not."""
+_AT_ONCE = 256
+"""So much is read between two steps at most: somebody may speak faster than can be read."""
+
+
+class AgentProcess:
+    """An agent and its links.
+
+    The agent steps when it has measurements of a block k, and of every neighbour that keeps pace the message of block
+    k - 1; a neighbour whose link is gone does not, nor one for whose message it once waited longer than its patience,
+    until it is heard in time again. So nobody can hold it up, and while nothing fails, equal runs take equal steps.
+
+    A link with a neighbour that it dials is begun anew when it is gone, or does not carry both ways although it stands.
+
+    It asks for measurements when it starts, and again whenever it has lost the server. If it is a new server that
+    comes, with a new world, the agent forgets everything and starts again; and so it does, as all robots do at the same
+    block, when measurements ask for another estimator.
+    """
+
+    def __init__(self, config: AgentProcessConfig, links: AgentLinks) -> None:
+        self._config = config
+        self._outside = links
+        self._tend_at = now = time.monotonic()
+        self._links = {name: NeighbourLink(name, now) for name in config.agent.neighbours}
+        self._measurements: deque[tuple[float, Measurements]] = deque(maxlen=_BACKLOG)
+        self._world: int | None = None
+        self._attempt = time.time_ns()
+        self._is_fed = False
+        self._server_lost_at: float | None = None
+        self._comment_at = now + COMMENT_AFTER
+        self._said_hello_at = -math.inf
+        self._block = -1
+        self._start_agent(config.agent.estimator)
+
+    def _start_agent(self, estimator: str) -> None:
+        """An agent that knows nothing yet, in the place of the one before."""
+        self._incarnation = time.time_ns()
+        self._estimator = estimator
+        config = structs.replace(self._config.agent, estimator=estimator)
+        self._agent = Agent(config, self._incarnation, self._config.largest_arrays)
+        self._is_holding = True
+        self._last_estimate: Estimate | None = None
+
+    def run(self) -> None:
+        """Answer block after block.
+
+        Raises:
+            LinkError: The server is gone and does not come back.
+            Stopped: The server said so.
+        """
+        with Heartbeat(self._say_hello):
+            while True:
+                self._wait_for_measurements()
+                self._wait_for_neighbours()
+                if self._measurements:
+                    self._step(self._measurements.popleft()[1])
+
+    def _wait_for_measurements(self) -> None:
+        """Take in what has come, and wait for measurements; while nobody sends any, ask for them.
+
+        Raises:
+            LinkError: The server is gone for too long.
+        """
+        for _ in range(_AT_ONCE):
+            if not self._take_in(0.0):
+                break
+        asked = time.monotonic() if self._is_fed else -math.inf
+        while not self._measurements:
+            wait = asked + (_ASK_AGAIN if self._is_fed else HELLO_PERIOD) - time.monotonic()
+            if wait > 0.0:
+                self._take_in(min(wait, PERIOD))
+            else:
+                self._ask_for_measurements()
+                asked = time.monotonic()
+
+    def _ask_for_measurements(self) -> None:
+        """Say hello, so that neighbours know that we hear them, and ask the server.
+
+        Raises:
+            LinkError: The server is gone for too long.
+        """
+        if self._server_lost_at is not None and time.monotonic() - self._server_lost_at > self._config.server_limit:
+            raise LinkError(
+                f"{self._name} lost its link with {SERVER} at block {self._block}, and it did not come back "
+                f"within {self._config.server_limit:g} s"
+            )
+        if time.monotonic() > self._comment_at:
+            self._comment_at = math.inf
+            print(f"waiting for {SERVER} at {self._config.server}", file=sys.stderr, flush=True)
+        self._say_hello()
+        missing = [name for name, link in self._links.items() if not link.hears_us]
+        self._outside.ready.send(Ready(robot=self._name, missing=missing, attempt=self._attempt))
+
+    def _answer_hello(self) -> None:
+        """Tell neighbours whom we hear, unless we have just done so."""
+        if time.monotonic() - self._said_hello_at > HELLO_PERIOD / 2:
+            self._say_hello()
+
+    def _say_hello(self) -> None:
+        self._said_hello_at = time.monotonic()
+        heard = [name for name, link in self._links.items() if link.is_heard]
+        self._outside.hello.send(Hello(sender=self._name, heard=heard, incarnation=self._incarnation))
+
+    def _wait_for_neighbours(self) -> None:
+        """Wait until nobody is missing for the step, or there is no step to take, or patience ends."""
+        while self._measurements:
+            arrival, measurements = self._measurements[0]
+            missing = [link for link in self._links.values() if link.is_missing(measurements.block)]
+            left = arrival + self._config.patience - time.monotonic()
+            if not missing:
+                return
+            if left > 0.0:
+                self._take_in(left)
+                continue
+            for link in missing:
+                link.keeps_pace = False
+
+    def _step(self, measurements: Measurements) -> None:
+        """Step with all that is there, and say what came of it."""
+        self._tell_of_links()
+        is_first, self._block = self._block < 0, measurements.block
+        if (estimator := self._estimator_for(measurements)) != self._estimator:
+            self._change_estimator(estimator)
+        if measurements.holding != self._is_holding:
+            self._is_holding = measurements.holding
+            self._agent.set_holding(self._is_holding, self._block)
+        messages = [message for link in self._links.values() for message in link.take_messages(self._block)]
+        outbox = self._agent.step(self._block, MeasurementBlock(self._block, measurements.samples), messages)
+        self._outside.message.send(outbox.message)
+        if outbox.estimate is not None:
+            self._last_estimate = structs.replace(outbox.estimate, problems=self._outside.problems.count)
+            self._outside.estimate.send(self._last_estimate)
+        self._outside.reference.send(outbox.reference)
+        for problem in outbox.problems:
+            self._outside.problems.tell(problem)
+        if is_first:  # those whom it has met begin with the same block
+            for link in self._links.values():
+                link.keeps_pace = link.is_heard
+
+    def _change_estimator(self, estimator: str) -> None:
+        """Begin anew with another one, as the neighbours do at this block: what they have said is of the one before."""
+        since = self._config.agent.start_of(self._block)
+        self._outside.problems.tell(f"uses the estimator '{estimator}' from {since:.2f} s on, and begins anew")
+        self._start_agent(estimator)
+        for link in self._links.values():
+            link.take_messages(self._block)
+
+    def _estimator_for(self, measurements: Measurements) -> str:
+        return measurements.estimator or self._config.agent.estimator
+
+    def _take_in(self, wait: float) -> bool:
+        """Take in what comes next, within ``wait`` [s], and whether anything did; tend the links in between.
+
+        Raises:
+            Stopped: The server said so.
+        """
+        event = self._outside.receive(max(0.0, min(wait, self._tend_at - time.monotonic())))
+        if event is None:
+            self._tend_links()
+            return False
+        self._handle(event)
+        return True
+
+    def _handle(self, event: Event) -> None:
+        """Take in whatever came.
+
+        Raises:
+            Stopped: The server said so.
+        """
+        match self._outside.sort(event, self._take):
+            case LinkChange(links=count):
+                self._note_server_links(count)
+            case Presence(source, is_here):
+                self._links[source].note_presence(is_here)
+                if is_here and self._is_fed:
+                    self._answer_hello()
+
+    def _tend_links(self) -> None:
+        """Begin those anew that we dial and that do not carry; all that has come is taken in."""
+        now = time.monotonic()
+        self._tend_at = now + PERIOD
+        for name, link in self._links.items():
+            link.notice_silence(now)
+            if name in self._outside.dialled and link.begin_anew(now):
+                self._outside.redial(name)
+
+    def _take(self, source: str, message: Message) -> None:
+        """Put a message where it is waited for.
+
+        Raises:
+            MessageError: It does not fit here and now.
+        """
+        match message:
+            case Measurements():
+                if message.attempt == self._attempt:
+                    self._take_measurements(message)
+            case NeighbourMessage():
+                check_field("sender", message.sender, source)
+                self._links[source].take_message(message, self._next_block, time.monotonic())
+            case Hello():
+                check_field("sender", message.sender, source)
+                self._links[source].take_hello(message, self._name, time.monotonic())
+                if self._is_fed and not self._links[source].hears_us:
+                    self._answer_hello()
+
+    def _take_measurements(self, message: Measurements) -> None:
+        """Keep measurements for their step; those of a new world are for a new agent.
+
+        Raises:
+            MessageError: They are not ours, or of an old block, or of the wrong shape, or for an unknown estimator.
+        """
+        check_field("robot", message.robot, self._name)
+        check_field("samples.shape", message.samples.shape, (self._config.agent.block, SAMPLE_SIZE))
+        if (estimator := self._estimator_for(message)) not in (usable := usable_in_run(self._config.agent.estimator)):
+            raise MessageError(f"estimator is {estimator!r} but expected one of {', '.join(usable)}")
+        if message.world != self._world:
+            if self._world is not None:
+                self._outside.problems.tell("the server has started again: so does this agent")
+                self._block = -1
+                self._start_agent(self._estimator)
+            self._world = message.world
+        newest = self._measurements[-1][1].block if self._measurements else self._block
+        if message.block <= newest:
+            raise MessageError(f"block is {message.block} but expected one after {newest}")
+        self._is_fed = True
+        self._measurements.append((time.monotonic(), message))
+
+    def _note_server_links(self, count: int) -> None:
+        """A lost server is told to observers, and asked again as soon as it is back."""
+        if count > 0:
+            self._comment_at = math.inf
+            self._server_lost_at = None
+        elif self._server_lost_at is None:
+            self._server_lost_at = time.monotonic()
+            self._attempt = time.time_ns()
+            self._is_fed = False
+            self._measurements.clear()
+            self._outside.redial(SERVER)
+            for link in self._links.values():
+                link.forget()
+            text = f"lost the link with {SERVER} after block {self._block}"
+            self._outside.problems.tell(text)
+            if self._last_estimate is not None and self._last_estimate.status == "valid":
+                self._outside.estimate.send(structs.replace(self._last_estimate, status="stale", reasons=[text]))
+
+    def _tell_of_links(self) -> None:
+        """Tell observers of neighbours that have fallen silent, or are back.
+
+        Only between steps: neighbours that go when the run is over have not fallen silent.
+        """
+        for link in self._links.values():
+            if link.take_change() and self._block >= 0:
+                self._outside.problems.tell(
+                    f"{link.name} is {'back' if link.is_linked else 'silent'}, after block {self._block}"
+                )
+
+    @property
+    def _name(self) -> str:
+        return self._config.agent.name
+
+    @property
+    def _next_block(self) -> int:
+        return self._measurements[0][1].block if self._measurements else self._block + 1
+
+
+def run_agent(config: AgentProcessConfig) -> None:
+    """Run an agent until the server says stop.
+
+    Raises:
+        LinkError: Somebody listens at one of its endpoints already, or the server is gone and does not come back.
+    """
+    with open_links(config, Measurements, NeighbourMessage, config.security, config.largest_message) as links:
+        AgentProcess(config, links).run()
+
+
+def main() -> NoReturn:
+    """Run the agent whose configuration comes on stdin."""
+    supervised_main(AgentProcessConfig, run_agent)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,143 @@
+"""The command that pushes a cart."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from coheft.app.cli.base import (
+    EVALUATE,
+    EXIT_CONVERGED,
+    EXIT_NOT_CONVERGED,
+    Count,
+    Flag,
+    FolderTarget,
+    NotNegative,
+    Positive,
+    ReportTarget,
+    Whole,
+    app,
+    check_outputs,
+)
+from coheft.errors import UsageError
+
+
+@app.command(group=EVALUATE)
+def cart(
+    *,
+    test: Annotated[Whole | None, Parameter(validator=Number(gte=1, lte=12))] = None,
+    all_tests: Annotated[bool, Parameter(name="--all", negative=(), show_default=False)] = False,
+    seeds: Count = 1,
+    first_seed: NotNegative = 1,
+    pushers: Count = 1,
+    friction_guess: Positive | None = None,
+    processes: Flag = False,
+    jobs: Count | None = None,
+    json: ReportTarget = None,
+    figures: FolderTarget = None,
+    quiet: Flag = False,
+) -> int:
+    """Push a cart of unknown mass along a trajectory, with and without learning what it is.
+
+    Repeats the simulations of Aguilera et al., "Modeling and Inertial Parameter Estimation of Cart-like Nonholonomic
+    Systems Using a Mobile Manipulator", Table I, and compares. Exit status 3 if something is worse than it should be.
+
+    Parameters
+    ----------
+    test:
+        Number in Table I, 1 to 11; or 12, which is none of theirs: push and pull, with casters that turn round.
+    all_tests:
+        All tests of Table I, as if no test were named.
+    seeds:
+        Runs of each test; without the estimator each is run once.
+    first_seed:
+        Of the first run's noise; the others count on from there.
+    pushers:
+        How many push, side by side; each knows its own wrench only.
+    friction_guess:
+        What they take the friction for, as a share of what it is, for instance 0.5 or 2; they know it otherwise.
+    processes:
+        One process per pusher and one for the cart, linked by Zenoh, instead of all in this one.
+    jobs:
+        Number of processes for runs side by side, instead of one per core; more than one takes coheft[study]. Not with
+        --processes.
+    json:
+        Write the results to this file; - for standard output.
+    figures:
+        Folder for the paper's figures 4 to 6, drawn anew; takes coheft[study].
+    quiet:
+        Show nothing but errors.
+    """
+    from rich.console import Console
+
+    from coheft.app.cart.campaign import Case, run_cases
+    from coheft.app.cart.figures import draw
+    from coheft.app.cart.inprocess import run_in_process
+    from coheft.app.cart.launch import run_in_processes
+    from coheft.app.cart.table import CartStudy, missed
+    from coheft.app.cart.table_one import TESTS
+    from coheft.app.cart.terminal import print_study
+    from coheft.app.figures import make_folder
+    from coheft.app.results.report import write_report
+    from coheft.app.run.new_folder import gone_if_broken_off
+    from coheft.app.run.parallel import usual_jobs
+    from coheft.app.terminal.progress import show_progress
+
+    if all_tests and test is not None:
+        raise UsageError(f"--all runs all tests of Table I, --test {test} only one: leave one of the two out")
+    if processes and jobs is not None:
+        raise UsageError("--jobs is for runs side by side, but with --processes they come one after the other")
+    check_outputs(json=json, figures=figures)
+    chosen = TESTS if all_tests or test is None else (test,)
+    cases = [
+        Case(number, seed, pushers=pushers, friction_guess=friction_guess)
+        for number in chosen
+        for seed in range(first_seed, first_seed + seeds)
+    ]
+    cases += [Case(number, first_seed, learns=False, friction_guess=friction_guess) for number in chosen]
+    console = Console(stderr=json == "-")
+    with gone_if_broken_off(figures), show_progress(console, "runs", len(cases), quiet=quiet) as told:
+        if figures is not None:
+            make_folder(figures)
+        outcomes = run_cases(
+            cases,
+            jobs=1 if processes else jobs or min(len(cases), usual_jobs()),
+            run=partial(run_in_processes, make_folder=Logs().make_folder, on_problem=console.print)
+            if processes
+            else run_in_process,
+            on_progress=lambda done: told(done, ""),
+        )
+    reports = [outcome.report for outcome in outcomes]
+    study = CartStudy(reports, missed(reports))
+    if not quiet:
+        print_study(console, study)
+    try:
+        if json is not None:
+            write_report(study, json)
+    finally:  # if one of them cannot be written, the other may
+        if figures is not None:
+            draw(outcomes, figures)
+    return EXIT_NOT_CONVERGED if study.missed else EXIT_CONVERGED
+
+
+class Logs:
+    """Folders for the logs of many runs in one that counts as one run: only so many are kept."""
+
+    def __init__(self) -> None:
+        self._folder: Path | None = None
+
+    def make_folder(self, run: str) -> Path:
+        """Make the one for the logs of a run.
+
+        Raises:
+            CoheftError: It cannot be made.
+        """
+        from coheft.app.run.folder import make_run_folder
+
+        if self._folder is None:
+            self._folder = make_run_folder(run)
+        return make_run_folder(run, self._folder / run)

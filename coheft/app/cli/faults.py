@@ -1,0 +1,187 @@
+"""The command that breaks things."""
+
+from __future__ import annotations
+
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from coheft.app.cli.base import (
+    EVALUATE,
+    EXIT_BROKEN_PROMISE,
+    EXIT_CONVERGED,
+    Count,
+    FileTarget,
+    Flag,
+    NotNegative,
+    ReportTarget,
+    app,
+    check_outputs,
+)
+from coheft.errors import CoheftError, UsageError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from coheft.app.faults.schedule import FaultSchedule
+    from coheft.app.faults.trial import Outcome
+
+_SEEDS = 100
+
+
+def _is_mutant(_: object, name: str) -> None:
+    from coheft.app.faults.mutants import check_mutant
+
+    try:
+        check_mutant(name)
+    except CoheftError as error:
+        raise ValueError(str(error)) from error
+
+
+@app.command(group=EVALUATE)
+def faults(
+    *,
+    seeds: Count = _SEEDS,
+    first_seed: NotNegative = 0,
+    jobs: Count | None = None,
+    json: ReportTarget = None,
+    table: FileTarget = None,
+    kept: FileTarget = None,
+    mutant: Annotated[str, Parameter(validator=_is_mutant)] = "",
+    replay: str | None = None,
+    shrink: Flag = False,
+    quiet: Flag = False,
+) -> int:
+    """Let things go wrong in many simulated runs, and check after every block that the promises are kept.
+
+    Each seed draws a small team and up to four faults: of the network, of agents, of sensors, of clocks. Exit status 4
+    if a promise was broken; the last line then is the command that shows it again.
+
+    Parameters
+    ----------
+    seeds:
+        Number of runs.
+    first_seed:
+        Of the first run; the others count on from there.
+    jobs:
+        Number of processes, instead of one per core.
+    json:
+        Write the summary to this file; - for standard output.
+    table:
+        Write what was injected, and what came of it, to this file, in Markdown.
+    kept:
+        Add every outcome to this file; a campaign that was cut off goes on where it was. Not with outcomes of other
+        code, or of another mutant.
+    mutant:
+        Put this deliberate bug into the agents: the campaign has to find it.
+    replay:
+        Instead: run the schedule of this seed, or that in this file (.json), and tell all.
+    shrink:
+        With replay: simplify the schedule as long as it fails, and write what is left, if that is less, to a file.
+    quiet:
+        Show nothing but errors.
+    """
+    from rich.console import Console
+
+    from coheft.app.faults.campaign import run_campaign
+    from coheft.app.faults.output import campaign_progress, markdown, print_campaign
+    from coheft.app.faults.summary import summarise
+    from coheft.app.results.report import write_report
+
+    of_a_campaign = {
+        "--seeds": seeds != _SEEDS,
+        "--first-seed": first_seed != 0,
+        "--jobs": jobs is not None,
+        "--json": json is not None,
+        "--table": table is not None,
+        "--kept": kept is not None,
+    }
+    unusable = [option for option, is_given in of_a_campaign.items() if is_given and replay is not None]
+    if unusable:
+        raise UsageError(f"{unusable[0]} is for a campaign, but --replay runs one schedule only")
+    if shrink and replay is None:
+        raise UsageError("--shrink simplifies one schedule: say which with --replay SEED or --replay FILE")
+    check_outputs(json=json, table=table, kept=kept)
+    console = Console(stderr=json == "-", quiet=quiet)
+    if replay is not None:
+        return _replay(console, _schedule_of(replay), mutant, is_shrunk=shrink)
+    chosen = range(first_seed, first_seed + seeds)
+    done: list[Outcome] = []
+    try:
+        with campaign_progress(console, len(chosen), quiet=quiet) as on_outcome:
+
+            def tell(outcome: Outcome) -> None:
+                done.append(outcome)
+                on_outcome(outcome)
+
+            outcomes = run_campaign(chosen, jobs=jobs, kept=kept, mutant=mutant, on_outcome=tell)
+    except KeyboardInterrupt:
+        if done:
+            print_campaign(console, summarise(done), sorted(done, key=lambda outcome: outcome.seed), mutant)
+        unwritten = [what for what, place in (("summary (--json)", json), ("table (--table)", table)) if place]
+        raise KeyboardInterrupt(_broken_off(len(done), len(chosen), unwritten, kept)) from None
+    summary = summarise(outcomes)
+    print_campaign(console, summary, outcomes, mutant)
+    try:
+        if json is not None:
+            write_report(summary, json)
+    finally:  # if one of them cannot be written, the other may
+        if table is not None:
+            _write(table, markdown(summary))
+    return EXIT_BROKEN_PROMISE if summary.violations else EXIT_CONVERGED
+
+
+def _broken_off(done: int, of: int, unwritten: list[str], kept: Path | None) -> str:
+    """What is to be said after Ctrl-C."""
+    clauses = [f"no {what} was written" for what in unwritten]
+    if kept is not None:
+        clauses.append(f"the same command goes on with what is kept in {kept}")
+    return "; ".join([f"stopped after {done} of {of} schedules", *clauses])
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise CoheftError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _new_file(seed: int) -> Path:
+    """One that is not there: what is replayed may be a simpler schedule that was found before."""
+    names = (f"faults-{seed}-{number}.json" if number > 1 else f"faults-{seed}.json" for number in count(1))
+    return next(path for path in map(Path, names) if not path.exists())
+
+
+def _schedule_of(text: str) -> FaultSchedule:
+    from coheft.app.faults.draw import draw_schedule
+    from coheft.app.faults.schedule import read_schedule
+
+    return draw_schedule(int(text)) if text.isdecimal() else read_schedule(Path(text))
+
+
+def _replay(console: Console, schedule: FaultSchedule, mutant: str, *, is_shrunk: bool) -> int:
+    from coheft.app.faults.mutants import mutated
+    from coheft.app.faults.output import print_outcome, print_schedule
+    from coheft.app.faults.schedule import write_schedule
+    from coheft.app.faults.shrink import breaks_same_promise, shrink
+    from coheft.app.faults.trial import try_schedule
+
+    with mutated(mutant):
+        outcome = try_schedule(schedule)
+        if is_shrunk and not outcome.violations:
+            console.print("it breaks no promise: there is nothing to be simplified")
+        elif is_shrunk:
+            fails = breaks_same_promise(outcome)
+            simplest = shrink(schedule, fails, lambda simpler: print_schedule(console, simpler))
+            if simplest == schedule:
+                console.print("it cannot be simplified: with anything less it breaks none of these promises")
+            else:
+                schedule, outcome = simplest, try_schedule(simplest)
+                path = _new_file(schedule.seed)
+                write_schedule(schedule, path)
+                console.print(f"written to {path}")
+    print_schedule(console, schedule)
+    print_outcome(console, outcome)
+    return EXIT_BROKEN_PROMISE if outcome.violations else EXIT_CONVERGED

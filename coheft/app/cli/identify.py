@@ -1,0 +1,101 @@
+"""The command that finds a load from a recording."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from coheft.app.cli.base import (
+    EVALUATE,
+    EXIT_CONVERGED,
+    EXIT_NOT_CONVERGED,
+    Flag,
+    FolderTarget,
+    GivenPath,
+    Positive,
+    ReportTarget,
+    app,
+    check_outputs,
+)
+from coheft.app.identify.choices import Bounds, Method
+from coheft.errors import RecordingError, UsageError
+
+
+@app.command(group=EVALUATE)
+def identify(
+    recording: GivenPath,
+    *,
+    method: Method | None = None,
+    calibrate: Flag = False,
+    bounds: Annotated[Bounds | None, Parameter(name="*")] = None,
+    from_: Annotated[float | None, Parameter(name="--from")] = None,
+    to: float | None = None,
+    cutoff: Positive | None = None,
+    json: ReportTarget = None,
+    report: FolderTarget = None,
+    quiet: Flag = False,
+) -> int:
+    """Find out from a recording where the robots held the load, and its mass, centre of mass and inertia.
+
+    Exit status 0 if the motion shows everything, 3 if it does not, or if something speaks against what it shows: then
+    the report says what. What cannot be a recording of one load, as with forces of the wrong sign, is an error.
+
+    Parameters
+    ----------
+    recording:
+        An .npz file, or a folder with a CSV file per robot, see docs/data-format.md; 'coheft run --save-data' makes
+        both.
+    method:
+        batch: the paper's least squares; instruments: without their bias; pose: grasps from poses, with nothing
+        differentiated; likelihood: for sensors of known noise. Without it: what suits the recording best.
+    calibrate:
+        The robots are not well calibrated; estimate what is wrong with them as well (method pose).
+    from_:
+        Leave out what was before [s].
+    to:
+        Leave out what came after [s].
+    cutoff:
+        Of the low-pass filter [Hz]; 5 for batch, else 3; likelihood has none.
+    json:
+        Write the report to this file; - for standard output.
+    report:
+        Folder for a report with pictures.
+    quiet:
+        Show nothing but errors.
+    """
+    from rich.console import Console
+
+    from coheft.app.figures import make_folder
+    from coheft.app.identify.folder import write_identification
+    from coheft.app.identify.methods import identify as find
+    from coheft.app.identify.methods import part_of
+    from coheft.app.identify.report import make_report
+    from coheft.app.identify.tables import print_identification
+    from coheft.app.results.report import write_report
+    from coheft.app.run.new_folder import gone_if_broken_off
+    from coheft.wire.data.file import read_recording
+
+    if bounds is not None and not calibrate:
+        raise UsageError("bounds are of errors that --calibrate estimates: add it, or leave them out")
+    files = recording.glob("*.csv") if recording.is_dir() else [recording]
+    check_outputs(*files, json=json, report=report)
+    recorded = read_recording(recording)
+    try:
+        recorded = part_of(recorded, from_, to)
+        with gone_if_broken_off(report):
+            if report is not None:
+                make_folder(report)
+            found = find(recorded, method, (bounds or Bounds()) if calibrate else None, cutoff)
+    except RecordingError as error:
+        raise RecordingError(f"{recording}: {error}") from error
+    result = make_report(str(recording), recorded, found)
+    if not quiet:
+        print_identification(Console(stderr=json == "-"), result)
+    try:
+        if json is not None:
+            write_report(result, json)
+    finally:  # if one of them cannot be written, the other may
+        if report is not None:
+            write_identification(report, recorded, found, result)
+    return EXIT_NOT_CONVERGED if result.not_observable or result.doubts else EXIT_CONVERGED

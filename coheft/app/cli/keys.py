@@ -1,0 +1,44 @@
+"""The command that makes certificates."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from coheft.app.cli.base import PARTS, GivenPath, NewFolder, app
+
+
+@app.command(group=PARTS)
+def keys(
+    folder: NewFolder,
+    scenario: str = "ring6",
+    *,
+    hosts: GivenPath | None = None,
+    days: Annotated[float, Parameter(validator=Number(gt=0, lte=36500))] = 365.0,
+) -> None:
+    """Make a certificate authority and one certificate for each robot, the server, observers and the operator.
+
+    Parameters
+    ----------
+    folder:
+        Where the files go. Each host needs authority.crt, and the .crt and .key of the parts that run on it.
+    scenario:
+        Name of a shipped scenario (see 'coheft scenarios'), or a path that ends with .toml.
+    hosts:
+        File that tells where each part runs, see docs/deployment.md; on this machine alone without it.
+    days:
+        After which all certificates expire.
+    """
+    from datetime import timedelta
+
+    from coheft.app.run.hosts import load_hosts
+    from coheft.app.run.keys import make_keys
+    from coheft.wire.scenario.file import load_scenario
+
+    chosen = load_scenario(scenario)
+    places = load_hosts(hosts, chosen) if hosts is not None else None
+    names = make_keys(folder, chosen, places, timedelta(days=days))
+    print(f"made {folder}: an authority, and certificates of {', '.join(names)}; they expire in {days:g} days")
+    print("Whoever has authority.key can let others in: keep it where no part runs.")

@@ -1,0 +1,52 @@
+"""Commands for those who use ROS 2."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from coheft.app.cli.base import PARTS, GivenPath, RunFolder, Whole, app
+
+ROUTER = "tcp/127.0.0.1:7447"
+Time = Annotated[float, Parameter(validator=Number(gte=0))]
+Domain = Annotated[Whole, Parameter(validator=Number(gte=0, lte=232))]
+
+
+@app.command(group=PARTS)
+def ros2_bridge(run: RunFolder = None, *, domain: Domain = 0, endpoint: str = ROUTER) -> None:
+    """Publish what a run that goes on says as stock ROS 2 messages, for nodes on rmw_zenoh; see docs/ros2.md.
+
+    Parameters
+    ----------
+    domain:
+        Number of the ROS domain, as in ROS_DOMAIN_ID.
+    endpoint:
+        Where the router of ROS 2 listens ('ros2 run rmw_zenoh_cpp rmw_zenohd').
+    """
+    from coheft.app.ros2.bridge import bridge_run
+    from coheft.app.run.folder import find_run
+
+    bridge_run(find_run(run), endpoint, domain, lambda line: print(line, flush=True))
+
+
+@app.command(group=PARTS)
+def ros2_driver(*configs: GivenPath, domain: Domain = 0, endpoint: str = ROUTER, epoch: Time | None = None) -> None:
+    """Feed agents with what robots measure in ROS 2, in place of the physics server; see docs/ros2.md.
+
+    Parameters
+    ----------
+    configs:
+        The agents' configurations, as 'coheft run --write-configs DIR' writes them, such as DIR/r1.json DIR/r2.json.
+    domain:
+        Number of the ROS domain, as in ROS_DOMAIN_ID.
+    endpoint:
+        Where the router of ROS 2 listens ('ros2 run rmw_zenoh_cpp rmw_zenohd').
+    epoch:
+        ROS time at which the run begins [s], the same for the whole team. Needed if other processes drive other robots
+        of the team; otherwise it begins when most robots measure.
+    """
+    from coheft.app.ros2.drive import drive, read_agents
+
+    drive(read_agents(configs), endpoint, domain, epoch, lambda line: print(line, flush=True))

@@ -1,0 +1,271 @@
+"""The command that starts a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from coheft.app.cli.base import (
+    EXIT_CONVERGED,
+    EXIT_NOT_CONVERGED,
+    RUN,
+    DataTarget,
+    Flag,
+    FolderTarget,
+    GivenPath,
+    NotNegative,
+    RecordingTarget,
+    ReportTarget,
+    Whole,
+    app,
+    check_outputs,
+)
+from coheft.errors import CoheftError, UsageError
+
+if TYPE_CHECKING:  # each is loaded by the runs that need it
+    from rich.console import Console
+
+    from coheft.app.recording.recorder import Recorder
+    from coheft.app.results.carry_record import CarryRecord
+    from coheft.app.run.hosts import Hosts
+    from coheft.app.run.plan import Clock
+    from coheft.app.run_report.folder import ReportPage
+    from coheft.app.view.process import ViewBeside
+    from coheft.wire.scenario.schema import Scenario
+
+
+@app.command(group=RUN)
+def run(
+    scenario: str = "ring6",
+    *,
+    change: Annotated[list[str] | None, Parameter(negative=())] = None,
+    set: Annotated[list[str] | None, Parameter(negative=())] = None,
+    duration: float | None = None,
+    seed: Whole | None = None,
+    estimator: str | None = None,
+    sensor_rate: Whole | None = None,
+    realtime: Flag = False,
+    restarts: NotNegative = 3,
+    json: ReportTarget = None,
+    history: Flag = False,
+    report: FolderTarget = None,
+    quiet: Flag = False,
+    save_data: DataTarget = None,
+    record: RecordingTarget = None,
+    view: Flag = False,
+    logs: FolderTarget = None,
+    secure: Flag = False,
+    keys: GivenPath | None = None,
+    hosts: GivenPath | None = None,
+    write_configs: FolderTarget = None,
+    feedforward: bool | None = None,
+) -> int:
+    """Start the physics server and one process per robot, and watch them find out what they hold.
+
+    Exit status 0 only if every robot converged and no estimate is stale; 3 if the run ended without.
+
+    Parameters
+    ----------
+    scenario:
+        Name of a shipped scenario (see 'coheft scenarios'), or a path that ends with .toml.
+    change:
+        A change of the load, instead of the scenario's own. For instance, t=20,mass=3,at=0.4,0.3,0.1 drops a load: t is
+        when [s], mass how much [kg], at where in the payload's frame [m]. With size=0.2,0.2,0.1 it has these edge
+        lengths [m], with leak=0.1 it loses so much from then on [kg/s]. t=30,remove=1 takes the first load away. May be
+        given more than once.
+    set:
+        A key of the scenario and its value, as TOML has it, for instance sensors.noise_scale=3 or load_changes[0].at=8;
+        docs/scenarios.md has all keys. May be given more than once; what other options say holds.
+    duration:
+        Simulated time [s].
+    seed:
+        Of the sensors' noise and the robots' motions.
+    estimator:
+        The robots' method: efficient, seed, or one of your own, see docs/own.md.
+    sensor_rate:
+        Samples per second: 100, 125, 200, 250, 500 or 1000.
+    realtime:
+        Keep pace with the clock on the wall, instead of going as fast as the slowest robot can.
+    restarts:
+        How often an agent that dies is started again; once more, and the run ends with an error.
+    json:
+        Write the report to this file; - for standard output.
+    history:
+        Add the errors of every second to the report.
+    report:
+        Folder for a page with pictures, the pictures, and the data behind them; takes coheft[report].
+    quiet:
+        Show nothing but errors, and where the view is.
+    save_data:
+        Save what all robots measured, for 'coheft identify': an .npz file, or, without suffix, a folder of CSV files.
+    record:
+        Record the run to this new .mcap file, for 'coheft view', Foxglove and PlotJuggler, see docs/recording.md.
+    view:
+        Show the run in the browser, in real time; the last picture stays until Ctrl-C. See docs/view.md.
+    logs:
+        Folder for the processes' logs, with none in it yet, instead of a new one among your runs.
+    secure:
+        Let nobody join who has no certificate, and nobody speak for another.
+    keys:
+        Folder with everybody's certificates, as 'coheft keys' makes it, instead of new ones for this run alone.
+    hosts:
+        File that tells where each part runs, see docs/deployment.md; with --write-configs.
+    write_configs:
+        Do not run: write the processes' configurations into this folder, with none in it yet, to start them by hand.
+    feedforward:
+        Where robots carry the load along a common path: whether they push with what they know of it.
+    """
+    from contextlib import ExitStack
+    from functools import partial
+
+    from msgspec import structs
+    from rich.console import Console
+
+    from coheft.app.results.report import write_report
+    from coheft.app.run.broken_off import BrokenOff
+    from coheft.app.run.folder import make_run_folder
+    from coheft.app.run.follower import Follower
+    from coheft.app.run.launch import launch
+    from coheft.app.run.new_folder import gone_if_broken_off
+    from coheft.app.run.overrides import override
+    from coheft.app.run.plan import check_no_parts, make_plan, new_run_name
+    from coheft.app.terminal.final_table import print_report
+    from coheft.app.terminal.screen import make_display
+    from coheft.wire.process.memory import give_back_memory
+    from coheft.wire.scenario.file import load_scenario, scenario_path
+
+    chosen = override(
+        load_scenario(scenario, set or ()),
+        changes=change or (),
+        duration=duration,
+        seed=seed,
+        estimator=estimator,
+        sensor_rate=sensor_rate,
+        feedforward=feedforward,
+    )
+    of_a_run = {"view": view, "record": record, "json": json, "report": report, "history": history, "logs": logs}
+    unusable = [option for option, value in of_a_run.items() if value and write_configs is not None]
+    if unusable:
+        raise UsageError(f"--{unusable[0]} needs a run, but --write-configs makes none")
+    if hosts is not None and write_configs is None:
+        raise UsageError("--hosts needs --write-configs: each part is to be started on its own host")
+    if history and json is None and report is None:
+        raise UsageError("--history adds to the report, but none was asked for: add --json FILE or --report DIR")
+    check_outputs(scenario_path(scenario), json=json, report=report, save_data=save_data, record=record)
+    if keys is not None and not keys.is_dir():
+        raise UsageError(f"--keys: there is no folder {str(keys)!r}; 'coheft keys' makes one")
+    places = _places(hosts, chosen)
+    name = new_run_name()
+    if write_configs is not None:
+        check_no_parts(write_configs, chosen)
+    with ExitStack() as stack:
+        stack.enter_context(gone_if_broken_off(report))
+        page = _report_page(report)
+        folder = write_configs if write_configs is not None else make_run_folder(name, logs)
+        if secure or keys is not None:
+            keys = _credentials(keys, folder, chosen, places)
+        clock: Clock = "realtime" if realtime or view else "lockstep"
+        plan = make_plan(chosen, clock, run=name, hosts=places, keys=keys, save_data=save_data)
+        if write_configs is not None:
+            for path in plan.write(write_configs):
+                print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")
+            return EXIT_CONVERGED
+        give_back_memory()
+        console = Console(stderr=json == "-")
+        display = make_display(console, quiet=quiet)
+        tell = partial(_tell, None if quiet else console)
+        carried = _carry_record(chosen)
+        viewer = stack.enter_context(_view_beside(folder, console)) if view else None
+        recorder = stack.enter_context(_recorder(record, chosen)) if record is not None else None
+        asked = {"json": json, "report": report, "save_data": save_data, "record": record}
+        broken_off = BrokenOff(asked, folder, recorder)
+        beside: list[Follower | None] = [page, viewer, recorder, carried, broken_off]
+        followers = [follower for follower in beside if follower is not None]
+        try:
+            found = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(broken_off.sentence()) from None
+        except CoheftError as error:
+            error.args = (f"{error}{broken_off.after_error()}",)
+            raise
+        if carried is not None:
+            found = structs.replace(found, carry=carried.report())
+        if not quiet:
+            print_report(console, found, folder)
+        try:
+            if json is not None:
+                write_report(found, json)
+                tell("Report for programs", json)
+        finally:  # if one of them cannot be written, the other may
+            if page is not None:
+                tell("Report", page.write(chosen, clock, found))
+        if not broken_off.unsaved:
+            tell("Data", save_data)
+        if viewer is not None and viewer.is_there:
+            tell("The view stays until Ctrl-C", viewer.url)
+            viewer.wait()
+        elif viewer is not None:
+            _tell(console, "There was no view, or not until the run had ended; its log", viewer.log)
+    spoilt = "" if recorder is None else recorder.problem
+    if not spoilt:
+        tell("Recording", record)
+    unsaved = f"no data file was written: {broken_off.unsaved}" if broken_off.unsaved else ""
+    if lost := [text for text in (unsaved, spoilt) if text]:
+        raise CoheftError("\n".join(lost))
+    return EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED
+
+
+def _tell(console: Console | None, what: str, place: str | Path | None) -> None:
+    """Say where something is, if it is anywhere but on standard output."""
+    if console is not None and place is not None and place != "-":
+        console.print(f"{what}: {place}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _report_page(folder: Path | None) -> ReportPage | None:
+    if folder is None:
+        return None
+    from coheft.app.run_report.folder import ReportPage
+
+    return ReportPage(folder)
+
+
+def _places(hosts: Path | None, scenario: Scenario) -> Hosts | None:
+    if hosts is None:
+        return None
+    from coheft.app.run.hosts import load_hosts
+
+    return load_hosts(hosts, scenario)
+
+
+def _credentials(keys: Path | None, folder: Path, scenario: Scenario, places: Hosts | None) -> Path:
+    """The folder with everybody's certificates: a given one, or a new one for this run."""
+    from coheft.app.run.keys import check_keys, make_keys
+
+    if keys is None:
+        keys = folder / "keys"
+        make_keys(keys, scenario, places)
+    check_keys(keys, scenario, places)
+    return keys
+
+
+def _carry_record(scenario: Scenario) -> CarryRecord | None:
+    if scenario.carry is None:
+        return None
+    from coheft.app.results.carry_record import CarryRecord
+
+    return CarryRecord(scenario)
+
+
+def _view_beside(folder: Path, console: Console) -> ViewBeside:
+    from coheft.app.run.hosts import LOOPBACK
+    from coheft.app.view.process import ViewBeside
+
+    return ViewBeside(folder, LOOPBACK, None, lambda url: console.print(f"the view is at {url}"))
+
+
+def _recorder(target: Path, scenario: Scenario) -> Recorder:
+    from coheft.app.recording.recorder import Recorder
+
+    return Recorder(target, scenario)

@@ -1,0 +1,150 @@
+"""The command that measures estimators over many runs."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from coheft.app.cli.base import (
+    EVALUATE,
+    EXIT_CONVERGED,
+    Count,
+    Flag,
+    FolderTarget,
+    NotNegative,
+    Positive,
+    ReportTarget,
+    app,
+    check_outputs,
+)
+from coheft.errors import UsageError
+
+
+def _words(text: str) -> list[str]:
+    return [word.strip() for word in text.split(",")]
+
+
+def _are_estimators(_: object, text: str) -> None:
+    from coheft.wire.scenario.errors import did_you_mean
+    from coheft.wire.scenario.plugins import available
+
+    words, there = _words(text), available("estimator")
+    unknown = [word for word in words if word not in there]
+    if unknown or len(set(words)) < len(words):
+        hint = f".{did_you_mean(unknown[0], there)}" if unknown else ""
+        raise ValueError(f"expected different ones of {', '.join(there)}, with commas between; found {text!r}{hint}")
+
+
+def _are_factors(_: object, text: str) -> None:
+    try:
+        factors = [float(word) for word in _words(text)]
+    except ValueError:
+        factors = []
+    if not factors or not all(0.0 < factor < math.inf for factor in factors) or len(set(factors)) < len(factors):
+        raise ValueError(f"expected different positive numbers, with commas between; found {text!r}")
+
+
+def _is_rate(_: object, rate: int | None) -> None:
+    from coheft.wire.scenario.schema import SENSOR_RATES
+
+    if rate is not None and rate not in SENSOR_RATES:
+        raise ValueError(f"expected one of {', '.join(map(str, SENSOR_RATES))}; found {rate}")
+
+
+@app.command(group=EVALUATE)
+def study(
+    scenario: str = "ring6",
+    *,
+    set: Annotated[list[str] | None, Parameter(negative=())] = None,
+    runs: Count = 50,
+    estimators: Annotated[str, Parameter(validator=_are_estimators)] = "seed,efficient",
+    noise: Annotated[str, Parameter(validator=_are_factors)] = "1",
+    at: Annotated[str, Parameter(validator=_are_factors)] = "20",
+    after: Positive = 1.0,
+    first_seed: NotNegative = 1,
+    sensor_rate: Annotated[int | None, Parameter(validator=_is_rate)] = None,
+    jobs: Count | None = None,
+    dask: str | None = None,
+    json: ReportTarget = None,
+    report: FolderTarget = None,
+    quiet: Flag = False,
+) -> int:
+    """Measure the estimators against the Cramér-Rao bound, over many runs in this process's own simulated network.
+
+    Each run has a seed of its own, for the sensors' noise and for the robots' motions, and is the same for all
+    estimators.
+
+    Parameters
+    ----------
+    scenario:
+        Name of a shipped scenario (see 'coheft scenarios'), a path that ends with .toml, or 'random': a team of its
+        own for every run.
+    set:
+        A key of the scenario and its value, as TOML has it, for instance sensors.noise_scale=3. May be given more than
+        once.
+    runs:
+        Number of runs, for each noise.
+    estimators:
+        Which to compare.
+    noise:
+        Factors on the scenario's noise, for instance 1,3.
+    at:
+        When accuracy is judged [s], for instance 2,5,10; not after the load changes.
+    after:
+        From the scenario's first change of the load to the judgement of the recovery [s].
+    first_seed:
+        Of the first run; the others count on from there.
+    sensor_rate:
+        Samples per second, instead of the scenario's; its blocks stay as long as they are.
+    jobs:
+        Number of processes, instead of one per core.
+    dask:
+        Address of a Dask scheduler; its workers run everything.
+    json:
+        Write the results to this file; - for standard output.
+    report:
+        Folder for a report with pictures.
+    quiet:
+        Show nothing but errors.
+    """
+    from rich.console import Console
+
+    from coheft.app.figures import make_folder
+    from coheft.app.results.report import write_report
+    from coheft.app.run.new_folder import gone_if_broken_off
+    from coheft.app.study.campaign import make_plan, run_study
+    from coheft.app.study.output import print_study, write_folder
+    from coheft.app.study.random_team import RANDOM
+    from coheft.app.terminal.progress import show_progress
+    from coheft.wire.scenario.file import load_scenario, scenario_path
+
+    plan = make_plan(
+        None if scenario == RANDOM else load_scenario(scenario, set or ()),
+        values=set or (),
+        runs=runs,
+        estimators=_words(estimators),
+        noise_scales=[float(factor) for factor in _words(noise)],
+        at=[float(time) for time in _words(at)],
+        after=after,
+        first_seed=first_seed,
+        sensor_rate=sensor_rate,
+    )
+    if jobs is not None and dask is not None:
+        raise UsageError("--jobs is for processes on this machine, but --dask leaves all to workers: leave one out")
+    check_outputs(*([] if scenario == RANDOM else [scenario_path(scenario)]), json=json, report=report)
+    console = Console(stderr=json == "-")
+    with gone_if_broken_off(report), show_progress(console, "runs", plan.runs, quiet=quiet) as told:
+        if report is not None:
+            make_folder(report)
+        found, trials = run_study(plan, jobs=jobs, dask=dask, on_progress=lambda done: told(done, ""))
+    if not quiet:
+        print_study(console, found)
+    try:
+        if json is not None:
+            write_report(found, json)
+    finally:  # if one of them cannot be written, the other may
+        if report is not None:
+            write_folder(found, trials, report)
+    return EXIT_CONVERGED

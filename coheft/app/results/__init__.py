@@ -1,0 +1,1 @@
+"""What is kept of a run, and how estimates are judged against the truth."""

@@ -1,0 +1,186 @@
+"""How a load was carried along the common path: against the path, and against each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from coheft.agents.motion.common_path import CommonPath
+from coheft.app.results.record import load_ids
+from coheft.app.results.report import CarryPhaseReport, CarryReport, LoadDropReport
+from coheft.app.run.heard import News
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp, rotation_from_quaternion, rotation_log
+from coheft.estimation.measurement import WRENCH
+from coheft.estimation.rigid_body.feedforward import internal_wrenches
+from coheft.physics_server.scene import PAYLOAD_HOME
+from coheft.wire.messages.requests import Status
+from coheft.wire.messages.structs import Scene, Truth
+from coheft.wire.scenario.schema import Scenario
+
+SETTLING = 2.0
+"""After the feed-forward begins, and after a load change, so much later the next phase begins [s]."""
+PROMISED = 5.0
+"""With feed-forward the load is off by so many times less than without."""
+
+_What = Literal["alone", "springs", "feedforward"]
+
+
+@dataclass(eq=False)
+class _Sums:
+    """Squares of a phase: off the path [m, rad], pushed against each other [N, N·m]."""
+
+    begin: float
+    end: float = 0.0
+    squares: Array = field(default_factory=lambda: np.zeros(4))
+    count: int = 0
+
+    @property
+    def rms(self) -> Array:
+        """Roots of the mean squares."""
+        return np.sqrt(self.squares / self.count)
+
+
+@dataclass(eq=False)
+class _Drop:
+    """A load change: when, how far off the path afterwards at most [m], when last too far off [s]."""
+
+    at: float
+    mass: float
+    largest: float = 0.0
+    last_off: float | None = None
+
+
+class CarryRecord:
+    """Follows a run that carries its load, see ``coheft.app.run.follower.Follower``.
+
+    Args:
+        scenario: What is run; it has a common path.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        assert scenario.carry is not None
+        self._scenario = scenario
+        self._carry = scenario.carry
+        self._path = CommonPath(self._carry, self._carry.start)
+        self._grasps: list[Pose] = []
+        self._loads: list[int] | None = None
+        self._changed_at = -np.inf
+        self._phases: dict[tuple[_What, int], _Sums] = {}
+        self._drops: list[_Drop] = []
+
+    def begin(self, status: Status) -> None:
+        """All links stand and the clock runs."""
+        self.look_at(status.scene)
+
+    def look_at(self, scene: Scene) -> None:
+        """Where the robots hold the payload."""
+        self._grasps = [Pose(r, p) for r, p in zip(scene.rotations, scene.translations, strict=True)]
+
+    def hear(self, news: News) -> None:
+        """Take in the truth of a block."""
+        if isinstance(news, Truth):
+            self.add(news)
+
+    def end(self, status: Status) -> None:
+        """The run has ended."""
+
+    def add(self, truth: Truth) -> None:
+        """Take in the truth of a block."""
+        block_duration = self._scenario.block_duration
+        loads = load_ids(truth)
+        if self._loads is not None and loads != self._loads:
+            self._changed_at = truth.time - block_duration
+            self._drops.append(_Drop(self._changed_at, truth.payload.mass))
+        self._loads = loads
+        off = self.error(truth)
+        pushed = np.square(internal_wrenches(truth.samples[:, WRENCH], self._grasps))
+        # Of one robot: root mean square over robots of the vectors' lengths.
+        lengths = pushed.reshape(-1, 2, 3).sum(axis=2).mean(axis=0)
+        phase = self._phase(truth.time)
+        if phase is not None:
+            sums = self._phases.setdefault((phase, len(self._drops)), _Sums(truth.time - block_duration))
+            sums.squares += np.concatenate([np.square(off), lengths])
+            sums.count += 1
+            sums.end = truth.time
+        if self._drops and truth.time > self._path.full_from:
+            self._follow_drop(self._drops[-1], truth.time, float(off[0]))
+
+    def error(self, truth: Truth) -> Array:
+        """How far the payload's frame is off the path: distance [m], angle [rad], shape (2,)."""
+        rate = self._scenario.sensors.rate
+        time = np.array([truth.time - 1.0 / rate])  # of the block's last sample
+        displacement = self._path.displacement(time)[0][0]
+        moved = Pose(rotation_exp(displacement[:3]), displacement[3:])
+        reference = self._grasps[0]
+        wanted = PAYLOAD_HOME @ reference @ moved @ reference.inverse()
+        turn = rotation_log(wanted.rotation.T @ rotation_from_quaternion(truth.quaternion))
+        return np.array([np.linalg.norm(truth.position - wanted.translation), np.linalg.norm(turn)])
+
+    def _phase(self, time: float) -> _What | None:
+        """What is going on, None while it is changing."""
+        carry, motion = self._carry, self._scenario.motion
+        if time <= carry.start:
+            return "alone" if time > motion.ramp else None
+        if time <= self._path.full_from or time <= self._changed_at + SETTLING:
+            return None
+        if not carry.feedforward or time <= carry.feedforward_at:
+            return "springs"
+        return "feedforward" if time > carry.feedforward_at + SETTLING else None
+
+    def _follow_drop(self, drop: _Drop, time: float, off: float) -> None:
+        drop.largest = max(drop.largest, off)
+        limit = self._limit()
+        if limit is not None and off > limit:
+            drop.last_off = time
+
+    def _limit(self) -> float | None:
+        """What was promised [m]; None without springs to compare with."""
+        springs = next((sums for (what, _), sums in self._phases.items() if what == "springs"), None)
+        return None if springs is None else float(springs.rms[0]) / PROMISED
+
+    def report(self) -> CarryReport:
+        """What came of it, so far."""
+        noise_force, noise_torque = self._noise()
+        return CarryReport(
+            phases=[_phase_report(what, sums) for (what, _), sums in self._phases.items()],
+            drops=[self._drop_report(drop) for drop in self._drops],
+            noise_force_n=float(noise_force),
+            noise_torque_nm=float(noise_torque),
+        )
+
+    def _drop_report(self, drop: _Drop) -> LoadDropReport:
+        last = max((sums.end for sums in self._phases.values()), default=0.0)
+        back = drop.at if drop.last_off is None else drop.last_off
+        is_back = self._carry.feedforward and self._limit() is not None and back < last
+        return LoadDropReport(
+            at_s=round(drop.at, 9),
+            mass=drop.mass,
+            largest_mm=1e3 * drop.largest,
+            back_after_s=round(back - drop.at, 9) if is_back else None,
+        )
+
+    def _noise(self) -> Array:
+        """What the noise of the sensors alone would look like [N, N·m]."""
+        count = len(self._grasps)
+        noise = self._scenario.noise
+        deviation = np.tile(np.repeat([noise.force, noise.torque], 3), count)
+        spread = internal_wrenches(np.diag(deviation).reshape(-1, count, 6), self._grasps)
+        squares = np.square(spread).sum(axis=0).reshape(count, 2, 3).sum(axis=2)
+        deviations: Array = np.sqrt(squares.mean(axis=0))
+        return deviations
+
+
+def _phase_report(what: _What, sums: _Sums) -> CarryPhaseReport:
+    position, rotation, force, torque = sums.rms.tolist()
+    is_common = what != "alone"
+    return CarryPhaseReport(
+        what=what,
+        from_s=round(sums.begin, 9),
+        to_s=round(sums.end, 9),
+        position_rms_mm=1e3 * position if is_common else None,
+        rotation_rms_deg=float(np.degrees(rotation)) if is_common else None,
+        internal_force_rms_n=force,
+        internal_torque_rms_nm=torque,
+    )

@@ -1,0 +1,145 @@
+"""The quantities that are judged, and how errors of all robots become numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.app.results.judge import Judge
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
+from coheft.estimation.rigid_body.mass_properties import TIMES_IN_MATRIX, Inertia, pack_symmetric
+from coheft.wire.messages.structs import Estimate, PayloadEstimate
+
+PAYLOAD_SIZE = 10
+_ROUNDING = 1e-9
+Edges = Sequence[tuple[str, str]]
+"""Ordered pairs (i, j) of neighbours: i estimates ``pose_j_in_i``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """Some components of the error of a pose ``(rotation vector, translation)`` or a payload ``(m, h, J packed)``.
+
+    Attributes:
+        name: In reports.
+        unit: Of errors.
+        of_payload: Whether it is part of the payload, else of a pose.
+        components: Of the error.
+        counts: How often each component counts in the square of the norm.
+    """
+
+    name: str
+    unit: str
+    of_payload: bool
+    components: slice
+    counts: Array
+
+    def squares(self, errors: Array) -> Array:
+        """Squared norms of errors, shape (k, 6 or 10) to (k,)."""
+        result: Array = np.square(errors[:, self.components]) @ self.counts
+        return result
+
+    def expected_squares(self, covariances: Array) -> Array:
+        """Expectation of ``squares`` for these covariances, shape (k, s, s) to (k,)."""
+        result: Array = np.diagonal(covariances, axis1=1, axis2=2)[:, self.components] @ self.counts
+        return result
+
+
+_ONCE = np.ones(3)
+QUANTITIES = (
+    Quantity("pose_rotation", "rad", False, slice(0, 3), _ONCE),
+    Quantity("pose_translation", "m", False, slice(3, 6), _ONCE),
+    Quantity("mass", "kg", True, slice(0, 1), np.ones(1)),
+    Quantity("com", "m", True, slice(1, 4), _ONCE),
+    Quantity("inertia", "kg·m²", True, slice(4, 10), TIMES_IN_MATRIX),
+)
+UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES}
+ALL_TEN = Quantity("all_ten", "", True, slice(0, PAYLOAD_SIZE), np.ones(PAYLOAD_SIZE))
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Errors of all robots at one moment, truth minus estimate; NaN where nothing is claimed.
+
+    Attributes:
+        poses: Of all edges, rotation vector in the axes of ``F_i`` [rad] and translation [m], shape (edges, 6).
+        payload: Of all robots, ``(m, h, J packed)`` in ``F_i``, shape (N, 10).
+        pose_covariances: As claimed, shape (edges, 6, 6).
+        payload_covariances: As claimed, shape (N, 10, 10).
+    """
+
+    poses: Array
+    payload: Array
+    pose_covariances: Array
+    payload_covariances: Array
+
+    def of(self, quantity: Quantity) -> Array:
+        """The errors that ``quantity`` is about."""
+        return self.payload if quantity.of_payload else self.poses
+
+    def covariances_of(self, quantity: Quantity) -> Array:
+        """The claimed covariances that ``quantity`` is about."""
+        return self.payload_covariances if quantity.of_payload else self.pose_covariances
+
+
+def directed_edges(neighbours: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
+    """All ordered pairs of neighbours."""
+    return [(name, other) for name in sorted(neighbours) for other in sorted(neighbours[name])]
+
+
+def published_errors(judge: Judge, edges: Edges, estimates: Mapping[str, Estimate]) -> Errors:
+    """Errors of what all robots published, each at its own last block."""
+    names = judge.scene.robots
+    poses, pose_covariances = np.full((len(edges), 6), np.nan), np.full((len(edges), 6, 6), np.nan)
+    payload, payload_covariances = np.full((len(names), 10), np.nan), np.full((len(names), 10, 10), np.nan)
+    for k, (name, other) in enumerate(edges):
+        estimate = estimates.get(name)
+        if estimate is not None and estimate.phase == "inertia" and other in estimate.poses:
+            found = estimate.poses[other]
+            poses[k] = pose_error(judge, name, other, Pose(found.rotation, found.translation))
+            pose_covariances[k] = found.covariance
+    for k, name in enumerate(names):
+        estimate = estimates.get(name)
+        if estimate is not None and estimate.payload is not None:
+            believed = estimate.payload
+            error = payload_error(judge.payload(name, estimate.block), believed)
+            payload[k, : len(error)] = error
+            payload_covariances[k, : len(error), : len(error)] = believed.covariance
+    return Errors(poses, payload, pose_covariances, payload_covariances)
+
+
+def pose_error(judge: Judge, name: str, other: str, estimate: Pose) -> Array:
+    """Truth minus estimate of a neighbour's pose in ``F_i``: rotation vector in its axes, translation; shape (6,)."""
+    truth = judge.relative_pose(name, other)
+    return np.concatenate(
+        [rotation_log(truth.rotation @ estimate.rotation.T), truth.translation - estimate.translation]
+    )
+
+
+def payload_error(truth: Inertia, estimate: PayloadEstimate) -> Array:
+    """Truth minus estimate of what is claimed of ``(m, h, J packed)``, shape (1,), (4,) or (10,)."""
+    com = truth.com if estimate.com is None else estimate.com
+    tensor = truth.tensor if estimate.tensor is None else estimate.tensor
+    return _inertia_error(truth, Inertia(estimate.mass, com, tensor))[: len(estimate.covariance)]
+
+
+def _inertia_error(truth: Inertia, estimate: Inertia) -> Array:
+    return np.concatenate(
+        [[truth.mass - estimate.mass], truth.com - estimate.com, pack_symmetric(truth.tensor - estimate.tensor)]
+    )
+
+
+def payload_exists(payload: PayloadEstimate | None) -> bool:
+    """Whether a body with these mass properties can exist; claiming nothing is right."""
+    if payload is None:
+        return True
+    if payload.com is None or payload.tensor is None:
+        return payload.mass > 0.0
+    pseudo = Inertia(payload.mass, payload.com, payload.tensor).pseudo_inertia()
+    diagonal = np.diag(pseudo)
+    if not np.all(diagonal > 0.0):
+        return False
+    balanced = pseudo / np.sqrt(np.outer(diagonal, diagonal))
+    return bool(np.linalg.eigvalsh(balanced)[0] >= -_ROUNDING)

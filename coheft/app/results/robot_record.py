@@ -1,0 +1,154 @@
+"""What is kept of one robot's estimates: each is compared with the truth when it comes, and then let go."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+
+from coheft.app.results.judge import Judge, RobotReport
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.messages.structs import Estimate, Truth
+
+LASTING = 1.0
+"""Who has been near the truth for so long did not only pass it: it has recovered, whatever happens then [s]."""
+_FORCE_TORQUE = (slice(0, 3), slice(3, 6))
+_ROUNDING = 1e-9
+
+
+class HistoryPoint(msgspec.Struct, frozen=True):
+    """One robot's errors at one moment; None where it had no estimate."""
+
+    time_s: float
+    mass_error_pct: float | None
+    com_error_mm: float | None
+    inertia_error_pct: float | None
+
+
+@dataclass(eq=False)
+class LoadPeriod:
+    """The time from one change of the load to the next.
+
+    Attributes:
+        start: When its first block began [s].
+        truth: Of that block.
+        before: What each robot believed just before, a ``RobotReport`` as MessagePack: an hour may have hundreds of
+            changes, and as objects each would take four times as much memory.
+        noticed: When each robot first noticed a change in this period [s].
+        recovered: Since when all of a robot's estimates have been near the truth [s]; None while they are not. It stays
+            once it has lasted, or the robot has begun anew.
+    """
+
+    start: float
+    truth: Truth
+    before: dict[str, bytes] = field(default_factory=dict)
+    noticed: dict[str, float] = field(default_factory=dict)
+    recovered: dict[str, float | None] = field(default_factory=dict)
+
+    def believed_before(self, robot: str) -> RobotReport | None:
+        """What a robot believed just before; None if it had said nothing."""
+        before = self.before.get(robot)
+        return None if before is None else msgspec.msgpack.decode(before, type=RobotReport)
+
+
+class RobotRecord:
+    """One robot's estimates against the truth.
+
+    Args:
+        judge: Knows the truth.
+        periods: Of the load, begun so far; what this robot did in them is noted there.
+        with_history: Keep the errors about once a second, too.
+
+    Attributes:
+        compared: Number of estimates so far.
+        wrench_errors: Sums of squares of the errors of total force and torque in phase ``inertia``, shape (2,).
+        wrench_totals: The same of their truths.
+        history: Errors about once a second.
+    """
+
+    def __init__(self, judge: Judge, periods: Sequence[LoadPeriod], *, with_history: bool) -> None:
+        self.compared = 0
+        self.wrench_errors: Array = np.zeros(2)
+        self.wrench_totals: Array = np.zeros(2)
+        self.history: list[HistoryPoint] = []
+        self._judge = judge
+        self._periods = periods
+        self._with_history = with_history
+        self._last: Estimate | None = None
+        self._converged_at: float | None = None
+        self._period = 0
+        self._has_recovered = False
+
+    @property
+    def report(self) -> RobotReport | None:
+        """The last estimate against the truth; None if there is none."""
+        if self._last is None:
+            return None
+        return msgspec.structs.replace(self._judge.robot([self._last]), converged_at_s=self._converged_at)
+
+    def compare(self, estimate: Estimate) -> None:
+        """Take in the next estimate; the truth of its block has come."""
+        self._follow_load(estimate)
+        self.compared += 1
+        self._last = estimate
+        if estimate.is_converged and self._converged_at is None:
+            self._converged_at = estimate.time
+        self._compare_wrench(estimate)
+        if self._with_history:
+            self._add_history(estimate)
+
+    def _follow_load(self, estimate: Estimate) -> None:
+        """Note what became of changes of the load."""
+        name, periods = estimate.robot, self._periods
+        while self._period + 1 < len(periods) and periods[self._period + 1].truth.block <= estimate.block:
+            self._period += 1
+            self._has_recovered = False
+            if (before := self.report) is not None:
+                periods[self._period].before[name] = msgspec.msgpack.encode(before)
+        self._follow_recovery(estimate, periods[self._period].recovered)
+        for notice in estimate.load_changes:
+            begun = bisect_left(periods, notice.noticed_at, key=lambda period: period.start)
+            noticed = periods[max(0, begun - 1)].noticed
+            noticed[name] = min(notice.noticed_at, noticed.get(name, notice.noticed_at))
+
+    def _follow_recovery(self, estimate: Estimate, recovered: dict[str, float | None]) -> None:
+        """Note since when a robot has been near the truth, until that has lasted."""
+        name = estimate.robot
+        since = recovered.get(name)
+        if since is not None and self._begins_anew(estimate):
+            self._has_recovered = True
+        if self._has_recovered:
+            return
+        if not self._judge.recovered(estimate):
+            recovered[name] = None
+        elif since is None:
+            recovered[name] = estimate.time
+        else:
+            self._has_recovered = estimate.time - since >= LASTING - _ROUNDING
+
+    def _begins_anew(self, estimate: Estimate) -> bool:
+        """Whether the agent was started again, or its estimator exchanged: what it knew is forgotten, not wrong."""
+        last = self._last
+        if last is None:
+            return False
+        has_forgotten = last.payload is not None and estimate.payload is None
+        return has_forgotten or estimate.estimator != last.estimator
+
+    def _compare_wrench(self, estimate: Estimate) -> None:
+        truth = self._judge.total_wrench(estimate.robot, estimate.total_block)
+        if estimate.phase == "inertia" and truth is not None:
+            error = estimate.total_wrench - truth
+            self.wrench_errors += [error[part] @ error[part] for part in _FORCE_TORQUE]
+            self.wrench_totals += [truth[part] @ truth[part] for part in _FORCE_TORQUE]
+
+    def _add_history(self, estimate: Estimate) -> None:
+        """Add a point if a second has gone by since the last one."""
+        last = self.history[-1].time_s if self.history else 0.0
+        if int(estimate.time + 1e-9) > int(last + 1e-9):
+            robot = self._judge.robot([estimate])
+            self.history.append(
+                HistoryPoint(estimate.time, robot.mass.error_pct, robot.com.error_mm, robot.inertia.error_pct)
+            )

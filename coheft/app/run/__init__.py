@@ -1,0 +1,1 @@
+"""Starts the processes of a run, follows them, and never leaves one behind."""

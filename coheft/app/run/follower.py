@@ -1,0 +1,21 @@
+"""Whoever follows a run beside the report: a recorder, a view, curves over time."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from coheft.app.run.heard import News
+from coheft.wire.messages.requests import Status
+
+
+class Follower(Protocol):
+    """Hears a run from its start to its end, in the supervisor's thread, so it must be quick."""
+
+    def begin(self, status: Status) -> None:
+        """All links stand and the clock runs: who holds the payload, for how long."""
+
+    def hear(self, news: News) -> None:
+        """Somebody has said something that makes sense."""
+
+    def end(self, status: Status) -> None:
+        """The run has ended; not called if it failed."""

@@ -1,0 +1,137 @@
+"""What an observer checks before it takes a message for one about its run: what it computes with it must not fail."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from coheft.errors import MessageError, one_line
+from coheft.estimation.measurement import SAMPLE_SIZE
+from coheft.wire.messages.codec import check_array, check_choice, check_field
+from coheft.wire.messages.estimate_checks import (
+    ROTATION_TOLERANCE,
+    check_number,
+    check_numbers,
+    check_payload,
+    check_pose,
+    check_rotation,
+)
+from coheft.wire.messages.requests import Status
+from coheft.wire.messages.structs import Estimate, Message, Problem, Scene, Truth
+from coheft.wire.scenario.schema import MAX_DURATION
+from coheft.wire.transport.planes import SERVER
+
+_LONGEST = 2 * MAX_DURATION
+"""No run lasts so long [s]; the last block may end a little later than the run."""
+
+News = Truth | Estimate | Problem
+"""What an observer hears of a run."""
+
+
+def check_news(source: str, message: Message, scene: Scene) -> News | None:
+    """What a source has said, checked; None if it is nothing for an observer.
+
+    Raises:
+        MessageError: It makes no sense.
+    """
+    match message:
+        case Truth():
+            check_truth(message, scene)
+            return message
+        case Estimate():
+            check_estimate(message, source, scene.robots)
+            return message
+        case Problem():
+            is_end = message.is_end and source == SERVER
+            return Problem(source=source, text=one_line(message.text), is_end=is_end)
+    return None
+
+
+def check_status(status: Status) -> None:
+    """Check who holds the payload, and where, and with which estimators.
+
+    Raises:
+        MessageError: It cannot be a team.
+    """
+    scene = status.scene
+    if not 0 < len(set(scene.robots)) == len(scene.robots):
+        raise MessageError(f"robots are {scene.robots} but expected some, once each")
+    check_array(scene.rotations, (len(scene.robots), 3, 3), "rotations")
+    for name, rotation in zip(scene.robots, scene.rotations, strict=True):
+        check_rotation(rotation, name)
+    check_numbers(scene.translations, (len(scene.robots), 3), "translations")
+    check_field("neighbours are told of", sorted(scene.neighbours), sorted(scene.robots))
+    for name, others in scene.neighbours.items():
+        for other in others:
+            check_choice(f"neighbour of {name!r}", other, scene.robots)
+    check_choice("estimator", status.estimator, status.estimators)
+    for value in (
+        *scene.home,
+        *(number for box in scene.boxes for number in (*box.size, *box.position, *box.rotation_deg)),
+    ):
+        check_number(value, "a number of the scene")
+
+
+def check_truth(truth: Truth, scene: Scene) -> None:
+    """Check what came under the server's key.
+
+    Raises:
+        MessageError: It cannot be about a payload, or not about the one that this team holds.
+    """
+    _check_moment(truth.block, truth.time)
+    payload = truth.payload
+    check_number(payload.mass, "mass")
+    if payload.mass <= 0.0:
+        raise MessageError(f"mass is {payload.mass} kg but expected more than 0")
+    check_numbers(payload.com, (3,), "com")
+    check_numbers(payload.tensor, (3, 3), "tensor")
+    if not payload.tensor.any():
+        raise MessageError("tensor is zero but expected a body's")
+    check_numbers(truth.position, (3,), "position")
+    check_numbers(truth.quaternion, (4,), "quaternion")
+    if abs(np.linalg.norm(truth.quaternion) - 1.0) > ROTATION_TOLERANCE:
+        raise MessageError(f"quaternion is {truth.quaternion.tolist()} but expected one of length 1")
+    check_numbers(truth.total_wrench, (6,), "total_wrench")
+    check_numbers(truth.samples, (len(scene.robots), SAMPLE_SIZE), "samples")
+    for load in truth.loads:
+        for value in (load.mass, *load.position, *load.size, load.leak):
+            check_number(value, f"a number of load {load.id}")
+
+
+def check_estimate(estimate: Estimate, source: str, robots: Collection[str]) -> None:
+    """Check what came under a robot's key.
+
+    Args:
+        estimate: What came.
+        source: The robot.
+        robots: Of whom it may speak.
+
+    Raises:
+        MessageError: It is not what the robot called ``source`` can believe.
+    """
+    check_field("robot", estimate.robot, source)
+    check_choice("robot", estimate.robot, robots)
+    _check_moment(estimate.block, estimate.time)
+    check_numbers(estimate.total_wrench, (6,), "total_wrench")
+    if estimate.total_block > estimate.block:
+        raise MessageError(f"total_block is {estimate.total_block} but expected at most {estimate.block}, the block")
+    if estimate.payload is not None:
+        check_payload(estimate.payload)
+    for name, pose in estimate.poses.items():
+        check_choice("robot of a pose", name, robots)
+        check_pose(pose, name)
+    for notice in estimate.load_changes:
+        check_number(notice.noticed_at, "noticed_at")
+    for name in estimate.silent:
+        check_choice("robot that is silent", name, robots)
+    for text in (*estimate.reasons, *estimate.not_observable, estimate.estimator):
+        check_field("text in one line", text, one_line(text))
+
+
+def _check_moment(block: int, time: float) -> None:
+    check_number(time, "time")
+    if block < 0 or not 0.0 < time <= _LONGEST:
+        raise MessageError(
+            f"block is {block}, which ends at {time} s, but expected a time between 0 and {_LONGEST:g} s"
+        )

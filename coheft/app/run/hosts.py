@@ -1,0 +1,166 @@
+"""Where the parts of a run are: on this machine, or each on a host of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import random
+import re
+import socket
+import tomllib
+from collections import defaultdict
+from itertools import count
+from pathlib import Path
+from typing import Annotated, Protocol
+
+import msgspec
+
+from coheft.errors import LinkError, ScenarioError
+from coheft.wire.scenario.errors import explain
+from coheft.wire.scenario.schema import Scenario
+from coheft.wire.scenario.toml_value import as_toml
+from coheft.wire.transport.planes import SERVER
+
+_LARGEST_PORT = 65535
+LOOPBACK = "127.0.0.1"
+_PORTS = range(20000, 32768)
+"""Above 32767 the system may give a port to an outgoing connection between our choice and its use."""
+
+
+class Places(Protocol):
+    """Gives every listener an address and a port of its own."""
+
+    def take(self, name: str) -> str:
+        """Another ``host:port`` for the part called ``name``."""
+
+
+class FreePorts:
+    """Free ports of the loopback interface.
+
+    Raises:
+        LinkError: There are not so many.
+    """
+
+    def __init__(self, number: int) -> None:
+        self._ports = iter(free_ports(number))
+
+    def take(self, name: str) -> str:
+        """The next one, whoever it is for."""
+        return f"{LOOPBACK}:{next(self._ports)}"
+
+
+class Hosts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where the parts run, as a TOML file tells.
+
+    Attributes:
+        hosts: Address or host name by part: ``server``, and robots by name; who is not named is on the server's host.
+        port: The first port that is used on every host; the others follow.
+    """
+
+    hosts: dict[str, str]
+    port: Annotated[int, msgspec.Meta(ge=1, le=65535)] = 20000
+
+    def of(self, name: str) -> str:
+        """Where a part is. This machine has one name, so that its ports are counted once."""
+        host = self.hosts.get(name, self.hosts.get(SERVER, LOOPBACK))
+        return LOOPBACK if host == "localhost" else host
+
+    @property
+    def are_remote(self) -> bool:
+        """Whether any part can be reached from another machine."""
+        return not all(_is_loopback(host) for host in self.hosts.values())
+
+
+class HostPorts:
+    """Consecutive ports on every host, so that a firewall can be told before."""
+
+    def __init__(self, hosts: Hosts) -> None:
+        self._hosts = hosts
+        self._next: defaultdict[str, count[int]] = defaultdict(lambda: count(hosts.port))
+
+    def take(self, name: str) -> str:
+        """The next one on the host of a part.
+
+        Raises:
+            LinkError: There is none.
+        """
+        host = self._hosts.of(name)
+        port = next(self._next[host])
+        if port > _LARGEST_PORT:
+            raise LinkError(
+                f"{host} has no port left for {name}: begin with a lower one than port = {self._hosts.port}"
+            )
+        return f"{f'[{host}]' if ':' in host else host}:{port}"
+
+
+def load_hosts(path: Path, scenario: Scenario) -> Hosts:
+    """Read where the parts of a scenario run.
+
+    Raises:
+        ScenarioError: The file cannot be used.
+    """
+    table: dict[str, object] = {}
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        hosts = msgspec.convert(table, Hosts)
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: not valid TOML: {error}") from error
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{path}: {explain(error, table, Hosts)}") from error
+    parts = (SERVER, *scenario.robot_names)
+    unknown = sorted(hosts.hosts.keys() - set(parts))
+    if unknown:
+        raise ScenarioError(f"{path}: key 'hosts.{unknown[0]}': no such part; there are: {', '.join(parts)}")
+    for part, host in hosts.hosts.items():
+        if not _is_host(host):
+            raise ScenarioError(
+                f"{path}: key 'hosts.{part}': found {as_toml(host)}, expected an address, such as 192.168.0.7, or a "
+                f"host name"
+            )
+    local = [part for part in parts if _is_loopback(hosts.of(part))]
+    if hosts.are_remote and local:
+        raise ScenarioError(
+            f"{path}: {local[0]} is on {hosts.of(local[0])}, which others cannot reach: give the address that they are "
+            f"to dial, of the server first"
+        )
+    return hosts
+
+
+def free_ports(number: int) -> list[int]:
+    """Different ports of the loopback interface on which nobody listens now.
+
+    Raises:
+        LinkError: There are not enough.
+    """
+    found: list[int] = []
+    for port in random.sample(_PORTS, len(_PORTS)):
+        if len(found) == number:
+            break
+        with socket.socket() as candidate, contextlib.suppress(OSError):
+            candidate.bind((LOOPBACK, port))
+            found.append(port)
+    if len(found) < number:
+        raise LinkError(f"found {len(found)} free ports from {_PORTS[0]} to {_PORTS[-1]}, but the run needs {number}")
+    return found
+
+
+def _is_host(host: str) -> bool:
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return re.fullmatch(r"[A-Za-z0-9]([A-Za-z0-9_.-]*[A-Za-z0-9])?", host) is not None and not _is_number(host)
+    return True
+
+
+def _is_number(host: str) -> bool:
+    """Whether a name can only be an address that is none, such as 10.0.0.300."""
+    return host.replace(".", "").isdigit()
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

@@ -1,0 +1,247 @@
+"""A certificate authority for one team, and a certificate per participant.
+
+The only module that needs the package ``cryptography``; sessions read the files themselves.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Self
+
+from coheft.app.run.hosts import LOOPBACK, Hosts
+from coheft.errors import CoheftError, MissingPackageError
+from coheft.wire.scenario.schema import Scenario
+from coheft.wire.transport.planes import SERVER
+from coheft.wire.transport.security import credentials_in
+from coheft.wire.transport.sessions import ROLES
+
+try:
+    from cryptography import x509
+    from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+    from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+except ImportError as error:
+    raise MissingPackageError("cryptography", "secure") from error
+
+CLOCK_TOLERANCE = timedelta(minutes=5)
+"""By how much the clocks of two hosts may differ when certificates are new."""
+_MINUTE = "%Y-%m-%d %H:%M"
+"""How a time is written in errors."""
+
+
+@dataclass(frozen=True)
+class Authority:
+    """Signs certificates; whoever trusts it trusts all that it has signed."""
+
+    certificate: x509.Certificate
+    key: ec.EllipticCurvePrivateKey
+
+    @classmethod
+    def new(cls, lifetime: timedelta) -> Self:
+        """An authority of its own."""
+        key = ec.generate_private_key(ec.SECP256R1())
+        name = _name("authority")
+        builder = _builder(name, name, key, lifetime)
+        builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        return cls(
+            builder.add_extension(_usage(signs_certificates=True), critical=True).sign(key, hashes.SHA256()), key
+        )
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """The authority in a folder that ``make_keys`` made.
+
+        Raises:
+            CoheftError: It is not there.
+        """
+        try:
+            key = serialization.load_pem_private_key((folder / "authority.key").read_bytes(), password=None)
+            certificate = x509.load_pem_x509_certificate((folder / "authority.crt").read_bytes())
+        except (OSError, ValueError) as error:
+            raise CoheftError(f"there is no authority in {folder}: {error}") from error
+        if not isinstance(key, ec.EllipticCurvePrivateKey):
+            raise CoheftError(f"{folder / 'authority.key'} holds another kind of key than coheft makes")
+        return cls(certificate, key)
+
+    def issue(self, folder: Path, name: str, host: str = LOOPBACK, lifetime: timedelta | None = None) -> None:
+        """Write ``<name>.key`` and ``<name>.crt``.
+
+        Args:
+            folder: Where.
+            name: The participant's.
+            host: Address or host name at which it listens.
+            lifetime: As long as the authority's own by default; not positive: it has expired already.
+
+        Raises:
+            CoheftError: They are there already, or cannot be written.
+        """
+        key = ec.generate_private_key(ec.SECP256R1())
+        end = self.certificate.not_valid_after_utc if lifetime is None else datetime.now(UTC) + lifetime
+        purposes = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+        certificate = (
+            _builder(_name(name), self.certificate.subject, key, end - datetime.now(UTC))
+            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            .add_extension(_usage(signs_certificates=False), critical=True)
+            .add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
+            .add_extension(x509.SubjectAlternativeName([_host(host)]), critical=False)
+            .sign(self.key, hashes.SHA256())
+        )
+        _write_pair(folder, name, key, certificate)
+
+
+def make_keys(
+    folder: Path, scenario: Scenario, hosts: Hosts | None = None, lifetime: timedelta = timedelta(days=365)
+) -> tuple[str, ...]:
+    """Make an authority and one certificate per participant.
+
+    Args:
+        folder: Where their files go; it is made.
+        scenario: Whose participants.
+        hosts: Where they listen; None: all on the loopback interface.
+        lifetime: Of all certificates.
+
+    Returns:
+        The participants' names.
+
+    Raises:
+        CoheftError: There is an authority in the folder already, or it cannot be written to.
+    """
+    authority = Authority.new(lifetime)
+    _write_pair(folder, "authority", authority.key, authority.certificate)
+    names = (SERVER, *scenario.robot_names, *ROLES)
+    for name in names:
+        authority.issue(folder, name, hosts.of(name) if hosts is not None else LOOPBACK)
+    return names
+
+
+def check_keys(folder: Path, scenario: Scenario, hosts: Hosts | None = None) -> None:
+    """Check that everybody's certificate holds now, is signed, and is for where it is used: links would only stay away.
+
+    Raises:
+        CoheftError: One is not, or its key is another's.
+    """
+    for name in (SERVER, *scenario.robot_names, *ROLES):
+        files = credentials_in(folder, name)
+        authority, path = Path(files.authority), Path(files.certificate)
+        certificate, signer = _load_certificate(path), _load_certificate(authority)
+        _check_time(authority, signer)
+        _check_time(path, certificate)
+        try:
+            certificate.verify_directly_issued_by(signer)
+        except (InvalidSignature, TypeError, ValueError) as error:
+            raise CoheftError(
+                f"{path} is signed by another authority than {authority}: take all files from one folder that "
+                f"'coheft keys' made, or make new keys in another folder"
+            ) from error
+        _check_key(Path(files.key), path, certificate)
+        if certificate.subject != _name(name):
+            raise CoheftError(
+                f"{path} is a certificate of {certificate.subject.rfc4514_string()}, expected CN={name}: give files "
+                f"back the names that 'coheft keys' gave them, or make new keys in another folder"
+            )
+        host = hosts.of(name) if hosts is not None else LOOPBACK
+        if name not in ROLES and _host(host) not in _hosts_in(path, certificate):
+            raise CoheftError(f"{path} is not for {host}, where {name} runs: make keys in another folder, with --hosts")
+
+
+def _load_certificate(path: Path) -> x509.Certificate:
+    try:
+        return x509.load_pem_x509_certificate(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise CoheftError(f"{path} is no certificate that 'coheft keys' made: {error}") from error
+
+
+def _hosts_in(path: Path, certificate: x509.Certificate) -> x509.SubjectAlternativeName:
+    try:
+        return certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except (ValueError, x509.ExtensionNotFound) as error:
+        raise CoheftError(f"{path} is no certificate that 'coheft keys' made: {error}") from error
+
+
+def _check_time(path: Path, certificate: x509.Certificate) -> None:
+    begin, end, now = certificate.not_valid_before_utc, certificate.not_valid_after_utc, datetime.now(UTC)
+    if end <= now:
+        raise CoheftError(f"{path} has expired on {end:{_MINUTE}} UTC: make new keys in another folder")
+    if now < begin:
+        raise CoheftError(
+            f"{path} holds from {begin:{_MINUTE}} UTC on, but it is {now:{_MINUTE}} UTC here: set the clock, or make "
+            f"new keys in another folder"
+        )
+
+
+def _check_key(path: Path, of: Path, certificate: x509.Certificate) -> None:
+    try:
+        key = serialization.load_pem_private_key(path.read_bytes(), password=None)
+    except (OSError, TypeError, ValueError, UnsupportedAlgorithm) as error:
+        raise CoheftError(f"{path} is no key that 'coheft keys' made: {error}") from error
+    if key.public_key() != certificate.public_key():
+        raise CoheftError(
+            f"{path} is not the key of {of}: take both from one folder that 'coheft keys' made, or make new keys in "
+            f"another folder"
+        )
+
+
+def _builder(
+    subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePrivateKey, lifetime: timedelta
+) -> x509.CertificateBuilder:
+    end = datetime.now(UTC) + lifetime
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(min(datetime.now(UTC), end) - CLOCK_TOLERANCE)
+        .not_valid_after(end)
+    )
+
+
+def _name(common_name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
+
+
+def _host(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        return x509.DNSName(host)
+
+
+def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=not signs_certificates,
+        key_cert_sign=signs_certificates,
+        crl_sign=signs_certificates,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        encipher_only=False,
+        decipher_only=False,
+    )
+
+
+def _write_pair(folder: Path, name: str, key: ec.EllipticCurvePrivateKey, certificate: x509.Certificate) -> None:
+    secret = key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
+    _write(folder / f"{name}.key", secret, 0o600)
+    _write(folder / f"{name}.crt", certificate.public_bytes(serialization.Encoding.PEM), 0o644)
+
+
+def _write(path: Path, data: bytes, mode: int) -> None:
+    """Write a new file that nobody can read before it has its mode."""
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    except FileExistsError as error:
+        raise CoheftError(f"{path} is there already: keys are never overwritten; name another folder") from error
+    except OSError as error:
+        raise CoheftError(f"cannot write {path}: {error.strerror}") from error
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(data)

@@ -1,0 +1,216 @@
+"""The supervisor: starts the processes of a run, follows it, and never leaves one behind."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from coheft.app.results.record import Record
+from coheft.app.results.report import Report, RunInfo, build_report
+from coheft.app.run.folder import RunFile, announce, announced, has_gone
+from coheft.app.run.follower import Follower
+from coheft.app.run.observer import Observer, observe
+from coheft.app.run.plan import Plan
+from coheft.app.run.processes import Processes
+from coheft.app.run.restarts import Restarts
+from coheft.app.terminal.screen import Display
+from coheft.app.terminal.standard_output import check_standard_output
+from coheft.errors import LinkError
+from coheft.wire.messages.requests import Status, StatusRequest
+from coheft.wire.messages.structs import Problem
+from coheft.wire.transport.planes import SERVER
+
+_POLL = 0.02
+_START_LIMIT = 60.0
+_NO_COMMENT = 5.0
+_SILENCE = 2.0
+_LAST_WORDS = 1.0
+_WRITING_LIMIT = 120.0  # the server may have a long recording to write before it answers
+_AGENTS_END = 5.0
+
+
+def launch(
+    plan: Plan,
+    folder: Path,
+    display: Display,
+    *,
+    followers: Sequence[Follower] = (),
+    with_history: bool = False,
+    restarts: int = 0,
+) -> Report:
+    """Run a plan to its end, and compare what the robots found with the truth.
+
+    An agent that fails while the run goes on is started again, up to ``restarts`` times. The server is not: with it the
+    simulated world is gone.
+
+    Raises:
+        ProcessError: A process failed, an agent once too often; the others have been stopped.
+        LinkError: The processes did not find each other.
+        KeyboardInterrupt: Ctrl-C.
+    """
+    scenario = plan.server.scenario
+    with Processes(folder) as processes, observe(plan.run_file()) as observer, display:
+        processes.start(SERVER, "coheft.physics_server.server", plan.server)
+        for name, agent in plan.agents.items():
+            processes.start(name, "coheft.agents.process.main", agent)
+        with announced(folder, _run_file(plan, processes)):
+            first = _wait_for_start(observer, processes, display)
+            record = Record(first.scene, scenario.duration, with_history=with_history)
+            audience = Audience(record, display, followers, is_told_end=False)
+            for follower in followers:
+                follower.begin(first)
+            again = Restarts(
+                restarts, processes, observer, display, lambda: announce(folder, _run_file(plan, processes))
+            )
+            status = _follow(audience, observer, processes, again, is_saving=plan.server.save_data is not None)
+            for follower in followers:
+                follower.end(status)
+    if record.truth is None or record.silent:
+        raise LinkError(f"the run ended before every robot had said something; see the logs in {folder}")
+    info = RunInfo(
+        scenario=scenario.name,
+        seed=scenario.seed,
+        estimator=record.estimators[-1].estimator,
+        block_duration=scenario.block_duration,
+        real_time_factor=status.real_time_factor,
+        late_blocks=status.late_blocks,
+    )
+    return build_report(info, record)
+
+
+@dataclass(frozen=True)
+class Audience:
+    """Everybody in this process who hears what an observer hears.
+
+    Attributes:
+        record: What the report is made of.
+        display: What the terminal shows.
+        followers: Everybody else.
+        is_told_end: Whether the display shows why a run broke off; who supervises it raises that as an error.
+    """
+
+    record: Record
+    display: Display
+    followers: Sequence[Follower] = ()
+    is_told_end: bool = True
+
+    def collect(self, observer: Observer, seconds: float = _POLL) -> bool:
+        """Take in what has come, show it, and say whether time went on."""
+        before = self.record.time
+        for news in observer.collect(self.record.scene, seconds):
+            self.record.hear(news)
+            if isinstance(news, Problem) and (self.is_told_end or not news.is_end):
+                self.display.problem(news)
+            for follower in self.followers:
+                follower.hear(news)
+        self.display.update(self.record)
+        return self.record.time > before
+
+
+def _run_file(plan: Plan, processes: Processes) -> RunFile:
+    return msgspec.structs.replace(plan.run_file(), pids=processes.pids)
+
+
+def _wait_for_start(observer: Observer, processes: Processes, display: Display) -> Status:
+    """Wait until all links stand and the clock runs."""
+    began = time.monotonic()
+    waiting_for = [SERVER]
+    while time.monotonic() < began + _START_LIMIT:
+        processes.check()
+        status = observer.status()
+        if status is not None:
+            if status.state != "waiting":
+                return status
+            waiting_for = status.waiting_for
+        if time.monotonic() > began + _NO_COMMENT:
+            display.note(f"waiting for {', '.join(waiting_for)}")
+        time.sleep(_POLL)
+    raise LinkError(f"after {_START_LIMIT:g} s there is still no link with {', '.join(waiting_for)}")
+
+
+def _follow(
+    audience: Audience, observer: Observer, processes: Processes, again: Restarts, *, is_saving: bool
+) -> Status:
+    """Collect what the processes say until the agents have gone; return the server's last word.
+
+    What is to be saved may take long: as long as the server is there, only Ctrl-C ends that.
+
+    Raises:
+        ProcessError: A process failed, the server after the agents perhaps; or an agent does not go though the run is
+            over.
+        LinkError: The server has no last word.
+    """
+    news = time.monotonic()
+    while not processes.all_done_but(SERVER) or processes.failed:
+        again.check()
+        if audience.collect(observer):
+            news = time.monotonic()
+        elif time.monotonic() > news + _SILENCE:
+            status = observer.status()
+            if processes.ended(SERVER) or (status is not None and status.state == "finished"):
+                processes.wait_for_all_but(SERVER, _AGENTS_END)
+            elif status is not None:
+                _explain_silence(status, audience.display)
+    processes.check()
+    deadline = time.monotonic() + _LAST_WORDS
+    while time.monotonic() < deadline and not audience.record.complete:
+        audience.collect(observer)
+    deadline += _WRITING_LIMIT
+    while (status := observer.status()) is None or status.failure:  # one that has failed is about to end: see how
+        has_ended = processes.ended(SERVER)
+        processes.check()
+        if is_saving and not has_ended:
+            audience.display.note("the server writes down what the robots have measured")
+        elif has_ended or time.monotonic() > deadline:
+            raise LinkError("the server did not say how the run ended" if status is None else status.failure)
+        time.sleep(_POLL)
+    return status
+
+
+def watch(run_file: RunFile, display: Display) -> str:
+    """Show a run that somebody else supervises until it has ended, and return in words when that was.
+
+    Raises:
+        LinkError: The server does not answer, or not any more, or it says that the run broke off.
+        OSError: Standard output cannot be written: nobody watches.
+    """
+    with display, ExitStack() as links:
+        display.note("waiting for the server of the run to answer")
+        observer = links.enter_context(observe(run_file))
+        status = observer.ask(StatusRequest())
+        display.note(f"watching {status.scenario}, {status.time:.1f} s of {status.duration:g} s are over")
+        if status.state != "running":
+            _explain_silence(status, display)
+        audience = Audience(Record(status.scene, status.duration), display)
+        news = time.monotonic()
+        while status.state != "finished":
+            check_standard_output()
+            if audience.collect(observer):
+                news = time.monotonic()
+            if time.monotonic() < news + _SILENCE and not observer.has_ended:
+                continue
+            answer = observer.status()
+            news = time.monotonic()
+            if answer is not None:
+                status = answer
+                _explain_silence(status, display)
+                continue
+            if run_file.pids and has_gone(run_file):  # who supervises a server never starts it again
+                raise LinkError(f"the run has broken off: its server has gone after {audience.record.time:.1f} s")
+            observer.check_server()
+            display.note("the server does not answer")
+    if status.failure:  # the display has told it
+        raise LinkError(f"the run has broken off at {status.time:.2f} s")
+    return f"the run has ended at {status.time:.2f} s"
+
+
+def _explain_silence(status: Status, display: Display) -> None:
+    if status.state == "paused":
+        display.note(f"paused at {status.time:.2f} s; 'coheft resume' goes on")
+    elif status.waiting_for:
+        display.note(f"waiting for {', '.join(status.waiting_for)}")

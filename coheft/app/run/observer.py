@@ -1,0 +1,213 @@
+"""The observer's link to a run: hears estimates and truth, and asks the server."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import zenoh
+
+from coheft.app.run.folder import RunFile, find_run
+from coheft.app.run.heard import News, check_news, check_status
+from coheft.errors import CoheftError, LinkError, MessageError
+from coheft.wire.messages.requests import CutLinks, LinkRequest, Refusal, Request, Status, StatusRequest
+from coheft.wire.messages.structs import Estimate, Message, Problem, Scene, Truth
+from coheft.wire.transport.inbox import Inbox, Received, Refused
+from coheft.wire.transport.planes import SERVER, guard_observer
+from coheft.wire.transport.security import Guard, credentials_in
+from coheft.wire.transport.sessions import Keys, Role, ask, ask_for, open_session
+
+_RETRY_EVERY = 0.02
+_ANSWER_LIMIT = 5.0
+_QUESTIONS = 5
+"""So many in a row without an answer, and the server is given up: a busy machine may miss one or two."""
+_COLLECT_LIMIT = 0.1  # or whoever calls would see nothing else while messages come faster than they are read
+
+
+class Observer:
+    """Hears the server and every agent of a run, see ``observe``."""
+
+    def __init__(self, run_file: RunFile, session: zenoh.Session, role: Role) -> None:
+        self._session = session
+        self._keys = Keys(run_file.run)
+        self._request = self._keys.request(role)
+        self._inbox = Inbox()
+        at_server = self._keys.observe_server
+        self._last_word: Status | None = None
+        self._unanswered = 0
+        self._inbox.listen(
+            session, SERVER, {at_server("truth"): Truth, at_server("problem"): Problem, at_server("end"): Status}
+        )
+        for name in run_file.agents:
+            estimate, problem = (self._keys.observe_agent(name, topic) for topic in ("estimate", "problem"))
+            self._inbox.listen(session, name, {estimate: Estimate, problem: Problem})
+
+    def collect(self, scene: Scene, seconds: float) -> list[News]:
+        """Wait at most that long for something new, then return what has come, checked, in the order in which it came.
+
+        What makes no sense becomes a ``Problem``.
+        """
+        news: list[News] = []
+        event = self._inbox.receive(seconds)
+        deadline = time.monotonic() + _COLLECT_LIMIT
+        while event is not None:
+            match event:
+                case Received(source, message):
+                    try:
+                        checked = self._take(source, message, scene)
+                    except MessageError as error:
+                        checked = _refusal(source, error)
+                    if checked is not None:
+                        news.append(checked)
+                case Refused(source, reason):
+                    news.append(_refusal(source, reason))
+                case _:
+                    pass
+            event = self._inbox.receive(0.0) if time.monotonic() < deadline else None
+        return news
+
+    def _take(self, source: str, message: Message, scene: Scene) -> News | None:
+        """Check what has come, keep the server's last word, and return the rest.
+
+        Raises:
+            MessageError: It makes no sense.
+        """
+        if not isinstance(message, Status):
+            if source == SERVER:
+                self._unanswered = 0
+            return check_news(source, message, scene)
+        check_status(message)
+        self._last_word = message
+        return None
+
+    def status(self) -> Status | None:
+        """How the run is, or how it ended; None if the server does not answer (yet, or any more).
+
+        Raises:
+            MessageError: It answers what makes no sense, because it is of another release, for instance.
+        """
+        if self._last_word is not None:
+            return self._last_word
+        try:
+            answer = ask(self._session, self._request, StatusRequest(), timeout=0.5)
+        except LinkError:
+            self._unanswered += 1
+            return None
+        self._unanswered = 0
+        if isinstance(answer, Refusal):
+            return None
+        check_status(answer)
+        return answer
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the server has said how the run ended."""
+        return self._last_word is not None
+
+    @property
+    def has_lost_server(self) -> bool:
+        """Whether the server has answered none of the last questions, nor said anything else since."""
+        return self._unanswered >= _QUESTIONS
+
+    def check_server(self) -> None:
+        """Check that the server has said something lately.
+
+        Raises:
+            LinkError: It has not.
+        """
+        if self.has_lost_server:
+            raise LinkError(f"the server has not answered {_QUESTIONS} questions in a row: it has gone, or hangs")
+
+    def ask(self, request: Request) -> Status:
+        """Ask the server to do something, as soon as the link to it stands.
+
+        Raises:
+            LinkError: It does not answer.
+            MessageError: It answers what makes no sense.
+            CoheftError: It does not do it; says why.
+        """
+        deadline = time.monotonic() + _ANSWER_LIMIT
+        while self.status() is None:
+            if time.monotonic() > deadline:
+                raise LinkError(f"the run's server does not answer within {_ANSWER_LIMIT:g} s")
+            time.sleep(_RETRY_EVERY)
+        answer = ask(self._session, self._request, request, timeout=_ANSWER_LIMIT)
+        if isinstance(answer, Refusal):
+            raise CoheftError(f"refused: {answer.reason}")
+        check_status(answer)
+        return answer
+
+
+def _refusal(source: str, reason: MessageError) -> Problem:
+    return Problem(source="observer", text=f"refused from {source}: {reason}")
+
+
+@contextmanager
+def observe(run_file: RunFile) -> Iterator[Observer]:
+    """Dial the server and every agent of a run, as an observer; the links end with the context.
+
+    Raises:
+        CoheftError: The run is secure, and there are no keys of an observer.
+    """
+    endpoints = [run_file.server, *run_file.agents.values()]
+    with open_session(connect=endpoints, guard=_guard(run_file, "observer")) as session:
+        yield Observer(run_file, session, "observer")
+
+
+def set_link(run_file: RunFile, scene: Scene, one: str, other: str, *, cut: bool) -> None:
+    """Cut the link between two neighbours, or mend it, as the operator.
+
+    Args:
+        run_file: How to reach the run.
+        scene: Who talks with whom.
+        one: One end.
+        other: The other one.
+        cut: Whether to cut it.
+
+    Raises:
+        CoheftError: They are no neighbours, or the run is secure and there are no keys of the operator.
+        LinkError: The one that dials does not answer.
+    """
+    if other not in scene.neighbours.get(one, ()):
+        links = ", ".join(f"{a}-{b}" for a in scene.robots for b in scene.neighbours[a] if a < b)
+        raise CoheftError(f"there is no link {one}-{other}; the links are {links}")
+    listens, dials = sorted((one, other), key=scene.robots.index)  # see ``coheft.app.run.plan.link_neighbours``
+    key = Keys(run_file.run).request_agent(dials)
+    with open_session(connect=[run_file.agents[dials]], guard=_guard(run_file, "operator")) as session:
+        deadline = time.monotonic() + _ANSWER_LIMIT
+        while True:
+            try:
+                answer = ask_for(CutLinks, session, key, LinkRequest(neighbour=listens, cut=cut), timeout=0.5)
+                break
+            except LinkError:  # the link to it may not stand yet
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(_RETRY_EVERY)
+    if isinstance(answer, Refusal):
+        raise CoheftError(f"refused: {answer.reason}")
+
+
+def ask_run(request: Request, folder: Path | None) -> Status:
+    """Ask the server of the run in a folder, or else of the newest run, as the operator.
+
+    Raises:
+        CoheftError: There is no such run, or it refuses, or it is secure and there are no keys of the operator.
+    """
+    return ask_server(find_run(folder), request)
+
+
+def ask_server(run_file: RunFile, request: Request) -> Status:
+    """Ask the server of a run, as the operator.
+
+    Raises:
+        CoheftError: It refuses, or it is secure and there are no keys of the operator.
+    """
+    with open_session(connect=[run_file.server], guard=_guard(run_file, "operator")) as session:
+        return Observer(run_file, session, "operator").ask(request)
+
+
+def _guard(run_file: RunFile, role: Role) -> Guard | None:
+    credentials = credentials_in(Path(run_file.keys), role) if run_file.keys is not None else None
+    return guard_observer(credentials, Keys(run_file.run), role, run_file.agents)

@@ -1,0 +1,119 @@
+"""What the command line changes in a scenario."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import msgspec
+
+from coheft.errors import ScenarioError
+from coheft.wire.scenario.checks import check_changes_come, check_scenario
+from coheft.wire.scenario.errors import explain
+from coheft.wire.scenario.schema import LoadChange, Scenario
+
+_ORIGIN = "command line"
+_OPTIONS = {"duration": "duration", "seed": "seed", "estimator": "estimator", "sensors.rate": "sensor-rate"}
+"""By the keys of a scenario that they change."""
+_CHANGE_KEYS = {"t": "at", "mass": "mass", "at": "position", "size": "size", "leak": "leak", "remove": "remove"}
+_CHANGE_EXAMPLE = "--change t=20,mass=3,at=0.4,0.3,0.1"
+
+
+def override(
+    scenario: Scenario,
+    *,
+    changes: Sequence[str] = (),
+    duration: float | None = None,
+    seed: int | None = None,
+    estimator: str | None = None,
+    sensor_rate: int | None = None,
+    feedforward: bool | None = None,
+) -> Scenario:
+    """The scenario with what was given instead of its own; ``changes`` replace all load changes.
+
+    Raises:
+        ScenarioError: The result is no scenario.
+    """
+    table = msgspec.to_builtins(scenario)
+    given = {"duration": duration, "seed": seed, "estimator": estimator}
+    table.update({key: value for key, value in given.items() if value is not None})
+    if sensor_rate is not None:
+        table["sensors"]["rate"] = sensor_rate
+    if feedforward is not None:
+        if scenario.carry is None:
+            raise ScenarioError(
+                f"{_ORIGIN}: --feedforward and --no-feedforward are for scenarios with a common path, section 'carry'; "
+                f"found none in '{scenario.name}': try 'coheft run carry6'"
+            )
+        table["carry"]["feedforward"] = feedforward
+    if changes:
+        table["load_changes"] = [msgspec.to_builtins(_parse_change(text)) for text in changes]
+    try:
+        changed = msgspec.convert(table, Scenario)
+        check_scenario(changed, _ORIGIN)
+        if changes:  # of the scenario's own, a shorter run may leave some out
+            check_changes_come(changed, _ORIGIN)
+    except msgspec.ValidationError as error:
+        raise ScenarioError(_by_options(f"{_ORIGIN}: {explain(error, table)}", changes)) from error
+    except ScenarioError as error:
+        raise ScenarioError(_by_options(str(error), changes)) from error
+    return changed
+
+
+def _by_options(text: str, changes: Sequence[str]) -> str:
+    """An error with the option in place of the key that it changes."""
+    match = re.match(rf"{_ORIGIN}: key '(\w+(?:\.\w+)?)(?:\[(\d+)\](?:\.(\w+))?)?': ", text)
+    if match is None:
+        return text
+    key, index, part = match.groups()
+    rest = text[match.end() :]
+    if key in _OPTIONS:
+        return f"--{_OPTIONS[key]}: {rest}"
+    if key != "load_changes" or index is None or not changes:
+        return text
+    names = {theirs: ours for ours, theirs in _CHANGE_KEYS.items()}
+    return f"--change {changes[int(index)]}: {f'key {names[part]!r}: ' if part is not None else ''}{rest}"
+
+
+def _parse_change(text: str) -> LoadChange:
+    """Load change from ``t=20,mass=3,at=0.4,0.3,0.1``: a part without ``=`` belongs to the key before it.
+
+    Raises:
+        ScenarioError: A key is unknown, twice there or missing, or a value is no number.
+    """
+    numbers: dict[str, list[float]] = {}
+    key = ""
+    for part in text.split(","):
+        name, equals, value = part.rpartition("=")
+        if equals:
+            key = name.strip()
+            if key not in _CHANGE_KEYS or key in numbers:
+                raise _change_error(text, f"key '{key}' {'is there twice' if key in numbers else 'is unknown'}")
+            numbers[key] = []
+        if not key:
+            raise _change_error(text, f"found '{part}' before any key")
+        try:
+            numbers[key].append(float(value))
+        except ValueError:
+            raise _change_error(text, f"key '{key}': found '{value}', expected a number") from None
+    if "t" not in numbers:
+        raise _change_error(text, "key 't', the time, is missing")
+    change: dict[str, object] = {}
+    for key, values in numbers.items():
+        length = 3 if key in ("at", "size") else 1
+        if len(values) != length:
+            raise _change_error(text, f"key '{key}': found {len(values)} numbers, expected {length}")
+        if key == "remove" and values[0].is_integer():
+            change["remove"] = int(values[0])
+        else:
+            change[_CHANGE_KEYS[key]] = values if length == 3 else values[0]
+    try:
+        return msgspec.convert(change, LoadChange)
+    except msgspec.ValidationError as error:
+        # The scenario's key for the time, 'at', is the command line's for the position.
+        raise _change_error(text, explain(error, change, LoadChange).replace("key 'at'", "key 't'")) from error
+
+
+def _change_error(text: str, what: str) -> ScenarioError:
+    allowed = ", ".join(_CHANGE_KEYS)
+    return ScenarioError(f"--change {text}: {what}; allowed keys: {allowed}; for example {_CHANGE_EXAMPLE}")

@@ -1,0 +1,43 @@
+"""Estimates are held back until the truth that they are to be compared with has come."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from coheft.app.results.judge import Judge
+from coheft.wire.messages.structs import Estimate, Scene, Truth
+
+REMEMBERED = 1000
+"""An estimate may come, and its total wrench be, so many blocks after the truth that it is compared with."""
+
+
+class Pairing:
+    """Pairs estimates with truths, in an order that does not depend on which of them came first.
+
+    Attributes:
+        judge: Knows the newest truths.
+        truth: The newest of all.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.judge = Judge(scene)
+        self.truth: Truth | None = None
+        self._waiting: dict[str, deque[Estimate]] = {name: deque(maxlen=REMEMBERED) for name in scene.robots}
+
+    def add_truth(self, truth: Truth) -> list[Estimate]:
+        """Take in the truth about one more block; return the estimates that can be compared now."""
+        self.truth = truth
+        self.judge.add(truth, remember=REMEMBERED)
+        return [estimate for name in self._waiting for estimate in self._ready(name)]
+
+    def add_estimate(self, estimate: Estimate) -> list[Estimate]:
+        """Take in what a robot of the scene believes; return what can be compared now."""
+        self._waiting[estimate.robot].append(estimate)
+        return self._ready(estimate.robot)
+
+    def _ready(self, name: str) -> list[Estimate]:
+        ready: list[Estimate] = []
+        waiting = self._waiting[name]
+        while waiting and self.truth is not None and waiting[0].block <= self.truth.block:
+            ready.append(waiting.popleft())
+        return ready

@@ -1,0 +1,59 @@
+"""Agents that have failed while the run goes on are started again, and everybody is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from coheft.app.run.observer import Observer
+from coheft.app.run.processes import Child, Processes
+from coheft.app.terminal.screen import Display
+from coheft.wire.messages.structs import Problem
+from coheft.wire.process.supervised import UNUSABLE
+from coheft.wire.transport.planes import SERVER
+
+
+@dataclass(frozen=True)
+class Restarts:
+    """Looks after the agents of a run.
+
+    Attributes:
+        limit: How often each may be started again.
+        processes: Of the run.
+        observer: Knows how the run is.
+        display: Where users are told.
+        announce: Tells other commands of the new processes.
+    """
+
+    limit: int
+    processes: Processes
+    observer: Observer
+    display: Display
+    announce: Callable[[], None]
+
+    def check(self) -> None:
+        """Start agents that have failed again.
+
+        Raises:
+            ProcessError: Something has failed that cannot be started again, or once too often, or the run is over.
+        """
+        failed = self.processes.failed
+        if not failed:
+            return
+        if not (all(self._may_try_again(child) for child in failed) and self._goes_on()):
+            is_server_there = all(child.name != SERVER for child in failed)
+            self.processes.check(self.limit if is_server_there else None)
+        for child in failed:
+            text = f"{child.name} {child.how_and_why}; started again ({child.restarts + 1} of {self.limit})"
+            self.processes.start_again(child)
+            self.display.problem(Problem(source="supervisor", text=text))
+        self.announce()
+
+    def _may_try_again(self, child: Child) -> bool:
+        return child.name != SERVER and child.restarts < self.limit and child.process.returncode != UNUSABLE
+
+    def _goes_on(self) -> bool:
+        while (status := self.observer.status()) is None:
+            if self.observer.has_lost_server or self.processes.ended(SERVER):
+                return False
+        return status.state in ("running", "paused")

@@ -1,0 +1,57 @@
+"""How the load was carried, for the terminal."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from coheft.app.results.report import CarryPhaseReport, CarryReport, LoadDropReport
+from coheft.app.terminal.wide_table import print_table
+
+_WHAT = {
+    "alone": "each for itself",
+    "springs": "together, springs",
+    "feedforward": "with feed-forward",
+}
+
+
+def print_carry(console: Console, report: CarryReport) -> None:
+    """A row for each phase, a sentence for each load change."""
+    table = Table(
+        title="How the load was carried (root mean squares)",
+        title_justify="left",
+        box=None,
+        padding=(0, 2, 0, 0),
+        header_style="bold",
+        title_style="bold",
+    )
+    table.add_column("what", no_wrap=True)
+    for heading in ("time, s", "off the path", "against each other"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for phase in report.phases:
+        table.add_row(*_row(phase))
+    table.add_row("sensors' noise", "", "", _pushed(report.noise_force_n, report.noise_torque_nm))
+    console.print()
+    print_table(console, table)
+    is_promised = {"springs", "feedforward"} <= {phase.what for phase in report.phases}
+    for drop in report.drops:
+        console.print(_sentence(drop, is_promised=is_promised), markup=False, highlight=False)
+
+
+def _row(phase: CarryPhaseReport) -> tuple[str, str, str, str]:
+    off = ""
+    if phase.position_rms_mm is not None and phase.rotation_rms_deg is not None:
+        off = f"{phase.position_rms_mm:.2f} mm {phase.rotation_rms_deg:.2f}°"
+    pushed = _pushed(phase.internal_force_rms_n, phase.internal_torque_rms_nm)
+    return _WHAT[phase.what], f"{phase.from_s:.1f} to {phase.to_s:.1f}", off, pushed
+
+
+def _pushed(force: float, torque: float) -> str:
+    return f"{force:.2f} N {torque:.2f} N·m"
+
+
+def _sentence(drop: LoadDropReport, *, is_promised: bool) -> str:
+    """One of a run in which it is promised, or not, that they come back to the path."""
+    back = "not back on it" if drop.back_after_s is None else f"back on it {drop.back_after_s:.1f} s after"
+    end = f", {back}" if is_promised else ""
+    return f"At {drop.at_s:g} s the load changed to {drop.mass:.2f} kg: {drop.largest_mm:.1f} mm off the path{end}."

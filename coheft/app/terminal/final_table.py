@@ -1,0 +1,197 @@
+"""The table and the sentences at the end of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from coheft.app.results.judge import RobotReport, why_stale
+from coheft.app.results.record import EstimatorUse
+from coheft.app.results.report import LoadChangeReport, Report
+from coheft.app.terminal.carry_table import print_carry
+from coheft.app.terminal.digits import decimals_for, error_and_std
+from coheft.app.terminal.wide_table import print_table
+from coheft.estimation.geometry.spatial import Array
+
+HEADINGS = ("robot", "quantity", "truth", "estimate", "error", "own std")
+LEGEND = (
+    "Centre of mass: x y z in the robot's grasp frame. Inertia: principal moments.",
+    "Own std: how far off the robot itself expects to be (standard deviation), in the",
+    "unit of the error. In %: of the truth.",
+)
+RECOVERED = "Recovered: mass within 3 %, centre of mass within 20 mm at every robot."
+
+
+def print_report(console: Console, report: Report, folder: Path) -> None:
+    """The final table, and in sentences what else is worth knowing."""
+    console.print()
+    print_table(console, _final_table(report))
+    for line in (*LEGEND, *([RECOVERED] if report.load_changes else [])):
+        console.print(line, style="dim", highlight=False)
+    if report.carry is not None:
+        print_carry(console, report.carry)
+    console.print()
+    for sentence in sentences(report):
+        console.print(sentence, markup=False, highlight=False)
+    console.print(f"Logs of all processes: {folder}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _final_table(report: Report) -> Table:
+    table = Table(
+        title=f"What each robot found out about the payload ({report.duration_s:.1f} s)",
+        title_justify="left",
+        box=None,
+        padding=(0, 1, 0, 0),
+        header_style="bold",
+        title_style="bold",
+    )
+    for heading in HEADINGS[:2]:
+        table.add_column(heading)
+    for heading in HEADINGS[2:]:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for name, robot in report.robots.items():
+        for row in robot_rows(robot):
+            table.add_row(name, *row)
+            name = ""
+    return table
+
+
+def robot_rows(robot: RobotReport) -> list[tuple[str, str, str, str, str]]:
+    """What a robot found out: quantity, truth, estimate, error, own standard deviation, for each quantity."""
+    return [_mass_row(robot), _com_row(robot), _inertia_row(robot)]
+
+
+def _mass_row(robot: RobotReport) -> tuple[str, str, str, str, str]:
+    mass = robot.mass
+    decimals = decimals_for(mass.truth, 4, at_least=3)
+    truth = f"{mass.truth:.{decimals}f}"
+    if mass.estimate is None or mass.std is None or mass.error_pct is None:
+        return "mass, kg", truth, _missing(robot), "", ""
+    compared = error_and_std(mass.error_pct, 100.0 * mass.std / mass.truth, "%")
+    return "mass, kg", truth, f"{mass.estimate:.{decimals}f}", *compared
+
+
+def _com_row(robot: RobotReport) -> tuple[str, str, str, str, str]:
+    com = robot.com
+    truth = _numbers(1e3 * np.array(com.truth))
+    if com.estimate is None or com.std is None or com.error_mm is None:
+        return "centre of mass, mm", truth, _missing(robot), "", ""
+    compared = error_and_std(com.error_mm, 1e3 * float(np.linalg.norm(com.std)), "mm")
+    return "centre of mass, mm", truth, _numbers(1e3 * np.array(com.estimate)), *compared
+
+
+def _inertia_row(robot: RobotReport) -> tuple[str, str, str, str, str]:
+    inertia = robot.inertia
+    moments = np.linalg.eigvalsh(np.array(inertia.truth))
+    decimals = decimals_for(moments.max(), 2, at_least=2)
+    truth = _numbers(moments, decimals)
+    if inertia.estimate is None or inertia.std is None or inertia.error_pct is None:
+        return "inertia, kg·m²", truth, _missing(robot), "", ""
+    std_pct = 100.0 * float(np.linalg.norm(inertia.std) / np.linalg.norm(inertia.truth))
+    estimate = _numbers(np.linalg.eigvalsh(np.array(inertia.estimate)), decimals)
+    return "inertia, kg·m²", truth, estimate, *error_and_std(inertia.error_pct, std_pct, "%")
+
+
+def _missing(robot: RobotReport) -> str:
+    """Why there is no number."""
+    return "not observable" if robot.not_observable else "not known"
+
+
+def _numbers(values: Array, decimals: int = 0) -> str:
+    return " ".join(f"{value:z.{decimals}f}" for value in values)  # z: nothing is minus zero
+
+
+def sentences(report: Report) -> list[str]:
+    """What else is worth knowing."""
+    changes = report.load_changes
+    return [
+        *_most([_load_change_sentence(change, is_last=change is changes[-1]) for change in changes]),
+        *_most([_estimator_sentence(change) for change in report.estimator_changes]),
+        *_pose_sentence(report),
+        *_not_observable_sentences(report),
+        *_most([f"Stale at {', '.join(names)}: {reason}." for reason, names in why_stale(report.robots).items()]),
+        _convergence_sentence(report),
+        f"{report.duration_s:g} s simulated at {report.real_time_factor:.1f} times real time; "
+        f"{report.processes} processes, {report.messages_per_s:,.0f} messages a second.",
+        *_late_sentence(report.late_blocks),
+    ]
+
+
+def _late_sentence(late_blocks: int) -> list[str]:
+    if not late_blocks:
+        return []
+    times = "Once" if late_blocks == 1 else f"{late_blocks:,} times"
+    return [
+        f"{times} a robot answered too late: this machine was too slow for real time. Leave out --realtime (and "
+        f"--view), or raise 'lookahead' or 'sensors.block' in the scenario."
+    ]
+
+
+def _load_change_sentence(change: LoadChangeReport, *, is_last: bool) -> str:
+    def told(first: str, verb: str, moment: float | None) -> str:
+        return f"{first} {verb} {moment - change.at_s:.1f} s after" if moment is not None else f"Not all {verb}"
+
+    noticed = told("The last robot", "noticed", change.detected_at_s)
+    if change.detected_at_s is None and all(robot.mass.estimate is None for robot in change.before_change.values()):
+        noticed = "Nobody knew the load yet: nothing to notice"
+    recovered = told("All", "recovered", change.recovered_at_s)
+    if change.recovered_at_s is None and not is_last:
+        recovered = "The load changed again before all had recovered"
+    before = next((robot.mass.truth for robot in change.before_change.values()), None)
+    start = f"from {before:.2f} kg " if before is not None else ""
+    leak = f", leaking {change.leak_kg_s:g} kg/s" if change.leak_kg_s > 0.0 else ""
+    return (
+        f"At {change.at_s:g} s the payload changed {start}to {change.truth.mass:.2f} kg{leak}. {noticed}. {recovered}."
+    )
+
+
+def _estimator_sentence(change: EstimatorUse) -> str:
+    return f"At {change.since_s:g} s the robots forgot all, and began anew with the estimator {change.estimator}."
+
+
+def _pose_sentence(report: Report) -> list[str]:
+    poses = [pose for robot in report.robots.values() for pose in robot.poses.values()]
+    if not poses:
+        return []
+    rotation = max(pose.rotation_error_deg for pose in poses)
+    translation = max(pose.translation_error_mm for pose in poses)
+    return [f"Where the neighbours hold it: off by at most {rotation:.2f}° and {translation:.1f} mm."]
+
+
+def _not_observable_sentences(report: Report) -> list[str]:
+    """One example of each kind: what is to be done about it, after the last colon, is the same for all of the kind."""
+    kinds: dict[str, list[str]] = {}
+    for name, robot in report.robots.items():
+        for text in robot.not_observable:
+            kinds.setdefault(text.rpartition(": ")[2], []).append(f"Not observable for {name}: {text}.")
+    return [sentence for kind in kinds.values() for sentence in _most(kind, show=1)]
+
+
+def _most(found: list[str], show: int = 3) -> list[str]:
+    """The first ones, and how many more there are."""
+    more = len(found) - show
+    if more <= 0:
+        return found
+    return [*found[:show], f"And {more} more of the kind; the report (--json FILE) has them all."]
+
+
+def _convergence_sentence(report: Report) -> str:
+    missing = {name: robot for name, robot in report.robots.items() if not robot.is_converged}
+    if missing:
+        return f"Not converged: {', '.join(missing)}.{_convergence_hint(list(missing.values()))}"
+    first = max(robot.converged_at_s or 0.0 for robot in report.robots.values())
+    return f"All robots converged, for the first time at {first:.1f} s."
+
+
+def _convergence_hint(missing: Sequence[RobotReport]) -> str:
+    """What may help those that are neither stale nor without the right motion: of these, other sentences tell."""
+    waiting = [robot for robot in missing if robot.status != "stale" and not robot.not_observable]
+    if any(robot.mass.estimate is None for robot in waiting):
+        return " There was not time enough to weigh the payload: --duration makes it longer."
+    if any(robot.inertia.estimate is not None for robot in waiting):
+        return " Their own std is not as small yet as 'converged' in the scenario wants it: --duration gives them time."
+    return ""

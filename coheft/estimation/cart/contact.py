@@ -1,0 +1,90 @@
+"""Hands on a cart's handle: what their wrenches do to the cart, where they best take hold, and who pushes how much."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.estimation.geometry.spatial import Array
+
+MOVING = [0, 2]
+"""Components of a ``wrench_b`` that move a cart of one axle: force ahead, torque. The wheels take up the other."""
+
+
+def grasp_map(contact: Array) -> Array:
+    """``G``, shape (3, 3): carries a hand's planar wrench from its contact point to the origin of ``{b}``.
+
+    The planar part of ``Ad_g^T B_a`` (Aguilera et al., eqs 22-24), the contact frame having the axes of ``{b}``.
+
+    Args:
+        contact: Contact point in ``{b}``, shape (2,) [m].
+    """
+    x, y = contact.tolist()
+    return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-y, x, 1.0]])
+
+
+def leverage(contact: Array, arm: float) -> Array:
+    """``G W^-1 G^T``, shape (3, 3), with ``W`` the weights of a hand's effort ``f^2 + (tau / arm)^2``.
+
+    Those of several hands add up. It is also the covariance that a hand's force sensor gives to the wrench on the cart,
+    if that of its force is 1 and that of its torque ``arm^2``.
+
+    Args:
+        contact: Contact point in ``{b}``, shape (2,) [m].
+        arm: What torque costs a hand [m].
+    """
+    grasp = grasp_map(contact)
+    result: Array = grasp @ np.diag([1.0, 1.0, arm**2]) @ grasp.T
+    return result
+
+
+def share(wrench_b: Array, contact: Array, arm: float, all_leverage: Array) -> Array:
+    """What one of several hands has to do that together they move the cart with the least effort.
+
+    Minimises ``sum_i w_i^T W w_i`` subject to ``G_1 w_1 + G_2 w_2 + ... = wrench_b`` (Aguilera et al., eq. 25) in the
+    components that move the cart: ``w_i = W^-1 G_i^T E^T (E (sum_j G_j W^-1 G_j^T) E^T)^-1 E wrench_b``. So a hand
+    needs to know of the others only the sum of their ``leverage``.
+
+    Args:
+        wrench_b: To be done by all together, shape (3,).
+        contact: This hand's contact point in ``{b}``, shape (2,) [m].
+        arm: What torque costs a hand [m].
+        all_leverage: Sum over all hands, shape (3, 3).
+
+    Returns:
+        This hand's wrench ``w_i`` about its contact point, shape (3,).
+    """
+    multipliers = np.linalg.solve(all_leverage[np.ix_(MOVING, MOVING)], wrench_b[MOVING])
+    result: Array = np.array([1.0, 1.0, arm**2]) * (grasp_map(contact)[MOVING].T @ multipliers)
+    return result
+
+
+def effort(wrench_b: Array, all_leverage: Array) -> float:
+    """Root of ``sum_i f_i^2 + (tau_i / arm)^2`` of all hands when they share a wrench so [N]."""
+    moving = wrench_b[MOVING]
+    return float(np.sqrt(moving @ np.linalg.solve(all_leverage[np.ix_(MOVING, MOVING)], moving)))
+
+
+class BestContact:
+    """Where on a handle, parallel to the y axis of ``{b}``, one hand moves the cart with the least effort.
+
+    With the contact at ``(x, y)`` the effort is ``f^2 + (tau + y f)^2 / (x^2 + arm^2)``: nothing but the push ahead is
+    left on the line of action. Summed over the last pushes, older ones counting less, it is least at
+    ``y = -sum(f tau) / sum(f^2)``.
+
+    Args:
+        memory: Over how many pushes [-].
+        floor: Force below which a push says nothing [N].
+    """
+
+    def __init__(self, memory: float, floor: float = 1.0) -> None:
+        self._keep = 1.0 - 1.0 / memory
+        self._floor = floor**2
+        self._products = 0.0
+        self._squares = 0.0
+
+    def after(self, wrench_b: Array) -> float | None:
+        """``y`` of the best place [m], with one more push; None while nobody has pushed."""
+        force, torque = float(wrench_b[0]), float(wrench_b[2])
+        self._products = self._keep * self._products + force * torque
+        self._squares = self._keep * self._squares + force * force
+        return None if self._squares < self._floor else -self._products / self._squares

@@ -1,0 +1,184 @@
+"""The cart's state and parameters from what it does under known pushes: the steps of an extended Kalman filter.
+
+As in Aguilera et al., eqs (8)-(20): the state is augmented by ``phi``, here by the friction ``sigma`` too, because a
+model with the wrong friction finds the wrong mass. Differences: the transition is of second order in the time step,
+where one of first order loses definiteness; the update has Joseph's form; what the wheels forbid is a measurement;
+noise enters through the wrench. Each step is linearised about a point that may be another than the mean, so that a step
+can be done again about a better one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.cart.linearisation import FRICTION, PHI, POSE, RATES, STATE_SIZE, linearise
+from coheft.estimation.cart.model import Constraints, axes_derivative, forward_dynamics
+from coheft.estimation.geometry.spatial import Array
+
+MOTION_SIZE = 6
+"""A measurement: ``(q, qd)`` (Aguilera et al., eq. 10)."""
+PARAMETERS = slice(6, 11)
+_THETA = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """What is known of ``(q, qd, phi, sigma)``.
+
+    Attributes:
+        mean: Shape (11,).
+        covariance: Shape (11, 11).
+    """
+
+    mean: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """What all hands did during one step.
+
+    Attributes:
+        wrench_b: As measured, shape (3,).
+        covariance: Of that measurement, shape (3, 3).
+        duration: [s].
+        planned_b: About what it was meant to be, shape (3,). Slopes are taken there: at the measured wrench they would
+            share its noise, and a cart that does not follow the noise would look heavier and heavier.
+    """
+
+    wrench_b: Array
+    covariance: Array
+    duration: float
+    planned_b: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """One measurement.
+
+    Attributes:
+        motion: ``(q, qd)``, shape (6,).
+        covariance: Of its noise, shape (6, 6).
+    """
+
+    motion: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """One step ahead.
+
+    Attributes:
+        belief: After it.
+        transition: Derivative of the state after it by the one before, shape (11, 11).
+    """
+
+    belief: Belief
+    transition: Array
+
+
+def predict(belief: Belief, push: Push, drift: Array, point: Array, constraints: Constraints) -> Prediction:
+    """On by one step (Aguilera et al., eqs 16 and 17, to second order).
+
+    Args:
+        belief: Before.
+        push: What the hands do.
+        drift: How the parameters' covariance (5, 5) grows in a second.
+        point: State about which the dynamics are linearised, shape (11,).
+        constraints: Of the wheels.
+    """
+    model = linearise(point, push.planned_b, constraints)
+    step = model.by_state * push.duration
+    transition = np.eye(STATE_SIZE) + step + 0.5 * step @ step
+    by_wrench = push.duration * (model.by_wrench + 0.5 * step @ model.by_wrench)
+    mean = point + push.duration * (model.rate + 0.5 * step @ model.rate)
+    mean += transition @ (belief.mean - point) + by_wrench @ (push.wrench_b - push.planned_b)
+    covariance = transition @ belief.covariance @ transition.T + by_wrench @ push.covariance @ by_wrench.T
+    covariance[PARAMETERS, PARAMETERS] += push.duration * drift
+    return Prediction(Belief(mean, covariance), transition)
+
+
+def move(state: Array, wrench_b: Array, duration: float, constraints: Constraints) -> Array:
+    """The state (11,) one step later, at constant acceleration, without its covariance: to look a few steps ahead."""
+    accelerations = forward_dynamics(
+        state[PHI], float(state[FRICTION]), float(state[_THETA]), state[RATES], wrench_b, constraints
+    ).accelerations
+    result = state.copy()
+    result[POSE] += duration * (state[RATES] + 0.5 * duration * accelerations)
+    result[RATES] += duration * accelerations
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """What a measurement did.
+
+    Attributes:
+        belief: After it.
+        surprise: Its innovation squared, normalised: chi-square distributed, with 6 degrees of freedom and one per
+            row of the wheels.
+        rest: Derivative of the state after it by the one before, ``I - K H``, shape (11, 11).
+        pull: ``H^T S^-1`` times the innovation, shape (11,), for ``smooth``.
+    """
+
+    belief: Belief
+    surprise: float
+    rest: Array
+    pull: Array
+
+
+def update(
+    belief: Belief, sighting: Sighting, slip: float, point: Array, constraints: Constraints, *, corrects_cart: bool
+) -> Update:
+    """Take in a measurement (Aguilera et al., eqs 18-20), and that the wheels do not slip sideways.
+
+    Args:
+        belief: Before.
+        sighting: The measurement.
+        slip: Standard deviation of the wheels' sideways velocity [m/s].
+        point: State about which the wheels' equation is linearised, shape (11,).
+        constraints: Of the wheels.
+        corrects_cart: Whether parameters are corrected, or only considered.
+    """
+    theta, rates = float(point[_THETA]), point[RATES]
+    rows = constraints.rows(theta)
+    size = MOTION_SIZE + len(rows)
+    by_state = np.zeros((size, STATE_SIZE))
+    by_state[:MOTION_SIZE, :MOTION_SIZE] = np.eye(MOTION_SIZE)
+    by_state[MOTION_SIZE:, RATES] = rows
+    by_state[MOTION_SIZE:, _THETA] = constraints.rows_b @ (axes_derivative(theta).T @ rates)
+    innovation = np.concatenate([sighting.motion, -rows @ rates]) - by_state @ belief.mean
+    innovation[MOTION_SIZE:] += by_state[MOTION_SIZE:] @ point
+    noise = np.zeros((size, size))
+    noise[:MOTION_SIZE, :MOTION_SIZE] = sighting.covariance
+    noise[MOTION_SIZE:, MOTION_SIZE:] = slip**2 * np.eye(len(rows))
+    spread = by_state @ belief.covariance @ by_state.T + noise
+    certainty = np.linalg.inv(spread)
+    pull = by_state.T @ (certainty @ innovation)
+    surprise = float(innovation @ certainty @ innovation)
+    gain = belief.covariance @ by_state.T @ certainty
+    if not corrects_cart:
+        gain[PARAMETERS] = 0.0
+    rest = np.eye(STATE_SIZE) - gain @ by_state
+    covariance = rest @ belief.covariance @ rest.T + gain @ noise @ gain.T  # Joseph: right for any gain
+    updated = Belief(belief.mean + gain @ innovation, 0.5 * (covariance + covariance.T))
+    return Update(updated, surprise, rest, pull)
+
+
+def smooth(steps: Sequence[tuple[Update, Prediction]]) -> list[Array]:
+    """States (11,) after each update, from all measurements, also the later ones (Bryson and Frazier's form).
+
+    Unlike going back from the end, it is stable: a rolling cart forgets how it turned, so its past does not follow from
+    its present.
+    """
+    states = []
+    costate = np.zeros(STATE_SIZE)
+    for update, prediction in reversed(steps):
+        costate = prediction.transition.T @ costate
+        states.append(update.belief.mean - update.belief.covariance @ costate)
+        costate = update.rest.T @ costate - update.pull
+    return states[::-1]

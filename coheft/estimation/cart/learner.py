@@ -1,0 +1,282 @@
+"""Finds out what a cart is while it is pushed: an extended Kalman filter that goes back when it has learned better.
+
+The dynamics are linear in the parameters' inverse, not in the parameters. A filter that begins with a cart of half the
+mass follows wrong slopes until it knows better, and is then surer than it may be, also of what nothing has shown yet.
+So the last seconds are kept, and when the parameters have moved, done again, linearised about where they are now:
+within them, all slopes belong to one and the same cart.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from itertools import islice
+from math import cos, hypot, inf, sin, sqrt
+
+import numpy as np
+
+from coheft.estimation.cart.filter import (
+    MOTION_SIZE,
+    PARAMETERS,
+    Belief,
+    Prediction,
+    Push,
+    Sighting,
+    Update,
+    move,
+    predict,
+    smooth,
+    update,
+)
+from coheft.estimation.cart.jump import WINDOWS, changed_since
+from coheft.estimation.cart.linearisation import FRICTION, PHI, POSE, RATES
+from coheft.estimation.cart.load import UnknownLoad
+from coheft.estimation.cart.model import UNICYCLE, CartBody, Constraints, axes
+from coheft.estimation.cart.prior import CartPrior, nearest_possible
+from coheft.estimation.geometry.spatial import Array
+
+_MASS = 6
+"""This component of the filter's state is the mass."""
+_KEPT = 600
+"""So many of the newest steps are kept, to be done again."""
+_MOVED = 0.01
+"""Parameters have moved when they differ from those of the slopes by more than about this share."""
+_SURELY = 2.0
+"""The cart is surely fast if it would still be so when slower by so many standard deviations."""
+_VAGUE = 1e3
+"""The filter begins with this multiple of the first measurement's covariance of the pose."""
+_NOTHING = 1e6
+"""A measurement that was none has this variance, [m², rad²] of poses and [m²/s², rad²/s²] of rates."""
+_LEAST_NEWS = 4
+"""With a known cart, steps are done again only when at least one in so many is new."""
+_FIRST = 200
+"""A cart is unknown until there have been so many steps with something to learn from."""
+_GROWN = 3
+"""With an unknown cart, whose slopes are soon far off, steps are done again when one in so many is new."""
+
+
+@dataclass(eq=False)
+class _Step:
+    """One step: a measurement, then a push.
+
+    Attributes:
+        sighting: The measurement.
+        push: The push.
+        corrects_cart: Whether the cart was fast enough to learn from.
+        before: What was believed before it.
+        update: What the measurement did.
+        prediction: What the push did.
+    """
+
+    sighting: Sighting
+    push: Push
+    corrects_cart: bool
+    before: Belief
+    update: Update | None = None
+    prediction: Prediction | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """A load has come or gone.
+
+    Attributes:
+        before: What was believed before, but for the jolt.
+        load: What is known of it.
+    """
+
+    before: Belief
+    load: UnknownLoad
+
+    def start(self) -> Belief:
+        """What is to be believed after it."""
+        mean, covariance = self.before.mean.copy(), self.before.covariance.copy()
+        mean[PHI], covariance[PHI, PHI] = self.load.start()
+        return Belief(mean, covariance)
+
+
+class CartLearner:
+    """What one knows of a cart, from its first measurement on.
+
+    An iterated extended Kalman smoother over the last steps: after the iterated linear filter-smoother of Jazwinski,
+    "Stochastic Processes and Filtering Theory" (1970), over many steps instead of one. So each time that steps are done
+    again is one step of Gauss and Newton (Bell, "The iterated Kalman smoother as a Gauss-Newton method", 1994).
+
+    Args:
+        guess: The cart, as far as known.
+        first: The first measurement.
+        prior: How wrong the guess may be.
+        constraints: Of the wheels.
+
+    Attributes:
+        belief: Of state and parameters, after the last push.
+        jumps: How many sudden changes have been noticed.
+    """
+
+    def __init__(self, guess: CartBody, first: Sighting, prior: CartPrior, constraints: Constraints = UNICYCLE) -> None:
+        self._prior = prior
+        self._constraints = constraints
+        self._least = prior.least * guess.mass, prior.least * guess.inertia
+        parameters = prior.covariance(guess)
+        self._drift = prior.drift**2 * parameters
+        covariance = np.zeros((MOTION_SIZE + 5, MOTION_SIZE + 5))
+        covariance[POSE, POSE] = _VAGUE * first.covariance[POSE, POSE]
+        covariance[RATES, RATES] = prior.start**2 * np.eye(3)
+        covariance[PARAMETERS, PARAMETERS] = parameters
+        self.belief = Belief(np.concatenate([first.motion[:3], np.zeros(3), guess.phi, [guess.friction]]), covariance)
+        self.jumps = 0
+        force, torque = prior.drag
+        self._drag = np.diag(np.square([force, force, torque]))
+        self._direction = 0.0
+        self._rolled = inf
+        self._steps: deque[_Step] = deque(maxlen=_KEPT)
+        self._slopes_of = self._parameters
+        self._news = 0
+        self._lessons = 0
+        self._change: _Change | None = None
+
+    @property
+    def body(self) -> CartBody:
+        """The cart, as estimated."""
+        parameters = self._parameters
+        return CartBody.of(parameters[:4], float(parameters[4]))
+
+    def body_covariance(self) -> Array:
+        """Covariance of ``(m, d_x, d_y, I, sigma)``, shape (5, 5)."""
+        inverse = np.eye(5)
+        inverse[:4, :4] = np.linalg.inv(self.body.phi_derivative())
+        result: Array = inverse @ self.belief.covariance[PARAMETERS, PARAMETERS] @ inverse.T
+        return result
+
+    def ahead(self, wrenches_b: list[Array], duration: float) -> Array:
+        """``(q, qd)`` after further steps with these wrenches, each of ``duration`` [s]."""
+        state = self.belief.mean.copy()
+        state[PARAMETERS] = self._parameters
+        for wrench_b in wrenches_b:
+            state = move(state, wrench_b, duration, self._constraints)
+        return state[:MOTION_SIZE].copy()
+
+    def step(self, sighting: Sighting, push: Push) -> None:
+        """Take in a measurement, and what the hands did from then on."""
+        is_fast = self._is_fast()
+        casters_turn = self._casters_turn(push.duration, is_fast=is_fast)
+        if casters_turn:
+            push = replace(push, covariance=push.covariance + self._drag)
+        step = _Step(sighting, push, is_fast and not casters_turn, self.belief)
+        if len(self._steps) == _KEPT:
+            self._change = None  # the steps that are kept begin later
+        self._steps.append(step)
+        self._lessons += step.corrects_cart
+        self._news += step.corrects_cart
+        self._do(step)
+        since = self._changed_since()
+        if since or self._is_due():
+            self._do_again()
+            since = self._changed_since()
+        if since:
+            self._expect_another_cart(since)
+
+    def coast(self, push: Push) -> None:
+        """A push without a measurement before it."""
+        self.step(Sighting(self.belief.mean[:MOTION_SIZE], _NOTHING * np.eye(MOTION_SIZE)), push)
+
+    @property
+    def _parameters(self) -> Array:
+        """``(phi, sigma)``, shape (5,), such as a cart can have."""
+        return np.append(
+            nearest_possible(self.belief.mean[PHI], *self._least), max(float(self.belief.mean[FRICTION]), 0.0)
+        )
+
+    def _point(self, state: Array) -> Array:
+        """Where to linearise: at this motion, and at the parameters that all slopes belong to."""
+        return np.concatenate([state[:MOTION_SIZE], self._slopes_of])
+
+    def _is_fast(self) -> bool:
+        """Whether the cart surely rolls faster than what the model does not hold for."""
+        velocity = self.belief.mean[3:5]
+        speed = hypot(*velocity.tolist())
+        variance = float(velocity @ self.belief.covariance[3:5, 3:5] @ velocity)  # of the speed, times its square
+        return speed * speed >= self._prior.slow * speed + _SURELY * sqrt(max(variance, 0.0))
+
+    def _casters_turn(self, duration: float, *, is_fast: bool) -> bool:
+        """Whether the cart goes another way than before, and not far yet; on by one step [s]."""
+        theta, x_rate, y_rate = self.belief.mean[2:5].tolist()
+        speed = cos(theta) * x_rate + sin(theta) * y_rate
+        if is_fast and speed * self._direction < 0.0:
+            self._rolled = 0.0
+        if is_fast:
+            self._direction = speed
+        self._rolled += abs(speed) * duration
+        return self._rolled < self._prior.turning
+
+    def _do(self, step: _Step, smoothed: Array | None = None) -> None:
+        """One step, with slopes at the motion that is believed in, or at one that is known better by now."""
+        step.before = self.belief
+        at = self._point(self.belief.mean if smoothed is None else smoothed)
+        step.update = update(
+            self.belief, step.sighting, self._prior.slip, at, self._constraints, corrects_cart=step.corrects_cart
+        )
+        if smoothed is None:
+            at = self._point(step.update.belief.mean)
+        step.prediction = predict(step.update.belief, step.push, self._drift, at, self._constraints)
+        self.belief = step.prediction.belief
+
+    def _do_again(self) -> None:
+        """All steps that are kept, with slopes at the newest parameters, and at the motion as it looks from here."""
+        self._slopes_of = self._parameters
+        self._news = 0
+        done = [(step.update, step.prediction) for step in self._steps]
+        smoothed = smooth([(u, p) for u, p in done if u is not None and p is not None])
+        if self._change is None:
+            self.belief = self._steps[0].before
+        else:
+            self._change.load.learn(self.belief.mean[PHI], self.belief.covariance[PHI, PHI])
+            self.belief = self._change.start()
+        for step, state in zip(self._steps, smoothed, strict=True):
+            self._do(step, state)
+
+    def _is_due(self) -> bool:
+        """Whether to do all again: enough is new, and the cart looks different, or little was known the last time."""
+        if self._lessons < _FIRST:
+            return self._news * _GROWN >= self._lessons > 0
+        return self._news * _LEAST_NEWS >= len(self._steps) and self._have_moved()
+
+    def _have_moved(self) -> bool:
+        """Whether the slopes in use belong to another cart than the newest."""
+        mass, _, _, turning = self._slopes_of[:4].tolist()
+        scale = np.array([mass, np.sqrt(mass * turning), np.sqrt(mass * turning), turning])
+        return bool((np.abs(self._parameters[:4] - self._slopes_of[:4]) > _MOVED * scale).any())
+
+    def _changed_since(self) -> int:
+        newest = [_surprise(step) for step in islice(reversed(self._steps), max(WINDOWS))]
+        return changed_since(newest, MOTION_SIZE + len(self._constraints.rows_b))
+
+    def _expect_another_cart(self, since: int) -> None:
+        """A load came or went so many steps ago: go back, be unsure of parameters and velocity, and come again."""
+        steps = list(self._steps)[-since:]
+        self._steps.clear()
+        before = steps[0].before
+        self._change = self._change_after(before)
+        self.belief = before if self._change is None else self._change.start()
+        self._slopes_of = self._parameters
+        self._lessons = 0
+        self.jumps += 1
+        for step in steps:
+            self._steps.append(step)
+            self._do(step)
+
+    def _change_after(self, before: Belief) -> _Change | None:
+        """Of any load; None if that is believed already: the alarm may be one of several for the same change."""
+        missing = 1.0 - float(before.covariance[_MASS, _MASS]) / self._prior.load**2
+        if missing <= 0.0:
+            return None
+        free = axes(float(before.mean[2])) @ self._constraints.free_b
+        covariance = before.covariance.copy()
+        covariance[RATES, RATES] += missing * self._prior.jolt**2 * free @ free.T
+        load = UnknownLoad(before.mean[PHI], covariance[PHI, PHI], self._prior, missing)
+        return _Change(Belief(before.mean, covariance), load)
+
+
+def _surprise(step: _Step) -> float:
+    """Of a step from which something can be learned; what casters do is no news."""
+    return step.update.surprise if step.corrects_cart and step.update is not None else 0.0

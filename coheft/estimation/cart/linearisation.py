@@ -1,0 +1,77 @@
+"""How a cart's acceleration depends on its state, its parameters and the wrench: exact derivatives.
+
+The dynamics are an equation ``g(qdd, lambda; state, parameters, wrench) = 0`` that is linear in ``(qdd, lambda)``, so
+the derivative of its solution by anything is ``-system^-1 dg``: no matrix inverse ever has to be differentiated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.cart.model import (
+    UNICYCLE,
+    Constraints,
+    axes,
+    axes_derivative,
+    forward_dynamics,
+    regressor,
+)
+from coheft.estimation.geometry.spatial import Array
+
+POSE, RATES, PHI, FRICTION = slice(0, 3), slice(3, 6), slice(6, 10), 10
+STATE_SIZE = 11
+"""State of the augmented filter: ``(q, qd, phi, sigma)`` (Aguilera et al., eq. 8, and friction)."""
+_THETA, _TURN_RATE = 2, 5
+_WRENCH = slice(STATE_SIZE, STATE_SIZE + 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """``xd = f(x, wrench_b)`` at one point.
+
+    Attributes:
+        rate: ``f``, shape (11,).
+        by_state: ``F = df / dx``, shape (11, 11) (Aguilera et al., eq. 11).
+        by_wrench: ``df / dwrench_b``, shape (11, 3).
+    """
+
+    rate: Array
+    by_state: Array
+    by_wrench: Array
+
+
+def linearise(state: Array, wrench_b: Array, constraints: Constraints = UNICYCLE) -> Linearised:
+    """Rate of the augmented state (11,), parameters taken as constant, and its derivatives."""
+    theta, rates, phi, friction = float(state[_THETA]), state[RATES], state[PHI], float(state[FRICTION])
+    turn_rate = float(rates[2])
+    solution = forward_dynamics(phi, friction, theta, rates, wrench_b, constraints)
+    accelerations = solution.accelerations
+    to_floor, to_floor_rate = axes(theta), axes_derivative(theta)
+    by_phi = regressor(theta, rates, accelerations)
+    rows_rate = constraints.rows_b @ to_floor_rate.T
+    # g = (Y phi + sigma qd + Lambda^T lambda - T wrench_b,  Lambda qdd + Lambda_rate qd), by each of its arguments.
+    by = np.zeros((len(solution.system), STATE_SIZE + 3))
+    by[:3, _THETA] = phi[1] * by_phi[:, 2] - phi[2] * by_phi[:, 1]  # turning phi's moments turns Y the other way
+    by[:3, _THETA] += to_floor_rate @ (constraints.rows_b.T @ solution.multipliers - wrench_b)
+    by[3:, _THETA] = rows_rate @ accelerations
+    by[3:, _THETA] -= turn_rate * constraints.rows_b[:, :2] @ (to_floor[:2, :2].T @ rates[:2])  # T'' = -T but for turns
+    by[:3, RATES] = friction * np.eye(3)
+    x, y = phi[1] * to_floor[:2, 0] + phi[2] * to_floor[:2, 1]
+    by[:2, _TURN_RATE] -= 2.0 * turn_rate * np.array([x, y])
+    by[3:, RATES] = turn_rate * rows_rate
+    by[3:, _TURN_RATE] += rows_rate @ rates
+    by[:3, PHI] = by_phi
+    by[:3, FRICTION] = rates
+    by[:3, _WRENCH] = -to_floor
+    derivative = -np.linalg.solve(solution.system, by)[:3]
+
+    rate = np.zeros(STATE_SIZE)
+    rate[POSE], rate[RATES] = rates, accelerations
+    by_state = np.zeros((STATE_SIZE, STATE_SIZE))
+    by_state[POSE, RATES] = np.eye(3)
+    by_state[RATES] = derivative[:, :STATE_SIZE]
+    by_wrench = np.zeros((STATE_SIZE, 3))
+    by_wrench[RATES] = derivative[:, _WRENCH]
+    return Linearised(rate, by_state, by_wrench)

@@ -1,0 +1,97 @@
+"""What a load that comes or goes does to a cart's parameters: a change of which only four numbers are unknown.
+
+A mass ``dm`` at ``r`` with a moment of inertia ``dm k`` of its own changes ``phi`` by ``dm (1, r_x, r_y, |r|^2 + k)``.
+That is not linear, so it is replaced by the linear law that fits best where the load is believed to be (posterior
+linearisation: García-Fernández, Svensson, Morelande, Särkkä, "Posterior linearization filter: principles and
+implementation using sigma points", 2015). At first that is anywhere, and the law says little; when the cart has shown
+where the load lies, it says what a load there does to the moment of inertia, which shows in curves only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.polynomial.hermite_e import hermegauss
+
+from coheft.estimation.cart.prior import CartPrior
+from coheft.estimation.geometry.spatial import Array
+
+_SIZE = 4
+_NODES, _WEIGHTS = hermegauss(3)
+_POINTS: Array = np.array(list(product(_NODES, repeat=_SIZE)))
+_SHARES: Array = np.prod(list(product(_WEIGHTS / _WEIGHTS.sum(), repeat=_SIZE)), axis=1)
+"""Gauss-Hermite rule for a standard normal variable, exact up to the fifth power of each component."""
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """``change = middle + slope (load - mean) + rest``: the change of ``phi`` by a load, linear near a mean.
+
+    Attributes:
+        middle: Shape (4,).
+        slope: By ``(dm, r_x, r_y, k)``, shape (4, 4).
+        rest: Covariance of what is not linear, shape (4, 4).
+    """
+
+    middle: Array
+    slope: Array
+    rest: Array
+
+
+def change_of_phi(load: Array) -> Array:
+    """Of loads ``(dm, r_x, r_y, k)`` (..., 4): ``dm (1, r_x, r_y, |r|^2 + k)``, shape (..., 4)."""
+    mass, x, y, own = np.moveaxis(load, -1, 0)
+    return np.stack([mass, mass * x, mass * y, mass * (x * x + y * y + own)], axis=-1)
+
+
+def linearised(mean: Array, covariance: Array) -> Law:
+    """The linear law that fits best for loads of this mean (4,) and covariance (4, 4), positive definite."""
+    root = np.linalg.cholesky(covariance)
+    changes = change_of_phi(mean + _POINTS @ root.T)
+    middle = _SHARES @ changes
+    by_point = (changes - middle).T @ (_SHARES[:, None] * _POINTS)
+    spread = (changes - middle).T @ (_SHARES[:, None] * (changes - middle))
+    return Law(middle, np.linalg.solve(root.T, by_point.T).T, spread - by_point @ by_point.T)
+
+
+class UnknownLoad:
+    """A load that has come or gone, and what is found out about it.
+
+    Args:
+        phi: Of the cart before, shape (4,).
+        covariance: Of it, shape (4, 4).
+        prior: What loads there are.
+        share: Of the prior's variance of the mass that counts, above 0.
+    """
+
+    def __init__(self, phi: Array, covariance: Array, prior: CartPrior, share: float) -> None:
+        self._phi, self._phi_covariance = phi, covariance
+        self._prior_mean = np.array([0.0, phi[1] / phi[0], phi[2] / phi[0], 0.0])
+        variances = share * prior.load**2, prior.place**2, prior.place**2, prior.size**4
+        self._prior_covariance = np.diag(variances)
+        self._mean, self._law = self._prior_mean, linearised(self._prior_mean, self._prior_covariance)
+
+    def start(self) -> tuple[Array, Array]:
+        """``phi`` right after the change: mean (4,) and covariance (4, 4), as far as the load is not known by now."""
+        law = self._law
+        middle = self._phi + law.middle + law.slope @ (self._prior_mean - self._mean)
+        spread = self._phi_covariance + law.slope @ self._prior_covariance @ law.slope.T + law.rest
+        return middle, 0.5 * (spread + spread.T)
+
+    def learn(self, phi: Array, covariance: Array) -> None:
+        """Find out about the load from what the cart is now known to be: mean (4,) and covariance (4, 4).
+
+        Args:
+            phi: As it follows from the last ``start`` and from all that has been measured since.
+            covariance: Of it.
+        """
+        law = self._law
+        expected, spread = self.start()
+        gain = np.linalg.solve(spread, law.slope @ self._prior_covariance).T
+        self._mean = self._prior_mean + gain @ (phi - expected)
+        unseen = np.eye(_SIZE) - gain @ law.slope
+        left = unseen @ self._prior_covariance @ unseen.T
+        left += gain @ (self._phi_covariance + law.rest + covariance) @ gain.T
+        self._law = linearised(self._mean, 0.5 * (left + left.T))

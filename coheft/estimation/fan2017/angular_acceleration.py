@@ -1,0 +1,87 @@
+"""Angular acceleration from the neighbours' accelerometers and the own gyro (Fan et al., eqs 16, 17)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.measurement import SensorNoise
+
+
+def gyro_derivative(previous: Array, gyro: Array, following: Array, rate: float) -> Array:
+    """Central difference of a block of gyro samples (eq. 16), without delay.
+
+    Args:
+        previous: The sample before the block, shape (3,) [rad/s].
+        gyro: The block, shape (B, 3).
+        following: The sample after the block, shape (3,).
+        rate: Samples per second.
+
+    Returns:
+        Shape (B, 3) [rad/s²]; the variance of its noise is ``sigma_w^2 rate^2 / 2``.
+    """
+    extended = np.vstack([previous, gyro, following])
+    result: Array = 0.5 * rate * (extended[2:] - extended[:-2])
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class AngularAcceleration:
+    """``alpha_i`` by least squares over the own and the neighbours' accelerometers and the differentiated gyro.
+
+    A neighbour at ``p_ij`` sees ``R_ij a_j = a_i + alpha_i x p_ij + w_i x (w_i x p_ij)`` (eq. 17). All these equations
+    share the noise of the own accelerometer; with ``a_i`` as one more unknown, only the places relative to the centre
+    of the sensors count. Sensors on a line say nothing about alpha along it; the gyro's derivative, with its own large
+    variance, fills what is missing.
+
+    Attributes:
+        poses_j_in_i: The neighbours' poses.
+        noise: Of all sensors involved.
+        rate: Samples per second.
+    """
+
+    poses_j_in_i: Sequence[Pose]
+    noise: SensorNoise
+    rate: float
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the estimate, shape (3, 3) [rad²/s⁴]."""
+        crosses = skew(self._arms)
+        information = np.einsum("nki,nkj->ij", crosses, crosses) / self.noise.acceleration**2
+        return np.linalg.inv(information + self._gyro_weight * np.eye(3))
+
+    def estimate(self, gyro_derivative: Array, gyro: Array, acceleration: Array, others: Sequence[Array]) -> Array:
+        """``alpha_i`` of a block.
+
+        Args:
+            gyro_derivative: Own, shape (B, 3) [rad/s²].
+            gyro: Own ``w_i``, shape (B, 3) [rad/s].
+            acceleration: Own ``a_i``, shape (B, 3) [m/s²].
+            others: The neighbours' ``a_j`` in their own frames, shape (B, 3) each.
+
+        Returns:
+            Shape (B, 3) [rad/s²].
+        """
+        carried = [other @ pose.rotation.T for pose, other in zip(self.poses_j_in_i, others, strict=True)]
+        moment = self._gyro_weight * gyro_derivative
+        for arm, seen in zip(self._arms, [acceleration, *carried], strict=True):
+            tangential = seen - np.cross(gyro, np.cross(gyro, arm))
+            moment += np.cross(arm, tangential) / self.noise.acceleration**2
+        result: Array = moment @ self.covariance
+        return result
+
+    @cached_property
+    def _arms(self) -> Array:
+        """Places of all accelerometers, the own one first, relative to their centre, shape (1 + neighbours, 3) [m]."""
+        places = np.array([np.zeros(3), *(pose.translation for pose in self.poses_j_in_i)])
+        result: Array = places - places.mean(axis=0)
+        return result
+
+    @property
+    def _gyro_weight(self) -> float:
+        return 2.0 / (self.noise.gyro * self.rate) ** 2

@@ -1,0 +1,1 @@
+"""Frames, poses and motions of rigid bodies. Imports numpy only."""

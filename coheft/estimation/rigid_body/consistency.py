@@ -1,0 +1,126 @@
+"""The physically possible body that fits best: projection in the metric of the information matrix.
+
+A body exists if and only if its 4x4 pseudo-inertia is positive semi-definite (Wensing, Kim, Slotine 2017). That is
+linear in ``theta = (m, m h, I_o)``, so the best possible body is the solution of a small convex problem,
+
+    minimise  1/2 (theta - estimate)^T H (theta - estimate)   subject to   P(theta) >= 0,
+
+solved with a logarithmic barrier and Newton's method. All iterates lie strictly inside, whatever the data.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import pack_symmetric, pseudo_inertia
+
+_THINNEST = 1e-10
+"""Smallest eigenvalue, with ones on the diagonal, of a pseudo-inertia that counts as positive in spite of rounding."""
+_GAP = 1e-6
+"""How far the cost may be from the optimum: in units of log-likelihood, and relative."""
+_SMALLEST_SHARE = 1e-12
+"""Of the metric, given to all directions, so that it is positive definite in spite of rounding."""
+_GROWTH = 20.0
+_ROUGHLY, _EXACTLY = 0.5, 1e-2
+"""Newton decrements that end the search of a centre: on the way to the last one, and of that."""
+_NEWTON_STEPS = 40
+_INWARDS = 1e-7
+"""The result is moved by this share of the way to a point well inside, or rounding could push it over the edge."""
+
+
+def parameters_of(pseudo: Array) -> Array:
+    """Inverse of ``pseudo_inertia``, one matrix: shape (4, 4) to (10,)."""
+    sigma = pseudo[:3, :3]
+    about_origin = np.trace(sigma) * np.eye(3) - sigma
+    return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], pack_symmetric(about_origin)])
+
+
+def is_possible(parameters: Array) -> bool:
+    """Whether there is a body with ``theta``, shape (10,): mass and pseudo-inertia safely positive."""
+    pseudo = pseudo_inertia(parameters)
+    diagonal = pseudo.diagonal()
+    if not diagonal.min() > 0.0:
+        return False
+    scale = np.sqrt(diagonal)
+    return bool(np.linalg.eigvalsh(pseudo / scale[:, None] / scale)[0] > _THINNEST)
+
+
+def nearest_possible(parameters: Array, information: Array, length: float) -> Array:
+    """The possible ``theta`` of the highest likelihood.
+
+    Args:
+        parameters: Estimate of ``theta``, shape (10,), perhaps impossible; returned as it is if it is possible.
+        information: Its information matrix, shape (10, 10), symmetric, at least positive semi-definite.
+        length: Rough size of the body [m], to balance metres against kilograms.
+
+    Returns:
+        Shape (10,), strictly possible.
+    """
+    if is_possible(parameters):
+        return parameters
+    # Coordinates in which the point to start from is the identity: no units, no stretched directions.
+    to_theta = _coordinates_around(_clipped(parameters, length))
+    target = np.linalg.solve(to_theta, parameters).astype(np.float64)
+    metric = to_theta.T @ information @ to_theta
+    metric += _SMALLEST_SHARE * np.trace(metric) * np.eye(10)
+    start = _BASIS_TRACE
+    cost = _cost(start, target, metric)
+    point, weight = start, 1.0 / (1.0 + cost)
+    while weight * _GAP * (1.0 + cost) < 4.0:
+        weight *= _GROWTH
+        point = _centred(point, target, weight * metric, _ROUGHLY)
+        cost = _cost(point, target, metric)
+    point = _centred(point, target, weight * metric, _EXACTLY)
+    result: Array = to_theta @ (point + _INWARDS * (start - point))
+    return result
+
+
+def _symmetric_basis() -> Array:
+    """Orthonormal basis of the symmetric 4x4 matrices, shape (10, 4, 4)."""
+    rows, columns = np.triu_indices(4)
+    basis = np.zeros((10, 4, 4))
+    basis[np.arange(10), rows, columns] = basis[np.arange(10), columns, rows] = np.where(
+        rows == columns, 1.0, np.sqrt(0.5)
+    )
+    return basis
+
+
+_BASIS = _symmetric_basis()
+_FLAT_BASIS = _BASIS.reshape(10, 16)
+_BASIS_TRACE: Array = np.trace(_BASIS, axis1=1, axis2=2)
+"""Also the coordinates of the identity."""
+
+
+def _clipped(parameters: Array, length: float) -> Array:
+    """Pseudo-inertia well inside and near ``theta``, whatever that is: small eigenvalues are lifted."""
+    balance = np.array([length, length, length, 1.0])
+    values, vectors = np.linalg.eigh(pseudo_inertia(parameters) / (balance[:, None] * balance))
+    lifted = np.maximum(values, max(1e-2 * float(values[-1]), 1e-6))
+    result: Array = balance[:, None] * ((vectors * lifted) @ vectors.T) * balance
+    return result
+
+
+def _coordinates_around(pseudo: Array) -> Array:
+    """Matrix (10, 10): coordinates z to the ``theta`` of ``T (sum_k z_k basis_k) T^T``, where ``T T^T = pseudo``."""
+    root = np.linalg.cholesky(pseudo)
+    return np.stack([parameters_of(matrix) for matrix in root @ _BASIS @ root.T], axis=1)
+
+
+def _cost(point: Array, target: Array, metric: Array) -> float:
+    return float(0.5 * (point - target) @ metric @ (point - target))
+
+
+def _centred(point: Array, target: Array, metric: Array, tolerance: float) -> Array:
+    """Minimise ``cost - log det`` with Newton's method from a point strictly inside; the result is inside as well."""
+    for _ in range(_NEWTON_STEPS):
+        inverse = np.linalg.inv((point @ _FLAT_BASIS).reshape(4, 4))
+        gradient = metric @ (point - target) - _FLAT_BASIS @ inverse.ravel()
+        curvature = (inverse @ _BASIS @ inverse).reshape(10, 16) @ _FLAT_BASIS.T
+        step = -np.linalg.solve(metric + curvature, gradient)
+        decrement = np.sqrt(max(-float(gradient @ step), 0.0))
+        # The damped step of a self-concordant function stays inside (Nesterov, Nemirovskii 1994); so do short steps.
+        point = point + (step / (1.0 + decrement) if decrement > 0.25 else step)
+        if decrement < tolerance:
+            break
+    return point

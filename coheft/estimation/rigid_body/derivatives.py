@@ -1,0 +1,69 @@
+"""How mass properties change with the parameters and the frame that they are seen with."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array, Pose, skew
+from coheft.estimation.rigid_body.mass_properties import Inertia, pack_symmetric, packed_rotation
+from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
+
+_DOUBLE_CROSS = pack_symmetric(
+    CROSS_OF_AXES[:, None] @ CROSS_OF_AXES + CROSS_OF_AXES @ CROSS_OF_AXES[:, None]
+).transpose(2, 0, 1)
+"""Shape (6, 3, 3): ``result @ h`` is the derivative of the packed ``[h]x [h]x`` by ``h``."""
+_POSES = 64
+"""What follows from so many poses is kept."""
+
+
+def barycentric_derivative(inertia: Inertia) -> Array:
+    """Derivative (10, 10) of ``(m, m h, I_o)`` by ``(m, h, J)``, with ``J`` packed, at the centre of mass."""
+    m, h = inertia.mass, inertia.com
+    of_square = _DOUBLE_CROSS @ h
+    derivative = np.eye(INERTIA_SIZE)
+    derivative[1:4, 0] = h
+    derivative[1:4, 1:4] *= m
+    derivative[4:, 0] = -0.5 * of_square @ h
+    derivative[4:, 1:4] = -m * of_square
+    return derivative
+
+
+def central_derivative(inertia: Inertia) -> Array:
+    """Inverse of ``barycentric_derivative``: of ``(m, h, J)`` by ``(m, m h, I_o)``, shape (10, 10)."""
+    m, h = inertia.mass, inertia.com
+    of_square = _DOUBLE_CROSS @ h
+    derivative = np.eye(INERTIA_SIZE)
+    derivative[1:4, 0] = -h / m
+    derivative[1:4, 1:4] /= m
+    derivative[4:, 0] = -0.5 * of_square @ h
+    derivative[4:, 1:4] = of_square
+    return derivative
+
+
+def seen_inertia_derivative(pose_i: Pose, inertia: Inertia) -> Array:
+    """How ``(m, h_i, J_i)`` follows when ``F_i`` and ``(m, h, J)``, both given in the body frame, are perturbed.
+
+    Returns:
+        Shape (10, 16): by the perturbation of ``pose_i``, then by ``(m, h, J)``.
+    """
+    to_i = pose_i.rotation.T
+    derivative = _of_axes(pose_i).copy()
+    derivative[1:4, 0:3] = to_i @ skew(inertia.com - pose_i.translation)
+    turned = inertia.tensor @ CROSS_OF_AXES - CROSS_OF_AXES @ inertia.tensor
+    derivative[4:, 0:3] = pack_symmetric(to_i @ turned @ to_i.T).T
+    return derivative
+
+
+@lru_cache(maxsize=_POSES)
+def _of_axes(pose_i: Pose) -> Array:
+    """What of ``seen_inertia_derivative`` does not depend on the inertia; read only."""
+    to_i = pose_i.rotation.T
+    derivative = np.zeros((INERTIA_SIZE, 6 + INERTIA_SIZE))
+    derivative[0, 6] = 1.0
+    derivative[1:4, 3:6] = -to_i
+    derivative[1:4, 7:10] = to_i
+    derivative[4:, 10:] = packed_rotation(to_i)
+    derivative.flags.writeable = False
+    return derivative

@@ -1,0 +1,1 @@
+"""Recordings of sensors as files, and the checks on them."""

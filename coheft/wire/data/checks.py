@@ -1,0 +1,145 @@
+"""What the files of a recording call its parts, and checks of what they hold. ``docs/data-format.md`` has the list."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from coheft.errors import RecordingError, one_line
+from coheft.estimation.batch.recording import RobotRecord, Truth
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.rigid_body.mass_properties import Inertia
+
+TIME = "t"
+COLUMNS = {
+    "pose": ("x", "y", "z", "qx", "qy", "qz", "qw"),
+    "twist": ("wx", "wy", "wz", "vx", "vy", "vz"),
+    "dtwist": ("dwx", "dwy", "dwz", "dvx", "dvy", "dvz"),
+    "acceleration": ("ax", "ay", "az"),
+    "wrench": ("mx", "my", "mz", "fx", "fy", "fz"),
+}
+"""Channels of a robot and the names of their columns in CSV files."""
+TRUTH = "truth"
+
+
+def channels_of(robot: RobotRecord) -> dict[str, Array]:
+    """What a robot recorded, as files have it: arrays (n, width), in the order of ``COLUMNS``, without times."""
+    found = {channel: getattr(robot, channel) for channel in COLUMNS}
+    return {
+        channel: _swapped(samples) if channel == "wrench" else samples
+        for channel, samples in found.items()
+        if samples is not None
+    }
+
+
+def robot_of(name: str, table: Mapping[str, Array]) -> RobotRecord:
+    """Inverse of ``channels_of``, of its arrays and ``t`` (n,). The shapes of channels are not checked.
+
+    Raises:
+        RecordingError: The times cannot be used, or there is a channel that no robot has.
+    """
+    unknown = set(table) - set(COLUMNS) - {TIME}
+    if unknown:
+        allowed = ", ".join([TIME, *COLUMNS])
+        raise RecordingError(f"'{one_line(min(unknown))}' of {name} is unknown; allowed: {allowed}")
+    if TIME not in table:
+        raise RecordingError(f"'{TIME}' of {name} is missing: the times of its samples")
+    _check(f"'{TIME}' of {name}", table[TIME], (table[TIME].size,))
+    channels = {channel: array for channel, array in table.items() if channel != TIME}
+    if "wrench" in channels and channels["wrench"].ndim == 2:
+        channels["wrench"] = _swapped(channels["wrench"])
+    return RobotRecord(table[TIME], **channels)
+
+
+def gravity_of(array: Array) -> Array:
+    """Gravity, shape (3,) [m/s²].
+
+    Raises:
+        RecordingError: It is something else.
+    """
+    _check("'gravity'", array, (3,))
+    return array
+
+
+def noise_of(array: Array) -> SensorNoise:
+    """Noise from its standard deviations, shape (5,).
+
+    Raises:
+        RecordingError: They are something else.
+    """
+    if array.shape != (5,) or not np.all(np.isfinite(array) & (array > 0.0)):
+        raise RecordingError(
+            f"'noise': expected 5 positive numbers: gyro, velocity, acceleration, force, torque; "
+            f"found {one_line(str(array.tolist()))}"
+        )
+    return SensorNoise(*array.tolist())
+
+
+def holds_of(array: Array) -> tuple[tuple[float, float], ...]:
+    """From when to when the load was still, from an array (k, 2) [s]; one that is empty may have any shape.
+
+    Raises:
+        RecordingError: It is something else.
+    """
+    if array.size == 0:
+        return ()
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise RecordingError(f"'holds': found shape {array.shape}, expected (k, 2): from when to when")
+    _check("'holds'", array, array.shape)
+    for start, end in array:
+        if start >= end:
+            raise RecordingError(f"'holds': found one from {start:g} s to {end:g} s, expected its start before its end")
+    return tuple((float(start), float(end)) for start, end in array)
+
+
+def truth_of(arrays: Mapping[str, Array], robots: int) -> Truth | None:
+    """What a simulation knew: from ``poses`` (N, 12), ``t`` and ``mass`` (k,), ``com`` (k, 3), ``inertia`` (k, 3, 3).
+
+    Args:
+        arrays: By these names; none: nothing is known.
+        robots: How many there are, N.
+
+    Raises:
+        RecordingError: Some are missing, unknown, of a wrong shape, or not finite.
+    """
+    if not arrays:
+        return None
+    count = arrays[TIME].size if TIME in arrays else 0
+    shapes = {
+        "poses": (robots, Pose.SIZE),
+        TIME: (count,),
+        "mass": (count,),
+        "com": (count, 3),
+        "inertia": (count, 3, 3),
+    }
+    missing = [key for key in shapes if key not in arrays]
+    if missing:
+        raise RecordingError(f"'{TRUTH}': incomplete: '{missing[0]}' is missing; expected {', '.join(shapes)}")
+    unknown = set(arrays) - set(shapes)
+    if unknown:
+        raise RecordingError(f"'{TRUTH}/{one_line(min(unknown))}' is unknown; allowed: {', '.join(shapes)}")
+    for key, shape in shapes.items():
+        _check(f"'{TRUTH}/{key}'", arrays[key], shape)
+    if not np.all(np.diff(arrays[TIME]) > 0.0):
+        raise RecordingError(f"'{TRUTH}/{TIME}': expected growing times, from which on something was held")
+    loads = zip(arrays[TIME], arrays["mass"], arrays["com"], arrays["inertia"], strict=True)
+    return Truth(
+        poses=tuple(Pose.of_numbers(numbers) for numbers in arrays["poses"]),
+        loads=tuple((float(since), Inertia(float(mass), com, tensor)) for since, mass, com, tensor in loads),
+    )
+
+
+def _check(what: str, array: Array, shape: tuple[int, ...]) -> None:
+    """Refuse an array of another shape, or with numbers that are not finite."""
+    if array.shape != shape:
+        raise RecordingError(f"{what}: found shape {array.shape}, expected {shape}")
+    if not np.isfinite(array).all():
+        found = array[~np.isfinite(array)][0]
+        raise RecordingError(f"{what}: found {found}, expected finite numbers")
+
+
+def _swapped(wrench: Array) -> Array:
+    """Moment and force the other way round: files name the moment first."""
+    return np.concatenate([wrench[:, 3:], wrench[:, :3]], axis=1)

@@ -1,0 +1,149 @@
+"""Recordings as files: ``.npz``, or a folder of CSV files, one per robot. ``docs/data-format.md`` describes both."""
+
+from __future__ import annotations
+
+import os
+import struct
+import tokenize
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from coheft.errors import RecordingError, one_line
+from coheft.estimation.batch.recording import GRAVITY, Recording, check_recording
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.data.checks import TIME, TRUTH, channels_of, gravity_of, holds_of, noise_of, robot_of, truth_of
+from coheft.wire.data.folder import read_folder, write_folder
+from coheft.wire.data.replace import replace_files
+
+_SHARED = ("gravity", "holds", "noise")
+_BEGINNINGS = (b"PK\x03\x04", b"PK\x05\x06", b"\x93NUMPY")
+"""Of zip archives, as ``.npz`` files are, full and empty, and of single arrays; numpy takes all else for pickles."""
+_EXPECTED = "expected what 'coheft run --save-data' or np.savez writes, or a folder of CSV files"
+_NUMBERS = "biuf"
+"""Kinds of numpy's types that are real numbers."""
+_DAMAGED = (
+    *(ValueError, TypeError, KeyError, EOFError, RuntimeError, MemoryError, SyntaxError),
+    *(zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError),
+)
+"""What numpy and zipfile raise on files that are cut, changed, encrypted, or something else."""
+
+
+def read_recording(path: Path) -> Recording:
+    """Read and check a recording.
+
+    Raises:
+        RecordingError: It cannot be read, or not used; says what, and why.
+    """
+    try:
+        recording = read_folder(path) if path.is_dir() else _read_npz(path)
+        check_recording(recording)
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return recording
+
+
+def write_recording(recording: Recording, path: Path) -> None:
+    """Write a recording, to an ``.npz`` file, or to a folder of CSV files if the path has no suffix.
+
+    CSV files hold samples and holds only. What was there is replaced when the new recording is complete, not before.
+
+    Raises:
+        RecordingError: It cannot be written, or the folder has CSV files that are of no recording.
+    """
+    if path.suffix not in ("", ".npz"):
+        raise RecordingError(f"{path}: expected a file that ends with .npz, or a folder, without suffix")
+    try:
+        if path.suffix:
+            arrays: dict[str, Any] = dict(_arrays(recording))
+            target = Path(os.path.realpath(path))  # a link stays one
+            replace_files({target: lambda file: np.savez_compressed(file, **arrays)})
+        else:
+            write_folder(recording, path)
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _arrays(recording: Recording) -> dict[str, Array]:
+    """All of a recording, by the names that the file gives it."""
+    arrays = {"gravity": recording.gravity}
+    for name, robot in recording.robots.items():
+        arrays[f"{name}/{TIME}"] = robot.time
+        arrays |= {f"{name}/{channel}": samples for channel, samples in channels_of(robot).items()}
+    if recording.noise is not None:
+        arrays["noise"] = recording.noise.per_column()[::3]
+    if recording.holds is not None:
+        arrays["holds"] = np.array(recording.holds, dtype=np.float64).reshape(-1, 2)
+    if recording.truth is not None:
+        loads = recording.truth.loads
+        arrays[f"{TRUTH}/poses"] = np.array([pose.numbers() for pose in recording.truth.poses])
+        arrays[f"{TRUTH}/{TIME}"] = np.array([since for since, _ in loads])
+        arrays[f"{TRUTH}/mass"] = np.array([load.mass for _, load in loads])
+        arrays[f"{TRUTH}/com"] = np.array([load.com for _, load in loads])
+        arrays[f"{TRUTH}/inertia"] = np.array([load.tensor for _, load in loads])
+    return arrays
+
+
+def _read_npz(path: Path) -> Recording:
+    tables: dict[str, dict[str, Array]] = {}
+    shared: dict[str, Array] = {}
+    for key, array in _load(path).items():
+        name, slash, channel = key.rpartition("/")
+        if slash:
+            tables.setdefault(name, {})[channel] = array
+        elif key in _SHARED:
+            shared[key] = array
+        else:
+            raise RecordingError(f"key '{one_line(key)}' is unknown; allowed: {', '.join(_SHARED)}, ROBOT/CHANNEL")
+    truth = tables.pop(TRUTH, {})
+    if not tables:
+        raise RecordingError(f"no robots in this file; expected arrays ROBOT/{TIME} and ROBOT/CHANNEL of each")
+    return Recording(
+        robots={name: robot_of(name, table) for name, table in tables.items()},
+        gravity=gravity_of(shared["gravity"]) if "gravity" in shared else np.array(GRAVITY),
+        noise=noise_of(shared["noise"]) if "noise" in shared else None,
+        holds=holds_of(shared["holds"]) if "holds" in shared else None,
+        truth=truth_of(truth, len(tables)),
+    )
+
+
+def _load(path: Path) -> dict[str, Array]:
+    """All arrays of an ``.npz`` file, by their keys."""
+    try:
+        with path.open("rb") as file:  # numpy itself leaves damaged ones open
+            _check_beginning(file.read(max(map(len, _BEGINNINGS))), path)
+            file.seek(0)
+            loaded = np.load(file, allow_pickle=False)
+            if not isinstance(loaded, np.lib.npyio.NpzFile):
+                raise RecordingError(
+                    f"found a single array of shape {loaded.shape}, expected an .npz file with one per robot and "
+                    f"channel, as np.savez writes"
+                )
+            keys = loaded.files
+            arrays = {key: np.asarray(loaded[key]) for key in keys}
+    except _DAMAGED as error:
+        raise RecordingError(f"not an .npz file of numbers: {one_line(str(error))}; {_EXPECTED}") from error
+    if len(arrays) < len(keys):
+        raise RecordingError("an array is there more than once, expected each key once: write the file again")
+    for key, array in arrays.items():
+        if array.dtype.kind not in _NUMBERS:
+            raise RecordingError(f"not an .npz file of numbers: '{one_line(key)}' holds values of type {array.dtype}")
+    return {key: array.astype(np.float64) for key, array in arrays.items()}
+
+
+def _check_beginning(start: bytes, path: Path) -> None:
+    """Check that numpy can be asked to read a file."""
+    if start.startswith(_BEGINNINGS):
+        return
+    if path.suffix == ".mcap":
+        raise RecordingError(
+            "a recording by '--record' is for 'coheft view'; identify reads what 'coheft run --save-data' writes"
+        )
+    raise RecordingError(f"not an .npz file; {_EXPECTED}")

@@ -1,0 +1,84 @@
+"""What can be computed with of an estimate: shapes fit, numbers are finite, and rotations are some."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from coheft.errors import MessageError
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.messages.codec import check_array
+from coheft.wire.messages.structs import PayloadEstimate, PoseEstimate
+
+ROTATION_TOLERANCE = 1e-6
+"""By so much a rotation may be off."""
+_LARGEST = 1e15
+
+
+def check_payload(payload: PayloadEstimate) -> None:
+    """Check what a robot believes of the payload.
+
+    Raises:
+        MessageError: Nobody can compute with it.
+    """
+    check_number(payload.mass, "mass")
+    size = 1
+    if payload.com is not None:
+        check_numbers(payload.com, (3,), "com")
+        size = 4
+    if payload.tensor is not None:
+        if payload.com is None:
+            raise MessageError("com is missing but expected, because there is a tensor")
+        check_numbers(payload.tensor, (3, 3), "tensor")
+        size = 10
+    _check_covariance(payload.covariance, size, "payload")
+
+
+def check_pose(pose: PoseEstimate, name: str) -> None:
+    """Check what a robot believes of the pose of the one called ``name``.
+
+    Raises:
+        MessageError: Nobody can compute with it.
+    """
+    check_numbers(pose.translation, (3,), f"translation of {name!r}")
+    _check_covariance(pose.covariance, 6, f"pose of {name!r}")
+    check_rotation(pose.rotation, name)
+
+
+def check_rotation(rotation: Array, name: str) -> None:
+    """Check the rotation (3, 3) of whoever is called ``name``.
+
+    Raises:
+        MessageError: It is none.
+    """
+    check_numbers(rotation, (3, 3), f"rotation of {name!r}")
+    difference = np.abs(rotation.T @ rotation - np.eye(3)).max()
+    if difference > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
+        raise MessageError(f"rotation of {name!r} is none: expected an orthonormal matrix whose determinant is 1")
+
+
+def check_numbers(array: Array, shape: tuple[int, ...], name: str) -> None:
+    """Check an array and the size of its numbers.
+
+    Raises:
+        MessageError: It has another shape, or holds what is not finite or too large.
+    """
+    check_array(array, shape, name)
+    check_number(float(np.abs(array).max()), f"largest number of {name}")
+
+
+def check_number(value: float, name: str) -> None:
+    """Check that a number is finite, and not too large.
+
+    Raises:
+        MessageError: It is not.
+    """
+    if not (math.isfinite(value) and abs(value) < _LARGEST):
+        raise MessageError(f"{name} is {value} but expected less than {_LARGEST:g}")
+
+
+def _check_covariance(covariance: Array, size: int, name: str) -> None:
+    check_numbers(covariance, (size, size), f"covariance of {name}")
+    if (np.diagonal(covariance) < 0.0).any():
+        raise MessageError(f"covariance of {name} has a negative variance")

@@ -1,0 +1,126 @@
+"""What observers and the operator ask the server and the agents, and the answers, as msgspec structs."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from coheft.wire.messages.structs import LoadState, Message, Scene
+
+# --- to the server -----------------------------------------------------------------------------------------------
+
+
+class StatusRequest(Message, frozen=True, tag="status"):
+    """How is the run?"""
+
+
+class InjectRequest(Message, frozen=True, tag="inject"):
+    """Put a load onto the payload at the next block."""
+
+    mass: float
+    position: tuple[float, float, float]
+    size: tuple[float, float, float] = (0.1, 0.1, 0.1)
+
+
+class RemoveRequest(Message, frozen=True, tag="remove"):
+    """Take a load away at the next block."""
+
+    load: int
+
+
+class HoldRequest(Message, frozen=True, tag="hold"):
+    """Let a robot take its hand off the payload, or take hold of it again, at the next block."""
+
+    robot: str
+    holding: bool
+
+
+class EstimatorRequest(Message, frozen=True, tag="estimator"):
+    """Let all robots forget what they know and begin anew with another estimator, at the next block."""
+
+    estimator: str
+
+
+class PauseRequest(Message, frozen=True, tag="pause"):
+    """Stop the clock, or let it go on."""
+
+    paused: bool
+
+
+class StopRequest(Message, frozen=True, tag="stop"):
+    """End the run."""
+
+
+Request = StatusRequest | InjectRequest | RemoveRequest | HoldRequest | EstimatorRequest | PauseRequest | StopRequest
+
+
+class Status(Message, frozen=True):
+    """The server's answer to every request that it carried out, and its last word to all observers.
+
+    Attributes:
+        scenario: Its name.
+        state: Whether time runs.
+        block: Number of blocks that have been simulated.
+        time: Simulated so far [s].
+        duration: Of the whole run [s].
+        real_time_factor: Simulated time over the wall time for which the clock ran.
+        late_blocks: References that came too late, over all robots: not blocks, whatever its name says.
+        loads: On the payload.
+        slots_free: How many more fit.
+        waiting_for: Robots that it cannot begin or go on without, or that have not answered the newest block yet.
+        estimator: Which one the robots use, from the next block on at the latest.
+        estimators: Which ones may be chosen.
+        scene: What does not change.
+        unsaved: Why the data file that was asked for is not there; empty if it is, or none was asked for.
+        failure: Why the run broke off; empty if it did not.
+    """
+
+    scenario: str
+    state: Literal["waiting", "running", "paused", "finished"]
+    block: int
+    time: float
+    duration: float
+    real_time_factor: float
+    late_blocks: int
+    loads: list[LoadState]
+    slots_free: int
+    waiting_for: list[str]
+    estimator: str
+    estimators: list[str]
+    scene: Scene
+    unsaved: str = ""
+    failure: str = ""
+
+
+class Refusal(Message, frozen=True):
+    """The answer to a request that was not carried out, and why."""
+
+    reason: str
+
+
+# --- to an agent -------------------------------------------------------------------------------------------------
+
+
+class LinkRequest(Message, frozen=True):
+    """Hang up on a neighbour, and dial it no more until the opposite is asked.
+
+    Only the one of the two that dials can do so; to both it is as if the wire between them were cut.
+
+    Attributes:
+        neighbour: The other end.
+        cut: Whether to cut the link, or to mend it.
+    """
+
+    neighbour: str
+    cut: bool
+
+
+class CutLinks(Message, frozen=True):
+    """An agent's answer to a request that it carried out.
+
+    Attributes:
+        robot: Who answers.
+        neighbours: On whom it has hung up.
+    """
+
+    robot: str
+    neighbours: list[str]

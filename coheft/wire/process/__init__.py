@@ -1,0 +1,1 @@
+"""How any process of a run begins, reports problems and ends."""

@@ -1,0 +1,52 @@
+"""Settings of the estimators that come with coheft, and when an estimate is good enough."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from coheft.estimation.measurement import Positive
+from coheft.wire.scenario.section import Section
+
+
+class SeedSettings(Section, frozen=True):
+    """The seed paper's method (``coheft.agents.fan2017.estimator``).
+
+    Attributes:
+        memory: Time over which old samples are forgotten [s]; the forgetting factor per sample is
+            ``1 - 1 / (memory * rate)``.
+        rounds: Rounds of dynamic consensus that each sample goes through.
+        pose_rotation_deg: Largest standard deviation of a pose's rotation for it to have converged [degrees].
+        pose_translation_mm: And of its translation [mm].
+    """
+
+    memory: Positive = 2.0
+    rounds: Annotated[int, Meta(ge=1, le=256)] = 16
+    pose_rotation_deg: Positive = 0.06
+    pose_translation_mm: Positive = 1.2
+
+
+class EfficientSettings(Section, frozen=True):
+    """The method at the Cramér-Rao bound (``coheft.agents.efficient``).
+
+    Attributes:
+        memory: How long the past counts: "window" keeps all since the last load change that was noticed; a number
+            forgets exponentially over this time [s]; over less than 0.3 s no load can be weighed.
+    """
+
+    memory: Literal["window"] | Annotated[float, Meta(ge=0.3)] = "window"
+
+
+class Converged(Section, frozen=True):
+    """An agent calls its estimate converged when all standard deviations are below these.
+
+    Attributes:
+        mass_percent: Of the mass, relative [%].
+        com_mm: Of each coordinate of the centre of mass [mm].
+        inertia_percent: Of the inertia, Frobenius norm relative to its own [%].
+    """
+
+    mass_percent: Positive = 1.0
+    com_mm: Positive = 7.0
+    inertia_percent: Positive = 5.0

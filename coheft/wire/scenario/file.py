@@ -1,0 +1,133 @@
+"""Scenarios from TOML files.
+
+``load_scenario`` takes a path, or the name of a scenario in ``configs/``. Every error names the file, the key, what
+was found there and what is allowed.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from coheft.errors import ScenarioError
+from coheft.wire.scenario.checks import check_changes_come, check_choices, check_scenario, check_settings_used
+from coheft.wire.scenario.errors import did_you_mean, explain
+from coheft.wire.scenario.payload_extent import check_places
+from coheft.wire.scenario.payload_file import read_files
+from coheft.wire.scenario.schema import Scenario
+from coheft.wire.scenario.set_values import set_values
+
+CONFIG_FOLDER = (Path(__file__).parents[2] / "configs").resolve()
+"""Where the shipped scenarios are."""
+
+
+def available_scenarios() -> dict[str, Path]:
+    """The shipped scenarios by name."""
+    return {path.stem: path for path in sorted(CONFIG_FOLDER.glob("*.toml"))}
+
+
+def scenario_path(source: str | Path) -> Path:
+    """Where a scenario is read from: a TOML file, or a shipped one by its name.
+
+    Raises:
+        ScenarioError: There is no such name.
+    """
+    path = Path(source)
+    if path.suffix == ".toml":
+        return path
+    shipped = available_scenarios()
+    if str(source) not in shipped:
+        raise ScenarioError(_unknown_scenario(str(source), list(shipped)))
+    return shipped[str(source)]
+
+
+def load_scenario(source: str | Path, values: Sequence[str] = ()) -> Scenario:
+    """Read a scenario from a TOML file, or a shipped one by its name, with some values changed, see ``set_values``.
+
+    Raises:
+        ScenarioError: There is no such file or name, or its contents cannot be used.
+    """
+    path = scenario_path(source)
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise ScenarioError(_no_file(path, error)) from error
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise ScenarioError(f"{source!r}: no file can have this name: {error}") from error
+    try:
+        text = data.decode("utf-8-sig")  # Windows puts a byte-order mark first
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"{path}: not UTF-8 text: {error}") from error
+    origin = " ".join([str(path), *([f"with {' '.join(f'--set {value}' for value in values)}"] if values else [])])
+    return parse_scenario(text, origin, path.parent, values)
+
+
+def parse_scenario(text: str, origin: str, folder: Path = Path(), values: Sequence[str] = ()) -> Scenario:
+    """Scenario from TOML text.
+
+    Args:
+        text: What the file holds.
+        origin: Names it in errors.
+        folder: What the paths in it are relative to.
+        values: To be put into it, see ``set_values``.
+
+    Raises:
+        ScenarioError: It is not TOML, or not a scenario, or a file that it names cannot be used.
+    """
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # also for a number of too many digits, and for deep nesting
+        raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
+    set_values(table, values)
+    try:
+        scenario = msgspec.convert(table, Scenario)
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{origin}: {explain(error, table)}") from error
+    scenario = complete_scenario(scenario, origin, folder)
+    check_changes_come(scenario, origin)
+    check_settings_used(scenario, origin)
+    return scenario
+
+
+def complete_scenario(scenario: Scenario, origin: str, folder: Path) -> Scenario:
+    """Check a scenario as it was written, and read the files that it names.
+
+    Args:
+        scenario: The types of its keys are right.
+        origin: Names it in errors.
+        folder: What the paths in it are relative to.
+
+    Raises:
+        ScenarioError: It cannot be used, or a file that it names cannot.
+    """
+    check_choices(scenario, origin)
+    check_places(scenario, origin)
+    scenario = read_files(scenario, origin, folder)
+    check_scenario(scenario, origin)
+    return scenario
+
+
+def _unknown_scenario(name: str, shipped: list[str]) -> str:
+    if os.path.isfile(f"{name}.toml"):  # Path would raise if the name is too long
+        return f"there is no scenario '{name}', but there is a file '{name}.toml': give its whole name, with .toml"
+    key = {".xml": "mjcf", ".stl": "mesh", ".obj": "mesh", ".msh": "mesh"}.get(os.path.splitext(name.lower())[1])
+    if key is not None:
+        return f"'{name}' is a payload, not a scenario: name it in one (docs/own.md): payload.{key} = \"{name}\""
+    return (
+        f"there is no scenario '{name}'.{did_you_mean(name, shipped)} Shipped scenarios: {', '.join(shipped)}. "
+        f"For your own, give the path of a file that ends with .toml"
+    )
+
+
+def _no_file(path: Path, error: OSError) -> str:
+    return (
+        f"{path}: cannot be read: {error.strerror}; looked for {path.absolute()}."
+        f"{did_you_mean(path.stem, list(available_scenarios()))} "
+        f"'coheft scenarios' lists the shipped ones, which have names without .toml"
+    )

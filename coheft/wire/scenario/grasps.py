@@ -1,0 +1,38 @@
+"""Where the robots of a scenario hold the payload."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion
+from coheft.wire.scenario.schema import Perimeter, Scenario
+
+
+def place_grasps(scenario: Scenario) -> tuple[Pose, ...]:
+    """True pose of each robot's grasp frame ``F_i`` in the payload's frame, in the order of the robots' names."""
+    perimeter = scenario.robots.perimeter
+    if perimeter is None:
+        return tuple(grasp.pose() for grasp in scenario.robots.grasps)
+    return _around(perimeter)
+
+
+def _around(perimeter: Perimeter) -> tuple[Pose, ...]:
+    """Grasps at equal distances along the rim, counter-clockwise; orientations uniform over all rotations."""
+    rng = np.random.default_rng(perimeter.seed)
+    distances = (np.arange(perimeter.count) + 0.5) / perimeter.count * 2.0 * sum(perimeter.extent)
+    grasps = []
+    for distance in distances:
+        x, y = _rim_point(perimeter.extent, float(distance))
+        quaternion = rng.standard_normal(4)
+        height = rng.uniform(-perimeter.height, perimeter.height)
+        rotation = rotation_from_quaternion(quaternion / np.linalg.norm(quaternion))
+        grasps.append(Pose(rotation, np.array([x, y, height])))
+    return tuple(grasps)
+
+
+def _rim_point(extent: tuple[float, float], distance: float) -> Array:
+    """Point (2,) of a centred rectangle's rim at a distance from the corner ``(-, -)``, counter-clockwise."""
+    width, depth = extent
+    corners = np.array([[-width, -depth], [width, -depth], [width, depth], [-width, depth], [-width, -depth]]) / 2.0
+    along = np.cumsum([0.0, width, depth, width, depth])
+    return np.array([np.interp(distance, along, corners[:, 0]), np.interp(distance, along, corners[:, 1])])

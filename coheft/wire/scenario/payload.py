@@ -1,0 +1,110 @@
+"""What is held, as a scenario says it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+import numpy as np
+from msgspec import Meta
+
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
+from coheft.estimation.measurement import Positive
+from coheft.estimation.rigid_body.mass_properties import Inertia, combined
+from coheft.wire.scenario.section import Lengths, Section, Vector, pose_of
+
+
+class Box(Section, frozen=True):
+    """A homogeneous box of the payload.
+
+    Attributes:
+        mass: Its mass [kg].
+        size: Its edge lengths [m].
+        position: Of its centre in the payload's frame [m].
+        rotation_deg: Of its edges against the payload's axes, rotation vector [degrees].
+    """
+
+    mass: Positive
+    size: Lengths
+    position: Vector = (0.0, 0.0, 0.0)
+    rotation_deg: Vector = (0.0, 0.0, 0.0)
+
+    def pose(self) -> Pose:
+        """Pose of the box in the payload's frame."""
+        return pose_of(self.position, self.rotation_deg)
+
+    def inertia(self) -> Inertia:
+        """Its mass properties in the payload's frame."""
+        return Inertia.of_box(self.mass, self.size, self.pose())
+
+
+class MassProperties(Section, frozen=True):
+    """A payload of which no more is known than how it moves.
+
+    Attributes:
+        mass: Its mass [kg].
+        com: Centre of mass in the payload's frame [m].
+        principal: Principal moments of inertia at the centre of mass [kg·m²].
+        axes_deg: Rotation vector from the payload's axes to the principal ones [degrees].
+    """
+
+    mass: Positive
+    com: Vector
+    principal: Lengths
+    axes_deg: Vector = (0.0, 0.0, 0.0)
+
+    @classmethod
+    def of(cls, inertia: Inertia) -> Self:
+        """The ones of a body whose tensor and centre of mass are known in the payload's frame."""
+        principal, axes = np.linalg.eigh(inertia.tensor)
+        axes *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
+        return cls(
+            mass=inertia.mass,
+            com=vector_of(inertia.com),
+            principal=vector_of(principal),
+            axes_deg=vector_of(np.degrees(rotation_log(axes))),
+        )
+
+    def inertia(self) -> Inertia:
+        """The same in the payload's frame."""
+        at_com = Inertia(self.mass, np.zeros(3), np.diag(np.array(self.principal, dtype=np.float64)))
+        return at_com.carried(pose_of(self.com, self.axes_deg))
+
+
+class Payload(Section, frozen=True):
+    """The thing that is held: boxes fixed to each other, mere mass properties, or a file of your own.
+
+    Files are read when the scenario is: what is left of them are mass properties. Their paths are relative to the
+    scenario's file. What is longer than 20 m, or would fall out of the arms, is refused: its unit will be another one.
+
+    Attributes:
+        boxes: What it is made of, fixed to each other.
+        properties: Instead: what it weighs.
+        mjcf: Instead: MuJoCo model, of which one body is held. The payload's frame is the frame of that body.
+        body: Name of that body, if the model has several.
+        mesh: Instead: its closed surface, an STL (binary), OBJ or MSH file, homogeneous inside. The payload's frame is
+            the frame of the mesh.
+        density: Of the mesh [kg/m³].
+        mass: Of the mesh, instead of its density [kg].
+        scale: Length of the mesh's unit [m]: 0.001 if it was drawn in millimetres.
+        load_slots: Number of loads that can lie on it at a time.
+    """
+
+    boxes: tuple[Box, ...] = ()
+    properties: MassProperties | None = None
+    mjcf: str | None = None
+    body: str | None = None
+    mesh: str | None = None
+    density: Positive | None = None
+    mass: Positive | None = None
+    scale: Positive = 1.0
+    load_slots: Annotated[int, Meta(ge=0, le=64)] = 4
+
+    def inertia(self) -> Inertia:
+        """Mass properties in the payload's frame, without loads."""
+        return self.properties.inertia() if self.properties else combined(box.inertia() for box in self.boxes)
+
+
+def vector_of(values: Array) -> Vector:
+    """Three numbers (3,) as a scenario holds them."""
+    x, y, z = values.tolist()
+    return x, y, z

@@ -1,0 +1,189 @@
+"""How large a payload is, and whether hands that are to hold it, and loads on it, can be meant to be where they are.
+
+Lengths in millimetres, where metres are expected, are a common mistake in files: a run with them goes on for long
+before it fails in some other way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import product
+from typing import Self
+
+import numpy as np
+
+from coheft.errors import ScenarioError
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.wire.scenario.payload import MassProperties, Payload
+from coheft.wire.scenario.schema import Scenario
+from coheft.wire.scenario.section import pose_of
+
+LARGEST = 20.0
+"""Length of the largest payload [m]."""
+ARM_ROOM = 0.3
+"""Grasps and loads may be so far outside of however small a payload [m]: frames of wrists lie behind the hand."""
+_UNSEEN = 10.0
+"""Mass properties tell less than a shape does: light parts may reach so many times as far."""
+
+
+@dataclass(frozen=True)
+class Extent:
+    """A box around a payload, edges along the axes of the payload's frame.
+
+    Attributes:
+        lower: Its smallest coordinates, shape (3,) [m].
+        upper: Its largest ones.
+        margin: So far outside of it a grasp or a load may be [m].
+    """
+
+    lower: Array
+    upper: Array
+    margin: float
+
+    @classmethod
+    def around(cls, points: Array) -> Self:
+        """The smallest one around points, shape (n, 3), in the payload's frame [m]."""
+        lower, upper = points.min(axis=0), points.max(axis=0)
+        return cls(lower, upper, max(ARM_ROOM, float(np.max(upper - lower))))
+
+    @classmethod
+    def like(cls, properties: MassProperties) -> Self:
+        """The one around the homogeneous box that has these mass properties."""
+        moments = np.array(properties.principal, dtype=np.float64)
+        # Of a box J_x = m (y² + z²) / 12, and so on.
+        edges = np.sqrt(np.maximum(6.0 / properties.mass * (moments.sum() - 2.0 * moments), 0.0))
+        box = cls.around(corners(pose_of(properties.com, properties.axes_deg), edges))
+        return cls(box.lower, box.upper, _UNSEEN * box.margin)
+
+    @property
+    def length(self) -> float:
+        """Its longest edge [m]."""
+        return float(np.max(self.upper - self.lower))
+
+    def distance(self, point: Iterable[float]) -> float:
+        """How far outside of it a point is [m]; 0 inside."""
+        position = np.array(tuple(point), dtype=np.float64)
+        return float(np.linalg.norm(np.maximum(0.0, np.maximum(self.lower - position, position - self.upper))))
+
+    def check_size(self, place: str, what: str, advice: str) -> None:
+        """Check that somebody can carry it.
+
+        Args:
+            place: Where the scenario says what it is.
+            what: Names it.
+            advice: What may be wrong.
+
+        Raises:
+            ScenarioError: It is too large.
+        """
+        if not self.length <= LARGEST:
+            raise ScenarioError(f"{place}: {what} is {self.length:g} m long, expected at most {LARGEST:g} m: {advice}")
+
+    def check_position(self, place: str, what: str, position: Iterable[float]) -> None:
+        """Check that a grasp or a load is not too far outside.
+
+        Args:
+            place: Where the scenario says it.
+            what: Names it.
+            position: In the payload's frame [m].
+
+        Raises:
+            ScenarioError: It is.
+        """
+        complaint = self.complaint(position)
+        if complaint:
+            raise ScenarioError(f"{place}: {what} {complaint}")
+
+    def complaint(self, position: Iterable[float]) -> str:
+        """What is wrong with a position of a grasp or a load [m], to go on with after its name; empty if nothing is."""
+        with np.errstate(over="ignore"):
+            distance = self.distance(position)
+        if distance <= self.margin:
+            return ""
+        return (
+            f"is {distance:.3g} m outside the payload, which is {self.length:.2g} m long; expected at most "
+            f"{self.margin:.2g} m: positions are in metres, in the payload's frame"
+        )
+
+    def size_complaint(self, size: Iterable[float]) -> str:
+        """What is wrong with the edge lengths of a load [m], likewise: it may fill all places where it may be."""
+        longest, limit = max(size), self.length + 2.0 * self.margin
+        if longest <= limit:
+            return ""
+        return (
+            f"is {longest:.3g} m long; expected at most {limit:.2g} m on a payload that is {self.length:.2g} m long: "
+            f"sizes are in metres"
+        )
+
+
+def corners(pose: Pose, edges: Iterable[float]) -> Array:
+    """Corners of a box, shape (8, 3), from the pose of its centre and its edge lengths [m]."""
+    halves = np.array(list(product((-0.5, 0.5), repeat=3))) * np.array(tuple(edges), dtype=np.float64)
+    moved: Array = halves @ pose.rotation.T + pose.translation
+    return moved
+
+
+def check_places(scenario: Scenario, origin: str) -> None:
+    """Check the size of a payload of boxes or mere mass properties, and where it is held.
+
+    Raises:
+        ScenarioError: Something is so far off that it cannot be meant.
+    """
+    payload = scenario.payload
+    with np.errstate(all="ignore"):
+        extent = _extent_of(payload)
+        if extent is None:
+            return
+        if payload.properties is not None:
+            what, advice = "a box with such mass properties", "masses are in kg, moments of inertia in kg·m²"
+            extent.check_size(f"{origin}: key 'payload.properties'", what, advice)
+        else:
+            extent.check_size(f"{origin}: key 'payload.boxes'", "the payload", "sizes and positions are in metres")
+        check_holds(scenario, extent, origin)
+
+
+def check_load_places(scenario: Scenario, origin: str) -> None:
+    """Check where the load changes of a scenario put loads, and how large these are.
+
+    Raises:
+        ScenarioError: One is too far outside of the payload, or too large for it.
+    """
+    extent = _extent_of(scenario.payload)
+    for number, change in enumerate(scenario.load_changes):
+        if change.mass is not None and extent is not None:
+            key = f"{origin}: key 'load_changes[{number}]"
+            extent.check_position(f"{key}.position'", f"found {list(change.position)}, which", change.position)
+            complaint = extent.size_complaint(change.size)
+            if complaint:
+                raise ScenarioError(f"{key}.size': found {list(change.size)}, which {complaint}")
+
+
+def _extent_of(payload: Payload) -> Extent | None:
+    """Of boxes or mere mass properties; None while it is to be read from a file."""
+    if payload.properties is not None:
+        return Extent.like(payload.properties)
+    if payload.boxes:
+        return Extent.around(np.concatenate([corners(box.pose(), box.size) for box in payload.boxes]))
+    return None
+
+
+def check_holds(scenario: Scenario, extent: Extent, origin: str) -> None:
+    """Check all grasps of a scenario but those at sites of a model.
+
+    Raises:
+        ScenarioError: One is too far outside of the payload.
+    """
+    for key, what, position in _holds(scenario):
+        extent.check_position(f"{origin}: key '{key}'", what, position)
+
+
+def _holds(scenario: Scenario) -> Iterator[tuple[str, str, Iterable[float]]]:
+    """Key, name and position of each grasp, or of the middles of the sides of a rim."""
+    for number, grasp in enumerate(scenario.robots.grasps):
+        yield f"robots.grasps[{number}].position", f"found {list(grasp.position)}, which", grasp.position
+    perimeter = scenario.robots.perimeter
+    if perimeter is not None:
+        width, depth = perimeter.extent
+        for side in ((width / 2.0, 0.0, 0.0), (0.0, depth / 2.0, 0.0)):
+            yield "robots.perimeter.extent", f"found {list(perimeter.extent)}, of which a side", side

@@ -1,0 +1,56 @@
+"""What an arm can be asked to do at all: what the server refuses of robots, and the loader of scenarios.
+
+Far more than any useful motion, and so little that one robot that asks for it cannot tear the payload from the others:
+held by N springs, the payload goes an N-th of the way, and no more than twice as far before it comes to rest.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.wire.messages.structs import Reference
+from coheft.wire.scenario.schema import Robots
+
+MAX_POSITION = 2.0
+"""From the home pose, along an axis of the home frame [m]."""
+MAX_ROTATION = 2.0 * np.pi
+"""Of an entry of the rotation vector [rad]."""
+_LONGEST_SAMPLE = 0.01
+"""At the lowest rate of the sensors [s]."""
+
+
+class Reach:
+    """The limits of a scenario's arms.
+
+    A rate counts with the displacement to which the arm's damping makes it equal, a wrench with that to which its
+    stiffness does: where there is no stiffness, there is no feed-forward either.
+
+    Attributes:
+        rotation_delay: Displacement for which a rate counts, rotation [s].
+        position_delay: The same, translation [s].
+    """
+
+    rotation_delay: float
+    position_delay: float
+
+    def __init__(self, robots: Robots) -> None:
+        (k_t, k_r), (d_t, d_r) = robots.stiffness, robots.damping
+        # A rate counts for a sample at least; motions name the rotation first.
+        self.rotation_delay = max(d_r / k_r if k_r > 0.0 else 0.0, _LONGEST_SAMPLE)
+        self.position_delay = max(d_t / k_t, _LONGEST_SAMPLE)
+        self._delay = np.repeat([self.rotation_delay, self.position_delay], 3)
+        self._displacement = np.repeat([MAX_ROTATION, MAX_POSITION], 3)
+        self._wrench = np.repeat([k_t * MAX_POSITION, k_r * MAX_ROTATION], 3)  # wrenches name the force first
+
+    def excess(self, reference: Reference) -> str | None:
+        """What the arm cannot do in a reference of the right shapes, in words; None if it can do it all."""
+        asked = np.abs(reference.motion[:, :6]) + self._delay * np.abs(reference.motion[:, 6:])
+        parts = (
+            ("motion", asked.max(axis=0), self._displacement, ("rad", "m")),
+            ("wrench", np.abs(reference.wrench), self._wrench, ("N", "N·m")),
+        )
+        for name, largest, limits, units in parts:
+            for axis, (found, limit) in enumerate(zip(largest, limits, strict=True)):
+                if not found <= limit:
+                    return f"{name} asks for {found:.3g} {units[axis // 3]} but expected at most {limit:.3g}"
+        return None

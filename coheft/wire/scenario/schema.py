@@ -1,0 +1,248 @@
+"""Scenarios: what is held, by whom, how they talk, what happens. ``coheft.wire.scenario.file`` reads them from TOML."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, get_args
+
+from msgspec import Meta, field
+
+from coheft.estimation.geometry.spatial import Pose
+from coheft.estimation.measurement import Positive, SensorNoise
+from coheft.estimation.tolerance import SensorTolerance
+from coheft.wire.scenario.carry import Carry
+from coheft.wire.scenario.encoders import EncoderErrors
+from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, SeedSettings
+from coheft.wire.scenario.payload import Payload
+from coheft.wire.scenario.section import Lengths, Name, NotNegative, Section, Seed, Vector, pose_of
+from coheft.wire.scenario.via_points import ViaPoints
+
+GraphKind = Literal["ring", "line", "star", "grid", "tree", "complete", "random"]
+SensorRate = Literal[100, 125, 200, 250, 500, 1000]
+SENSOR_RATES: tuple[int, ...] = get_args(SensorRate)
+PHYSICS_RATE = 1000
+"""Physics steps per second."""
+MAX_ROBOTS = 1024
+"""Far more than one machine can serve; a bound, so that no number in a file can fill the memory."""
+MAX_DURATION = 1e7
+"""Longest run [s]: four months."""
+
+
+class Grasp(Section, frozen=True):
+    """Where one robot holds the payload.
+
+    Attributes:
+        position: Of its grasp frame's origin in the payload's frame [m]. No further outside of the payload than that is
+            long, or 0.3 m.
+        rotation_deg: Of its grasp frame against the payload's, rotation vector [degrees].
+    """
+
+    position: Vector
+    rotation_deg: Vector = (0.0, 0.0, 0.0)
+
+    def pose(self) -> Pose:
+        """Pose of ``F_i`` in the payload's frame."""
+        return pose_of(self.position, self.rotation_deg)
+
+
+class Perimeter(Section, frozen=True):
+    """Grasps spread over the rim of a rectangle around the payload, each at a random orientation and height.
+
+    Attributes:
+        count: Number of robots.
+        extent: Edge lengths of the rectangle [m].
+        height: Grasps lie within plus or minus this of the payload's middle [m].
+        seed: Of the random orientations and heights.
+    """
+
+    count: Annotated[int, Meta(ge=2, le=MAX_ROBOTS)]
+    extent: tuple[Positive, Positive]
+    height: NotNegative = 0.05
+    seed: Seed = 0
+
+
+class Robots(Section, frozen=True):
+    """The robots: their grasps (listed, spread over a rim, or sites of a model) and the impedance of their arms.
+
+    Attributes:
+        grasps: One per robot.
+        perimeter: Instead: a rule that places them.
+        sites: Instead: names of sites of the model ``payload.mjcf``, one per robot; grasp frames are oriented as the
+            sites are.
+        stiffness: Of every arm: translation [N/m], rotation [N·m/rad]. Without stiffness and damping in rotation the
+            wrist is a gimbal: its torque is exactly zero.
+        damping: Of every arm: translation [N·s/m], rotation [N·m·s/rad].
+        arms: ``springs`` are nothing but that; ``seven-joint`` arms are driven by their joints' torques so that their
+            hands, which are welded to the payload, behave like it. The z axes of their grasps point out of the hands.
+    """
+
+    grasps: Annotated[tuple[Grasp, ...], Meta(max_length=MAX_ROBOTS)] = ()
+    perimeter: Perimeter | None = None
+    sites: Annotated[tuple[str, ...], Meta(max_length=MAX_ROBOTS)] = ()
+    stiffness: tuple[Positive, NotNegative] = (800.0, 30.0)
+    damping: tuple[NotNegative, NotNegative] = (70.0, 3.0)
+    arms: Literal["springs", "seven-joint"] = "springs"
+
+
+class Graph(Section, frozen=True):
+    """Who talks with whom.
+
+    Attributes:
+        kind: Its shape; ``grid`` is as square as may be, ``tree`` branches from the first robot, ``random`` is a random
+            connected graph.
+        branches: Of every robot, away from the first, for ``tree``.
+        edge_probability: Of each edge beyond a random spanning tree, for ``random``.
+        seed: Of the random graph, for ``random``.
+    """
+
+    kind: GraphKind = "ring"
+    branches: Annotated[int, Meta(ge=1, le=64)] = 4
+    edge_probability: Annotated[float, Meta(ge=0, le=1)] = 0.2
+    seed: Seed = 0
+
+
+class Sensors(Section, frozen=True):
+    """Sampling and errors of the sensors.
+
+    Attributes:
+        rate: Samples per second; must divide 1000.
+        block: Samples that travel in one message.
+        noise: Standard deviations per sample, with ``noise_scale`` at least a thousandth of the default.
+        noise_scale: Multiplies all of ``noise``. Not 0: estimators weigh samples by their noise.
+        tolerance: How far sensors may be off, as the robots are told. They estimate what is not 0 along.
+        errors: How far they are off: ``drawn`` from the tolerance, ``none``, or drawn from standard deviations of their
+            own, of which no robot is told.
+        encoders: How exactly recordings tell the wrists' poses and forces. Without it they hold the sensors' samples.
+    """
+
+    rate: SensorRate = 500
+    block: Annotated[int, Meta(ge=2, le=200)] = 10
+    noise: SensorNoise = SensorNoise()
+    noise_scale: Positive = 1.0
+    tolerance: SensorTolerance = SensorTolerance()
+    errors: Literal["drawn", "none"] | SensorTolerance = "drawn"
+    encoders: EncoderErrors | None = None
+
+
+class Motion(Section, frozen=True):
+    """Reference motion of every robot, drawn for each robot alone: two sinusoids per axis, via points, or your own.
+
+    Motions that no arm can follow, more than 2 m or a turn per axis with their speed counted in, are refused.
+
+    Attributes:
+        translation: Amplitude per axis [m].
+        rotation: Amplitude per axis [rad].
+        frequency: Range from which frequencies are drawn [Hz].
+        ramp: Time from rest to full amplitude [s].
+        axes: Share of the amplitude per axis of the robot's home frame: rotation about x, y, z, translation along them.
+        via_points: Instead of sinusoids: random points, and straight lines between them.
+        own: Instead: a motion of your own, by its name, see docs/own.md.
+    """
+
+    translation: NotNegative = 0.06
+    rotation: NotNegative = 0.2
+    frequency: tuple[Positive, Positive] = (0.4, 1.6)
+    ramp: NotNegative = 2.0
+    axes: tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative] = (1.0,) * 6
+    via_points: ViaPoints | None = None
+    own: Name | None = None
+
+
+class LoadChange(Section, frozen=True):
+    """A load put onto the payload, or taken away, at a given time. What would fall out of the arms is refused.
+
+    Attributes:
+        at: Time [s]; takes effect at the next border of a block.
+        mass: Of the new load [kg].
+        position: Of its centre in the payload's frame [m]; no further outside of the payload than that is long, or
+            0.3 m (ten times as far if only its mass properties are known).
+        size: Its edge lengths [m]; no longer than the payload with that room on both sides.
+        leak: What it loses from then on [kg/s], until nothing is left.
+        remove: Instead: number of the load to take away; loads are numbered from 1 as they come.
+    """
+
+    at: NotNegative
+    mass: Positive | None = None
+    position: Vector = (0.0, 0.0, 0.0)
+    size: Lengths = (0.1, 0.1, 0.1)
+    leak: NotNegative = 0.0
+    remove: Annotated[int, Meta(ge=1)] | None = None
+
+
+class Scenario(Section, frozen=True):
+    """Everything that defines a run. Two runs of equal scenarios in lockstep give identical numbers.
+
+    Attributes:
+        name: Name of the scenario.
+        description: One line for people.
+        payload: What is held.
+        robots: Who holds it.
+        graph: Who talks with whom.
+        sensors: How well each robot measures.
+        motion: How each robot moves.
+        carry: A common path along which they carry the payload.
+        load_changes: What happens to the payload.
+        duration: Length of the run [s].
+        seed: Of the sensors' noise and errors and of the robots' choice of motion.
+        estimator: Which method the agents use: ``efficient``, ``seed``, or one of your own, see docs/own.md.
+        seed_method: Settings of the estimator ``seed``.
+        efficient: Settings of the estimator ``efficient``.
+        settings: Of the estimator and the motion of your own that are used, a table each, ``settings.NAME``.
+        converged: When an estimate is good enough.
+        lookahead: Blocks that the server may run ahead of the slowest agent; also the lag of references.
+    """
+
+    name: Name
+    payload: Payload
+    robots: Robots
+    description: str = ""
+    graph: Graph = Graph()
+    sensors: Sensors = Sensors()
+    motion: Motion = Motion()
+    carry: Carry | None = None
+    load_changes: tuple[LoadChange, ...] = ()
+    duration: Annotated[float, Meta(gt=0, le=MAX_DURATION)] = 30.0
+    seed: Seed = 1
+    estimator: Name = "efficient"
+    seed_method: SeedSettings = SeedSettings()
+    efficient: EfficientSettings = EfficientSettings()
+    settings: dict[str, dict[str, Any]] = field(default_factory=dict)
+    converged: Converged = Converged()
+    lookahead: Annotated[int, Meta(ge=1, le=64)] = 4
+
+    @property
+    def block_duration(self) -> float:
+        """Duration of a block [s]."""
+        return self.sensors.block / self.sensors.rate
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks of the run."""
+        return max(1, round(self.duration / self.block_duration))
+
+    @property
+    def noise(self) -> SensorNoise:
+        """The sensors' noise, scale included."""
+        return self.sensors.noise.scaled(self.sensors.noise_scale)
+
+    @property
+    def sensor_errors(self) -> SensorTolerance:
+        """What the sensors' true errors are drawn from."""
+        match self.sensors.errors:
+            case "drawn":
+                return self.sensors.tolerance
+            case "none":
+                return SensorTolerance()
+            case told:
+                return told
+
+    @property
+    def robot_count(self) -> int:
+        """Number of robots."""
+        perimeter = self.robots.perimeter
+        return perimeter.count if perimeter is not None else len(self.robots.grasps)
+
+    @property
+    def robot_names(self) -> tuple[str, ...]:
+        """``r1``, ``r2``, …, as many digits as needed for alphabetical order to be the numbers' order."""
+        digits = len(str(self.robot_count))
+        return tuple(f"r{i + 1:0{digits}d}" for i in range(self.robot_count))

@@ -1,0 +1,79 @@
+"""Values of a scenario that are given as texts, ``KEY=VALUE``: ``sensors.noise_scale=3``, ``load_changes[0].at=8``."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Sequence
+from typing import Any
+
+from coheft.errors import ScenarioError
+from coheft.wire.scenario.toml_value import as_toml
+
+_KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+|\[\d{1,9}\])*", re.ASCII)
+_BARE = re.compile(r"[A-Za-z][\w./-]*")
+"""Text that may stand without quotes."""
+
+
+def set_values(table: dict[str, Any], texts: Sequence[str]) -> None:
+    """Put values into a table that was read from TOML; whether they may stand there is for others to say.
+
+    Args:
+        table: A scenario, as nested dictionaries and lists; it is changed.
+        texts: Each a key, an equals sign, and a value as TOML has it; names need no quotes.
+
+    Raises:
+        ScenarioError: A text is none of this kind, or its key leads to nothing that could have parts.
+    """
+    for text in texts:
+        key, equals, value = (part.strip() for part in text.partition("="))
+        if not equals or not _KEY.fullmatch(key):
+            raise ScenarioError(f"--set {text}: expected KEY=VALUE, for example --set sensors.noise_scale=3")
+        _put(table, key, _parsed(value, text), text)
+
+
+def _parsed(value: str, text: str) -> object:
+    if value not in ("true", "false", "inf", "nan") and _BARE.fullmatch(value):
+        return value
+    try:
+        return tomllib.loads(f"value = {value}")["value"]
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError(
+            f"--set {text}: found {value!r}, expected a value as TOML has it: 3, 0.5, true, [1, 2], "
+            f"{{ mass = 3.0 }} or text: {error}"
+        ) from error
+
+
+def _put(table: dict[str, Any], key: str, value: object, text: str) -> None:
+    *path, last = [int(part[1:-1]) if part[0] == "[" else part for part in re.findall(r"\[\d+\]|[^.\[\]]+", key)]
+    node: Any = table
+    for depth, part in enumerate(path):
+        node = _inner(node, part, f"--set {text}: key '{_joined(path[:depth])}'")
+    _check(node, last, f"--set {text}: key '{_joined(path)}'")
+    node[last] = value
+
+
+def _inner(node: Any, part: str | int, where: str) -> Any:
+    """What is under a part of a key; sections that are left out are begun."""
+    _check(node, part, where)
+    if isinstance(node, dict) and node.get(part) is None:
+        node[part] = {}
+    return node[part]
+
+
+def _check(node: Any, part: str | int, where: str) -> None:
+    if isinstance(node, dict) and isinstance(part, str):
+        return
+    if not isinstance(node, list | dict):
+        raise ScenarioError(f"{where}: found {as_toml(node)}, which has no parts")
+    if isinstance(node, dict):
+        raise ScenarioError(f"{where}: found {part!r} for a part of a section, expected a name")
+    if isinstance(part, str):
+        raise ScenarioError(f"{where}: found {part!r} for a part of a list, expected a number in brackets, from [0]")
+    if part >= len(node):
+        raise ScenarioError(f"{where}: found number {part}, but the list has {len(node)}, counted from 0")
+
+
+def _joined(path: Sequence[str | int]) -> str:
+    """A key as errors write it."""
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".") or "(top)"

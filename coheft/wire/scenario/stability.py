@@ -1,0 +1,80 @@
+"""Whether arms are too stiff, or damped too strongly, for what they hold: then the physics' steps are too long."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from coheft.errors import ScenarioError
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
+
+_ROUNDING = 1e-6
+
+
+def check_stability(scenario: Scenario, grasps: Sequence[Pose], origin: str) -> None:
+    """Refuse arms with which the payload would fly apart at once.
+
+    Args:
+        scenario: What is held, and how stiff and how strongly damped the arms are. Arms of seven joints pass.
+        grasps: Of all robots in the payload's frame.
+        origin: Names the scenario's source in errors.
+
+    Raises:
+        ScenarioError: They are too stiff, or damped too strongly. It tells which would do.
+    """
+    payload, robots = scenario.payload.inertia(), scenario.robots
+    if robots.arms == "seven-joint":
+        return
+    mass = payload.spatial()
+    springs = np.linalg.solve(mass, gains_at_payload(grasps, robots.stiffness)).astype(np.float64)
+    dampers = np.linalg.solve(mass, gains_at_payload(grasps, robots.damping)).astype(np.float64)
+    if _growth(springs, dampers) <= 1.0 + _ROUNDING:
+        return
+    # With dampers that stop a motion within a step at the earliest, nothing swings from step to step.
+    share = min(1.0, PHYSICS_RATE / float(np.abs(np.linalg.eigvals(dampers)).max(initial=1e-300)))
+    while _growth(share * springs, share * dampers) > 1.0 + _ROUNDING:
+        share *= 0.5
+    raise ScenarioError(
+        f"{origin}: key 'robots.stiffness': the robots' arms are too stiff, or damped too strongly, for so light a "
+        f"payload ({payload.mass:.3g} kg): it would fly apart. Found robots.stiffness = {_told(robots.stiffness)} and "
+        f"robots.damping = {_told(robots.damping)}; "
+        f"{_told(robots.stiffness, share)} and {_told(robots.damping, share)} would do"
+    )
+
+
+def gains_at_payload(grasps: Sequence[Pose], gains: tuple[float, float]) -> Array:
+    """What all arms' gains (translation, rotation) add up to for the payload's twist ``(w, v)``, shape (6, 6)."""
+    at_grasp = np.repeat([gains[1], gains[0]], 3)
+    adjoints = [grasp.inverse().adjoint() for grasp in grasps]
+    result: Array = np.sum([adjoint.T @ (at_grasp[:, None] * adjoint) for adjoint in adjoints], axis=0)
+    return result
+
+
+def _growth(springs: Array, dampers: Array) -> float:
+    """Largest factor by which a step of Euler's method, positions after velocities, makes a small motion grow.
+
+    Args:
+        springs: ``M^-1 K``, shape (6, 6).
+        dampers: ``M^-1 D``, shape (6, 6).
+    """
+    period, one = 1.0 / PHYSICS_RATE, np.eye(6)
+    velocity = np.hstack([-period * springs, one - period * dampers])
+    step = np.vstack([np.hstack([one, np.zeros((6, 6))]) + period * velocity, velocity])
+    return float(np.abs(np.linalg.eigvals(step)).max())
+
+
+def _told(gains: tuple[float, float], share: float = 1.0) -> str:
+    """As in a scenario's file; rounded down to two digits if only a share of it is wanted."""
+    shown = (gain if share == 1.0 else rounded_down(share * gain) for gain in gains)
+    return f"[{', '.join(f'{gain:g}' for gain in shown)}]"
+
+
+def rounded_down(value: float) -> float:
+    """To two digits; 0 if there are none."""
+    if not 0.0 < value < math.inf:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return math.floor(value / unit) * unit

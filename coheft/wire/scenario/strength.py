@@ -1,0 +1,194 @@
+"""Whether arms can hold up what is put onto them: under a weight their springs give way, the payload sinks and tilts.
+
+Grams, where kilograms are expected, are a common mistake: a run with them is lost within a second. What is refused
+here is lost for sure; what is not may still be lost, by how the robots move.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp, rotation_log, skew
+from coheft.estimation.rigid_body.mass_properties import Inertia, combined
+from coheft.wire.scenario.schema import Robots
+from coheft.wire.scenario.stability import gains_at_payload, rounded_down
+
+MAX_DISTANCE = 5.0
+"""Farther than this [m] from its home the payload has run away."""
+MAX_ANGLE = 2.5
+"""Turned by more than this [rad] the payload tumbles: near pi the rotation springs push the wrong way round."""
+SETTLING_TIME = 2.0
+"""Time that the payload has to sag into the robots' springs before a run [s]."""
+GRAVITY = 9.81
+"""[m/s²]"""
+_SURE, _SAFE = 1.05, 0.8
+"""Shares of ``MAX_DISTANCE`` and ``MAX_ANGLE``: a payload that is foreseen to go beyond the first is refused, and the
+mass that is recommended instead stays within the second."""
+_STEP = 0.01
+"""Of a fall that is foreseen [s]."""
+_WATCHED = 10.0
+"""A payload that is not lost so long after a load has come will not be lost by its weight [s]."""
+_HALVINGS = 5
+"""Of the range in which the heaviest load is sought."""
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Of a payload: where it is in its home frame, and its twist ``(w, v)`` in its own axes, shape (6,)."""
+
+    rotation: Array
+    position: Array
+    twist: Array
+
+    def is_within(self, share: float) -> bool:
+        """Whether it is less than a share of that far away at which it is lost."""
+        distance, angle = float(np.linalg.norm(self.position)), float(np.linalg.norm(rotation_log(self.rotation)))
+        return distance < share * MAX_DISTANCE and angle < share * MAX_ANGLE
+
+    def moved(self, step: Array) -> tuple[Array, Array]:
+        """Rotation and position after a small motion (6,) in its own axes."""
+        return self.rotation @ rotation_exp(step[:3]), self.position + self.rotation @ step[3:]
+
+
+class Strength:
+    """What the springs of a team's arms can hold up.
+
+    Args:
+        grasps: Of all robots that hold the payload, in the payload's frame.
+        robots: Their stiffness and damping.
+    """
+
+    def __init__(self, grasps: Sequence[Pose], robots: Robots) -> None:
+        places = np.array([grasp.translation for grasp in grasps])
+        self._count = len(places)
+        self._robots = robots
+        self._sum = places.sum(axis=0)
+        self._products = places.T @ places
+        self._springs = gains_at_payload(grasps, robots.stiffness)
+        self._dampers = gains_at_payload(grasps, robots.damping)
+        at_middle = gains_at_payload(
+            [Pose(np.eye(3), place - places.mean(axis=0)) for place in places], robots.stiffness
+        )
+        self._least_turning = float(np.linalg.eigvalsh(at_middle[:3, :3])[0])
+
+    @classmethod
+    def of(cls, grasps: Sequence[Pose], robots: Robots) -> Self | None:
+        """Of a team's arms; None for seven-joint arms: no weight tears a payload from hands that are welded to it."""
+        return cls(grasps, robots) if grasps and robots.arms != "seven-joint" else None
+
+    def complaint(self, load: Inertia, before: Inertia | None = None) -> str:
+        """What is wrong with a load's weight, to go on with after it; empty if nothing is.
+
+        Args:
+            load: What comes, in the payload's frame.
+            before: What hangs at rest in the springs by then; None: nothing, the load is the payload itself.
+        """
+        with np.errstate(all="ignore"):
+            if self._holds(load, before, _SURE):
+                return ""
+            most = _most(load.mass, lambda share: self._holds(_share_of(load, share), before, _SAFE))
+        arms = f"{self._count} arms" if self._count > 1 else "one arm"
+        expected = f"at most {most:g} kg" if most > 0.0 else "nothing more"
+        there = "" if before is None else " there"
+        return (
+            f"more than {arms} with 'robots.stiffness' = {list(self._robots.stiffness)} can hold up{there}; expected "
+            f"{expected}: masses are in kg"
+        )
+
+    def _holds(self, load: Inertia, before: Inertia | None, share: float) -> bool:
+        """Whether the payload stays within that share of where it is lost, as far as can be foreseen."""
+        after = load if before is None else combined([before, load])
+        if self._is_light(after):
+            return True
+        if before is not None:
+            at_rest = self._at_rest(before)
+            return at_rest is None or self._falls(after, at_rest, _WATCHED, share) is not None
+        home = _State(np.eye(3), np.zeros(3), np.zeros(6))
+        settled = self._falls(after, home, SETTLING_TIME, math.inf)
+        return settled is not None and self._falls(after, settled, _WATCHED, share) is not None
+
+    def _is_light(self, inertia: Inertia) -> bool:
+        """Whether the springs hardly give way, and nothing has to be foreseen."""
+        weight = GRAVITY * inertia.mass
+        middle = self._sum / self._count
+        sag = weight / (self._count * self._robots.stiffness[0])
+        # More than what the weight would turn it by if its lever did not become shorter.
+        tilt = weight * float(np.linalg.norm(inertia.com - middle)) / max(self._least_turning, 1e-300)
+        return tilt < 0.2 * MAX_ANGLE and sag + tilt * float(np.linalg.norm(middle)) < 0.2 * MAX_DISTANCE
+
+    def _pull(self, inertia: Inertia, rotation: Array, position: Array) -> Array:
+        """Wrench ``(t, f)`` of springs and weight at the payload's origin in its own axes, shape (6,)."""
+        k_t, k_r = self._robots.stiffness
+        weight = -GRAVITY * inertia.mass * rotation[2]
+        shift = rotation.T @ position
+        spread = self._products @ rotation
+        force = k_t * (rotation.T @ self._sum - self._sum - self._count * shift)
+        # Each spring pulls its hand to where it was at home, seen from the payload as it is now.
+        torque = k_t * (_axial(spread) - skew(self._sum) @ shift)
+        torque -= self._count * k_r * rotation_log(rotation)
+        return np.concatenate([torque + skew(inertia.com) @ weight, force + weight])
+
+    def _at_rest(self, inertia: Inertia) -> _State | None:
+        """Where the springs hold it; None if that is not found."""
+        state = _State(np.eye(3), np.zeros(3), np.zeros(6))
+        try:
+            give = np.linalg.inv(self._springs)
+        except np.linalg.LinAlgError:
+            return None
+        for _ in range(200):
+            step = give @ self._pull(inertia, state.rotation, state.position)
+            state = _State(*state.moved(step), np.zeros(6))
+            if np.linalg.norm(step) < 1e-6:
+                return state
+        return None
+
+    def _falls(self, inertia: Inertia, state: _State, seconds: float, share: float) -> _State | None:
+        """Where it has come to after some time, stopped there; None if it was not within that share all the time.
+
+        Euler's implicit method, springs and dampers taken as they are at home: stable for whatever small things hang in
+        strong springs.
+        """
+        mass, resistance = inertia.spatial(), self._dampers + _STEP * self._springs
+        try:
+            give = _STEP * np.linalg.inv(mass + _STEP * resistance)
+        except np.linalg.LinAlgError:
+            return None
+        for _ in range(round(seconds / _STEP)):
+            twist = state.twist
+            # Momentum that stays as it is turns, seen from the payload.
+            angular, linear = skew(mass[:3] @ twist), skew(mass[3:] @ twist)
+            carried = np.concatenate([angular @ twist[:3] + linear @ twist[3:], linear @ twist[:3]])
+            pull = self._pull(inertia, state.rotation, state.position) + carried
+            twist = twist + give @ (pull - resistance @ twist)
+            state = _State(*state.moved(_STEP * twist), twist)
+            if not state.is_within(share):
+                return None
+        return _State(state.rotation, state.position, np.zeros(6))
+
+
+def _axial(matrix: Array) -> Array:
+    """``sum of a x b`` where the matrix is the sum of ``a b^T``, shape (3,)."""
+    return np.array([matrix[1, 2] - matrix[2, 1], matrix[2, 0] - matrix[0, 2], matrix[0, 1] - matrix[1, 0]])
+
+
+def _share_of(load: Inertia, share: float) -> Inertia:
+    return Inertia(share * load.mass, load.com, share * load.tensor)
+
+
+def _most(mass: float, is_held: Callable[[float], bool]) -> float:
+    """The largest mass [kg] of which a share is held, rounded down to two digits; 0 if hardly anything is."""
+    share = 1.0
+    while not is_held(0.5 * share):
+        share *= 0.5
+        if share < 1e-9:
+            return 0.0
+    low, high = 0.5 * share, share
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if is_held(middle) else (low, middle)
+    return rounded_down(low * mass)

@@ -1,0 +1,154 @@
+"""A robot's own driver in place of the physics server: feeds one agent with measurements, and gets its references.
+
+It listens where the agent dials its server, so the agent does not notice any difference. One loop per robot::
+
+    with open_driver(config) as driver:
+        driver.wait_for_agent()
+        for block in itertools.count():
+            reference = driver.reference(block)
+            ...  # move the arm, read the sensors
+            driver.send(block, samples)
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import zenoh
+
+from coheft.errors import LinkError, MessageError
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.measurement import SAMPLE_SIZE
+from coheft.wire.config import AgentProcessConfig
+from coheft.wire.messages.codec import check_array
+from coheft.wire.messages.structs import Measurements, Reference
+from coheft.wire.transport.inbox import Inbox, LinkChange, Received, Refused
+from coheft.wire.transport.planes import guard_server_for_robot
+from coheft.wire.transport.robot_link import RobotLink
+from coheft.wire.transport.security import Credentials
+from coheft.wire.transport.sessions import Keys, open_session
+
+_TICK = 0.5
+
+
+class Driver:
+    """The sensors and the arm of one robot, see ``open_driver``. All of its methods are for one thread.
+
+    Attributes:
+        name: The robot's name.
+        rate: Samples per second that its agent expects.
+        samples: Samples per block that it expects.
+    """
+
+    def __init__(self, config: AgentProcessConfig, session: zenoh.Session, inbox: Inbox) -> None:
+        self.name = config.agent.name
+        self.rate = config.agent.rate
+        self.samples = config.agent.block
+        self._lag = config.agent.lag
+        self._inbox = inbox
+        self._next = 0
+        self._link = RobotLink(
+            self.name,
+            session,
+            inbox,
+            Keys(config.run),
+            world=time.time_ns(),
+            lag=self._lag,
+            block=self.samples,
+        )
+
+    def wait_for_agent(self, seconds: float = math.inf) -> None:
+        """Wait until the agent can be fed, and talks with all its neighbours.
+
+        Raises:
+            LinkError: It takes longer than that.
+        """
+        self._wait(lambda: self._link.is_settled, seconds, "is not ready")
+
+    def reference(self, block: int, seconds: float = 10.0) -> Reference | None:
+        """What the arm shall do during a block, as soon as the agent has said so: its answer to an earlier block.
+
+        Returns:
+            Its reference; None if it has none, as for the first blocks: then the arm holds still where it is.
+
+        Raises:
+            LinkError: It takes longer than that.
+        """
+        wanted = block - self._lag
+        self._wait(lambda: self._link.is_ready and self._link.answered >= wanted, seconds, f"has not answered {wanted}")
+        return self._link.take_reference(block)
+
+    def send(self, block: int, samples: Array) -> None:
+        """Give the agent its measurements of a block.
+
+        Args:
+            block: Its number; block k holds the samples from ``k B / rate`` seconds on. The same for all robots.
+            samples: Shape (B, 15), columns as in ``MeasurementBlock``.
+
+        Raises:
+            MessageError: They have another shape, or are not finite.
+        """
+        check_array(samples, (self.samples, SAMPLE_SIZE), f"samples of block {block}")
+        self._next = block + 1
+        self._link.send_measurements(Measurements(robot=self.name, block=block, samples=samples))
+
+    def finish(self, seconds: float = 10.0) -> None:
+        """Wait for the answer to the last block.
+
+        Raises:
+            LinkError: It takes longer than that.
+        """
+        self._wait(lambda: not self._link.owes_answer, seconds, "has not answered the last block")
+
+    def stop(self, reason: str) -> None:
+        """Tell the agent that it is over: its process ends."""
+        self._link.send_stop(reason)
+
+    def _wait(self, condition: Callable[[], bool], seconds: float, what: str) -> None:
+        """Take in what comes until a condition holds."""
+        deadline = time.monotonic() + seconds
+        self._take_in(0.0)
+        while not condition():
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                raise LinkError(f"the agent of {self.name} {what} within {seconds:g} s")
+            self._take_in(min(left, _TICK))
+
+    def _take_in(self, seconds: float) -> None:
+        match self._inbox.receive(seconds):
+            case Received(_, message):
+                was_ready = self._link.is_ready
+                try:
+                    self._link.take(message)
+                except MessageError as error:
+                    print(f"refused from {self.name}: {error}", file=sys.stderr)
+                if self._link.is_ready and not was_ready:
+                    self._link.join(self._next)
+            case Refused(source, error):
+                print(f"refused from {source}: {error}", file=sys.stderr)
+            case LinkChange(links=count):
+                self._link.note_links(count)
+
+
+@contextmanager
+def open_driver(config: AgentProcessConfig, credentials: Credentials | None = None) -> Iterator[Driver]:
+    """Listen where a robot's agent dials its server.
+
+    Args:
+        config: The agent's, as ``coheft run --write-configs`` writes it.
+        credentials: The server's, see ``credentials_in``, if the agents have theirs; None: the open profile.
+
+    Raises:
+        LinkError: Somebody listens there already.
+    """
+    name, inbox = config.agent.name, Inbox()
+    guard = guard_server_for_robot(credentials, Keys(config.run), name)
+    with open_session(listen=[config.server], guard=guard) as session:
+        driver = Driver(config, session, inbox)
+        inbox.watch_links(session, name, guard)
+        inbox.watch_strangers(session, guard)
+        yield driver

@@ -1,0 +1,162 @@
+"""The other end of a robot's link, where its sensors and its arm are: what it was sent, what it has answered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import zenoh
+from msgspec import structs
+
+from coheft.errors import MessageError
+from coheft.wire.messages.codec import check_field
+from coheft.wire.messages.structs import Measurements, Message, Ready, Reference, Stop
+from coheft.wire.transport.inbox import Inbox
+from coheft.wire.transport.sessions import Keys, Sender
+
+_MOTION_SIZE = 12
+
+
+class RobotLink:
+    """One robot's session and the state of the talk with it.
+
+    Args:
+        name: The robot's name.
+        session: Where it dials in.
+        inbox: Hears what it says, under its name.
+        keys: Of the run.
+        world: Number of the world that is measured; another one tells agents to begin anew.
+        lag: Blocks from a measurement to the reference that answers it.
+        block: Samples per block.
+        excess: Says what an arm cannot do in a reference whose numbers are finite; None if it can do it all.
+
+    Attributes:
+        name: Its name.
+        is_ready: It asks for measurements, and can hear us.
+        is_linked: Somebody is at the other end.
+        missing: Neighbours that it cannot talk with yet, as it says.
+        answered: The last block of measurements that it has answered or will never answer, -1 if none.
+        joined: The block with which it began to take part.
+        is_refused: No arm can follow its latest reference.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        session: zenoh.Session,
+        inbox: Inbox,
+        keys: Keys,
+        *,
+        world: int,
+        lag: int,
+        block: int,
+        excess: Callable[[Reference], str | None] = lambda _: None,
+    ) -> None:
+        self.name = name
+        self.is_ready = False
+        self.is_linked = False
+        self.missing: list[str] = []
+        self.answered = -1
+        self.joined = 0
+        self.is_refused = False
+        self._attempt = -1
+        self._world = world
+        self._lag = lag
+        self._motion_shape = (block, _MOTION_SIZE)
+        self._excess = excess
+        self._sent = -1
+        # By block; None for those that no arm can follow.
+        self._references: dict[int, Reference | None] = {}
+        self._measurements = Sender(session, keys.robot(name, "measurements"), may_drop=False)
+        self._stop = Sender(session, keys.robot(name, "stop"), may_drop=False)
+        inbox.listen(session, name, {keys.robot(name, "ready"): Ready, keys.robot(name, "reference"): Reference})
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether it is ready and misses nobody."""
+        return self.is_ready and not self.missing
+
+    @property
+    def owes_answer(self) -> bool:
+        """Whether it has measurements that it has not answered."""
+        return self.answered < self._sent
+
+    def note_links(self, count: int) -> None:
+        """Note how many processes are at the other end."""
+        self.is_linked = count > 0
+        if not self.is_linked:
+            self.is_ready = False
+            self.answered = self._sent
+
+    def take(self, message: Message) -> None:
+        """Take in what it said.
+
+        Raises:
+            MessageError: It does not fit here and now.
+        """
+        match message:
+            case Ready():
+                check_field("robot", message.robot, self.name)
+                self._begin_attempt(message.attempt)
+                self.missing = message.missing
+                self.is_ready = self._measurements.has_listener
+            case Reference():
+                self._check(message)
+                self.answered = message.answers
+                self._keep(message)
+
+    def join(self, block: int) -> None:
+        """Take part from a block on; the blocks before were simulated without it."""
+        self.joined = block
+        self.answered = block - 1
+
+    def _begin_attempt(self, attempt: int) -> None:
+        """Forget what it owes when it asks anew: it will never answer what it was sent before."""
+        if attempt != self._attempt:
+            self._attempt = attempt
+            self.answered = self._sent
+
+    def _check(self, reference: Reference) -> None:
+        check_field("robot", reference.robot, self.name)
+        if not self.owes_answer:
+            raise MessageError(f"answers is {reference.answers} but block {self._sent} was answered already")
+        if not self.answered < reference.answers <= self._sent:
+            raise MessageError(
+                f"answers is {reference.answers} but expected a block from {self.answered + 1} to {self._sent}"
+            )
+        check_field("block", reference.block, reference.answers + self._lag)
+        check_field("motion.shape", reference.motion.shape, self._motion_shape)
+        check_field("wrench.shape", reference.wrench.shape, (6,))
+
+    def _keep(self, reference: Reference) -> None:
+        """Keep a reference for its block. One that no arm can follow is an answer, but told once, and left out.
+
+        Raises:
+            MessageError: It is the first one of these.
+        """
+        is_finite = np.isfinite(reference.motion).all() and np.isfinite(reference.wrench).all()
+        excess = self._excess(reference) if is_finite else f"the reference of block {reference.block} is not finite"
+        self._references[reference.block] = reference if excess is None else None
+        was_refused, self.is_refused = self.is_refused, excess is not None
+        if excess is not None and not was_refused:
+            raise MessageError(f"{excess}: its arm holds still until it asks for something that an arm can do")
+
+    def is_late(self, block: int) -> bool:
+        """Whether its reference of a block should have come, and has not."""
+        return self.is_ready and block >= self.joined + self._lag and block not in self._references
+
+    def take_reference(self, block: int) -> Reference | None:
+        """Its reference of a block, None if none that an arm can follow has come; earlier blocks' are forgotten."""
+        self._references = {index: other for index, other in self._references.items() if index >= block}
+        return self._references.get(block)
+
+    def send_measurements(self, measurements: Measurements, estimator: str = "") -> None:
+        """Send it its own measurements; ``estimator`` is the one to use, if not that of its configuration."""
+        self._sent = measurements.block
+        self._measurements.send(
+            structs.replace(measurements, world=self._world, attempt=self._attempt, estimator=estimator)
+        )
+
+    def send_stop(self, reason: str) -> None:
+        """Tell it that the run is over."""
+        self._stop.send(Stop(reason=reason))

@@ -1,0 +1,1 @@
+"""The robots' arms: their shapes, and how they push."""

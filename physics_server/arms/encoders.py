@@ -1,0 +1,105 @@
+"""What the robots' encoders and drives say about where they hold the payload, and what they push it with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from coheft.estimation.batch.calibration import gimbal_angles, gimbal_rotations
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.scenario.encoders import EncoderErrors
+from coheft.wire.scenario.schema import Scenario
+
+_STREAM = 1
+"""Apart from the streams of ``Sensors``, so that these read the same whether or not there are encoders."""
+
+
+@dataclass(frozen=True, eq=False)
+class WristSamples:
+    """What all wrists tell of consecutive samples.
+
+    Attributes:
+        positions: Of the grasp frames in their home frames, shape (B, N, 3) [m].
+        rotations: Of the grasp frames in their home frames, shape (B, N, 3, 3).
+        forces: On the payload, in the axes of the home frames, shape (B, N, 3) [N].
+    """
+
+    positions: Array
+    rotations: Array
+    forces: Array
+
+    def numbers(self) -> Array:
+        """``x y z qx qy qz qw`` of the grasp frame, then force and torque in its own axes, shape (B, N, 13).
+
+        The torque is zero: a gimbal transmits none.
+        """
+        samples, count = self.positions.shape[:2]
+        quaternions = Rotation.from_matrix(self.rotations.reshape(-1, 3, 3)).as_quat(canonical=True)
+        result = np.zeros((samples, count, 13))
+        result[..., :3] = self.positions
+        result[..., 3:7] = quaternions.reshape(samples, count, 4)
+        result[..., 7:10] = (self.forces[..., None, :] @ self.rotations)[..., 0, :]
+        return result
+
+
+class Encoders:
+    """Turns exact samples into what the wrists say. Each robot has its own calibration and its own random stream.
+
+    Attributes:
+        zero: Misalignment of the gimbals' zeros, shape (N, 3) [rad].
+        angle_scale: One plus its error, shape (N, 3).
+        position_scale: Likewise, shape (N, 1).
+        force_scale: Likewise, shape (N, 1).
+        force_offset: Shape (N, 3) [N].
+    """
+
+    zero: Array
+    angle_scale: Array
+    position_scale: Array
+    force_scale: Array
+    force_offset: Array
+
+    def __init__(self, errors: EncoderErrors, scenario: Scenario, robots: Sequence[str]) -> None:
+        self._errors = errors
+        self._force_noise = scenario.noise.force
+        seeds = np.random.SeedSequence((scenario.seed, _STREAM)).spawn(len(robots))
+        self._streams = [np.random.default_rng(seed) for seed in seeds]
+        own = [
+            np.random.default_rng(seed) for seed in np.random.SeedSequence(errors.calibration_seed).spawn(len(robots))
+        ]
+        self.zero = np.radians([errors.misalignment_deg * rng.uniform(-1, 1) * _direction(rng) for rng in own])
+        self.angle_scale = np.array([1.0 + errors.angle_scale * rng.uniform(-1, 1, 3) for rng in own])
+        self.position_scale = np.array([1.0 + errors.position_scale * rng.uniform(-1, 1, 1) for rng in own])
+        self.force_scale = np.array([1.0 + errors.force_scale * rng.uniform(-1, 1, 1) for rng in own])
+        self.force_offset = np.array([errors.force_offset * rng.uniform(-1, 1, 3) for rng in own])
+
+    def measure(self, positions: Array, rotations: Array, forces: Array) -> WristSamples:
+        """What is told of exact samples, of one block; draws the noise of the robots' next B samples.
+
+        Args:
+            positions: As those of ``WristSamples``.
+            rotations: Likewise.
+            forces: Likewise.
+        """
+        samples = len(positions)
+        noise = np.stack([stream.standard_normal((samples, 9)) for stream in self._streams], axis=1)
+        errors = self._errors
+        angles = gimbal_angles(rotations) + np.radians(errors.vibration_deg) * noise[..., :3]
+        step = 2.0 * np.pi / 2**errors.angle_bits
+        told = step * np.round((self.angle_scale * angles + self.zero) / step)
+        scaled = self.position_scale * (positions + 1e-3 * errors.vibration_mm * noise[..., 3:6])
+        return WristSamples(
+            positions=errors.position_step * np.round(scaled / errors.position_step),
+            rotations=gimbal_rotations(told),
+            forces=self.force_scale * forces + self.force_offset + self._force_noise * noise[..., 6:],
+        )
+
+
+def _direction(rng: np.random.Generator) -> Array:
+    """Unit vector (3,), uniform over the sphere."""
+    vector = rng.standard_normal(3)
+    result: Array = vector / np.linalg.norm(vector)
+    return result

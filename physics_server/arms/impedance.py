@@ -1,0 +1,152 @@
+"""The robots' arms, as their firmware makes them behave: impedance about a moving reference, plus feed-forward.
+
+The wrench on the payload is exactly the force of both parts:
+
+- *spring*: six engine actuators between the grasp frame ``F_i`` and the robot's home frame, in the axes of the home
+  frame: ``f = k_t (x_ref - x) + d_t (dx_ref - dx)`` and alike for the rotation vector and the torque;
+- *push*: the feed-forward wrench, in the axes of ``F_i``. What all robots push with is put onto the payload's joint
+  together: an actuator would cost the engine as much as one of a spring, whether or not it is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import mujoco
+import numpy as np
+
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.wire.messages.structs import Reference
+from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
+
+
+def add_arm(
+    spec: mujoco.MjSpec, site: str, home_site: str, stiffness: tuple[float, float], damping: tuple[float, float]
+) -> None:
+    """Add the six actuators of one robot's spring: force, then torque."""
+    for axis, gear in enumerate(np.eye(6)):
+        part = 0 if axis < 3 else 1
+        spring = spec.add_actuator(
+            name=f"{site}_spring{axis}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site, refsite=home_site, gear=gear
+        )
+        spring.set_to_position(kp=stiffness[part], kv=damping[part])
+
+
+class Arms:
+    """Turns the robots' references into actuator controls, and actuator forces into wrenches.
+
+    A robot that sends no reference for a block holds its last displacement at rest and pushes with no feed-forward.
+
+    Args:
+        scenario: How stiff and how strongly damped they are, and how long a block is.
+        robots: Whose they are, N names.
+        grasps: Of these robots in the payload's frame.
+        model: With their actuators; the payload's free joint comes first.
+
+    Attributes:
+        pushed: Feed-forward wrench ``(f, t)`` of each robot in its own ``F_i`` during the newest block, shape (N, 6).
+        read_size: Numbers that say what all springs exert, see ``read``.
+    """
+
+    pushed: Array
+    read_size: int
+
+    def __init__(
+        self, scenario: Scenario, robots: Sequence[str], grasps: Sequence[Pose], model: mujoco.MjModel
+    ) -> None:
+        self._robots = tuple(robots)
+        self._adjoints = np.array([grasp.adjoint() for grasp in grasps])
+        self._is_holding = np.ones(len(self._robots), dtype=np.bool_)
+        self._model = model
+        self.pushed = np.zeros((len(self._robots), 6))
+        self._push_on_payload: Array | None = None
+        self.read_size = model.nu
+        self._gains = model.actuator_gainprm.copy(), model.actuator_biasprm.copy()
+        count, samples = len(self._robots), scenario.sensors.block
+        self._steps_per_sample = PHYSICS_RATE // scenario.sensors.rate
+        (k_t, k_r), (d_t, d_r) = scenario.robots.stiffness, scenario.robots.damping
+        damping = np.repeat([d_t / k_t, d_r / k_r if k_r > 0.0 else 0.0], 3)  # a gimbal has neither
+        # Until the next sample the reference goes on at its rate, and the rate at its slope: a rate that stood still
+        # would shake the payload at half the sensors' rate. The spring's damping acts against the reference's rate too.
+        since_sample = np.arange(self._steps_per_sample)[:, None, None] / PHYSICS_RATE
+        self._rate_gains = since_sample + damping
+        self._slope_gains = scenario.sensors.rate * since_sample * (0.5 * since_sample + damping)
+        self._displacement = np.zeros((samples, count, 6))
+        self._rate = np.zeros((samples, count, 6))
+
+    def controls(self, references: Mapping[str, Reference]) -> Array:
+        """What to ``drive`` the arms with at every physics step of a block; the push is the same at all of them.
+
+        Args:
+            references: By robot, see ``Reference``.
+
+        Returns:
+            Displacements from the homes at which the springs would be at rest, shape (B * steps per sample, 6 N).
+        """
+        self.pushed[:] = 0.0
+        for i, robot in enumerate(self._robots):
+            reference = references.get(robot)
+            if reference is None:
+                self._displacement[:, i] = self._displacement[-1, i]
+                self._rate[:, i] = 0.0
+                continue
+            # References name the rotation first, actuators (like wrenches) the translation.
+            motion = reference.motion
+            self._displacement[:, i, :3], self._displacement[:, i, 3:] = motion[:, 3:6], motion[:, :3]
+            self._rate[:, i, :3], self._rate[:, i, 3:] = motion[:, 9:], motion[:, 6:9]
+            if self._is_holding[i]:
+                self.pushed[i] = reference.wrench
+        self._push_on_payload = np.einsum("nij,nj->i", self._adjoints, self.pushed) if self.pushed.any() else None
+        slope = np.diff(self._rate, axis=0)
+        # The next block's reference is not known yet: the slope goes on as it has changed.
+        slope = np.concatenate([slope, 2.0 * slope[-1:] - slope[-2:-1] if len(slope) > 1 else slope])
+        spring = (
+            self._displacement[:, None] + self._rate[:, None] * self._rate_gains + slope[:, None] * self._slope_gains
+        )
+        wanted: Array = spring.reshape(-1, 6 * len(self._robots))
+        return wanted
+
+    def settle(self, data: mujoco.MjData, steps: int) -> None:
+        """Let the robots take up the weight."""
+        mujoco.mj_step(self._model, data, nstep=steps)
+
+    def drive(self, data: mujoco.MjData, control: Array) -> None:
+        """Set the actuators for the next step, and push; ``control`` is a row of ``controls``.
+
+        Forces applied to joints are zero before a block, and left to the arms during it.
+        """
+        data.ctrl[:] = control
+        if self._push_on_payload is not None:
+            # A free joint's velocity is in the axes of the world, its angular velocity in those of its body.
+            mujoco.mju_rotVecQuat(data.qfrc_applied[:3], self._push_on_payload[:3], data.qpos[3:7])
+            data.qfrc_applied[3:6] = self._push_on_payload[3:]
+
+    def read(self, data: mujoco.MjData) -> Array:
+        """What the springs exert at the state before the last step, for ``wrenches``: actuator forces, (6 N,)."""
+        forces: Array = data.actuator_force
+        return forces
+
+    def set_holding(self, robot: str, holding: bool) -> None:
+        """Let an arm act on the payload, or not: without gains its actuators exert nothing."""
+        number = self._robots.index(robot)
+        self._is_holding[number] = holding
+        actuators = slice(6 * number, 6 * number + 6)
+        gains, biases = self._gains
+        self._model.actuator_gainprm[actuators] = gains[actuators] if holding else 0.0
+        self._model.actuator_biasprm[actuators] = biases[actuators] if holding else 0.0
+
+    def wrenches(self, read: Array, rotations: Array, home_rotations: Array) -> Array:
+        """Wrenches on the payload.
+
+        Args:
+            read: As read at B samples, shape (B, 6 N) [N, N·m].
+            rotations: Of the grasp frames in the world, shape (B, N, 3, 3).
+            home_rotations: Of the home frames in the world, shape (N, 3, 3).
+
+        Returns:
+            Shape (B, N, 6): ``(f, t)`` of each robot in its own ``F_i``.
+        """
+        samples, count = rotations.shape[:2]
+        springs = read.reshape(samples, count, 2, 3)
+        home_in_grasp = rotations.swapaxes(-1, -2) @ home_rotations
+        return (springs @ home_in_grasp.swapaxes(-1, -2)).reshape(samples, count, 6) + self.pushed

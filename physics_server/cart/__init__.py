@@ -1,0 +1,1 @@
+"""A cart in MuJoCo, and the process that simulates it."""

@@ -1,0 +1,219 @@
+"""A cart in MuJoCo: a rigid body in the plane, pushed at its handle, whose wheels do not slip sideways.
+
+The wheels' force is computed from the engine's own mass matrix and acceleration, exactly, with a term that takes away
+what rounding leaves of slip. Rolling wheels with friction would slip a thousand times as much.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from coheft.errors import SimulationError
+from coheft.estimation.cart.contact import MOVING, grasp_map
+from coheft.estimation.cart.load import change_of_phi
+from coheft.estimation.cart.model import UNICYCLE, CartBody, axes, mass_matrix
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.cart.messages import CartMeasurement, CartPush, CartTruth
+from coheft.wire.cart.scenario import PHYSICS_RATE, CartGuess, CartLoad, CartScenario
+from coheft.wire.scenario.borders import first_border
+
+_STABILISING = 100.0
+"""Rate at which slip that there is dies away [1/s]."""
+_CASTER_TRAIL = 0.03
+"""Way from a caster's swivel to where it touches the floor [m]."""
+_CASTER_DRAG = 15.0
+"""Of casters that roll across the way [N]."""
+_CASTER_PLAY = 0.05
+"""A caster is never exactly in line [rad]."""
+_FARTHEST = 1e3
+_MASS = "mass"
+
+
+@dataclass(frozen=True, eq=False)
+class CartSample:
+    """What there is at one sample."""
+
+    measurements: dict[str, CartMeasurement]
+    truth: CartTruth
+
+
+class Casters:
+    """Casters that follow: they trail behind their swivels, and turn round when the cart goes the other way.
+
+    ``psi' = -(v / trail) sin psi``: 0 is stable when the cart goes ahead, pi when it goes back. Between, they drag.
+    """
+
+    def __init__(self) -> None:
+        self._angle = _CASTER_PLAY
+
+    def drag(self, speed: float, duration: float) -> float:
+        """Force along the cart's x axis [N], and on by one step [s]."""
+        self._angle -= speed / _CASTER_TRAIL * math.sin(self._angle) * duration
+        self._angle = min(max(self._angle, _CASTER_PLAY), math.pi - _CASTER_PLAY)
+        across = math.sin(self._angle) - math.sin(_CASTER_PLAY)
+        return -_CASTER_DRAG * across * math.tanh(speed / 0.01)
+
+
+class CartSimulation:
+    """A cart and the hands on its handle.
+
+    The same scenario and the same pushes give the same numbers, bit for bit.
+
+    Attributes:
+        block: Number of the next sample.
+        model: The engine's model, for views.
+        data: The engine's state, for views.
+    """
+
+    def __init__(self, scenario: CartScenario) -> None:
+        self._scenario = scenario
+        self.block = 0
+        self._cart = scenario.cart
+        self.model = _build(scenario.cart)
+        self.data = mujoco.MjData(self.model)
+        self._steps = PHYSICS_RATE // scenario.rate
+        self._acceleration = np.zeros(3)
+        self._casters = Casters() if scenario.casters else None
+        self._loads = sorted(scenario.loads, key=lambda load: load.at)
+        self._hands = {name: np.array(scenario.hand(name)) for name in scenario.names}
+        self._rng = np.random.default_rng(scenario.seed)
+
+    def advance(self, pushes: Mapping[str, CartPush]) -> CartSample:
+        """On to the next sample.
+
+        Args:
+            pushes: What the hands do until then, by pusher; a hand that is missing does nothing.
+
+        Raises:
+            SimulationError: The cart has gone out of sight.
+        """
+        while self._loads and first_border(self._loads[0].at, 1.0 / self._scenario.rate) <= self.block:
+            self._change(self._loads.pop(0))
+        scenario, motion = self._scenario, np.concatenate([self.data.qpos, self.data.qvel])
+        if not (np.abs(motion) < _FARTHEST).all():
+            raise SimulationError(f"at {self.block / scenario.rate:g} s the cart has gone out of sight: {motion}")
+        wrench_b, squares = np.zeros(3), 0.0
+        for name, push in pushes.items():
+            self._hands[name] = push.hand
+            wrench_b += grasp_map(push.hand) @ push.wrench
+            squares += float(np.sum(np.square(push.wrench / [1.0, 1.0, scenario.arm])))
+        truth = CartTruth(
+            block=self.block,
+            time=self.block / scenario.rate,
+            cart=self._cart,
+            motion=motion,
+            wrench=wrench_b,
+            effort=math.sqrt(squares),
+            slip=float(UNICYCLE.rows(motion[2])[0] @ motion[3:]),
+        )
+        measurements = {name: self._measure(name, motion, pushes.get(name)) for name in scenario.names}
+        for _ in range(self._steps):
+            self._step(wrench_b)
+        self.block += 1
+        return CartSample(measurements, truth)
+
+    def _measure(self, name: str, motion: Array, push: CartPush | None) -> CartMeasurement:
+        noise = self._rng.standard_normal(9)
+        wrench = np.zeros(3) if push is None else push.wrench
+        sensor = self._scenario.force_noise * np.array([1.0, 1.0, self._scenario.arm])
+        return CartMeasurement(
+            robot=name,
+            block=self.block,
+            motion=motion + self._scenario.noise * noise[:6],
+            wrench=wrench + sensor * noise[6:],
+            hand=self._hands[name],
+        )
+
+    def _step(self, wrench_b: Array) -> None:
+        """On by one step of the midpoint rule; the wrench turns with the cart, as hands do.
+
+        The engine's own integrators know nothing of the wheels. Euler's rule would be seen in the estimates: it makes
+        the moment of inertia look one per cent smaller.
+        """
+        data, model = self.data, self.model
+        duration = model.opt.timestep
+        position, velocity = data.qpos.copy(), data.qvel.copy()
+        data.qpos += 0.5 * duration * velocity
+        data.qvel += 0.5 * duration * self._acceleration  # that of the step before
+        self._acceleration = self._rolling(wrench_b)
+        data.qvel[:] = velocity + duration * self._acceleration
+        data.qpos[:] = position + 0.5 * duration * (velocity + data.qvel)
+        data.time += duration
+
+    def _rolling(self, wrench_b: Array) -> Array:
+        """Acceleration (3,) at the engine's present state, with all forces."""
+        data, model = self.data, self.model
+        theta = float(data.qpos[2])
+        x_rate, y_rate, turn_rate = data.qvel.tolist()
+        c, s = math.cos(theta), math.sin(theta)
+        speed = c * x_rate + s * y_rate
+        ahead, aside, torque = wrench_b.tolist()
+        if self._casters is not None:
+            ahead += self._casters.drag(speed, model.opt.timestep)
+        friction = self._cart.friction
+        data.qfrc_applied[:] = (
+            c * ahead - s * aside - friction * x_rate,
+            s * ahead + c * aside - friction * y_rate,
+            torque - friction * turn_rate,
+        )
+        mujoco.mj_forward(model, data)
+        row = UNICYCLE.rows(theta)
+        by_row = np.empty((1, 3))
+        mujoco.mj_solveM(model, data, by_row, row)
+        slipping = float(row[0] @ data.qacc) - turn_rate * speed + _STABILISING * float(row[0] @ data.qvel)
+        result: Array = data.qacc - slipping / float(row[0] @ by_row[0]) * by_row[0]
+        return result
+
+    def _change(self, load: CartLoad) -> None:
+        """Put a load on or take it off. What is put on was standing still: the momentum that can be kept is kept."""
+        old, new = self._cart.body, with_load(self._cart.body, load)
+        if load.mass > 0.0:
+            theta = float(self.data.qpos[2])
+            to_floor = axes(theta)[:, MOVING]
+            motion = to_floor.T @ self.data.qvel
+            self.data.qvel[:] = to_floor @ np.linalg.solve(_moving_mass(new), _moving_mass(old) @ motion)
+        self._cart = CartGuess.of(new)
+        _set_mass(self.model, self._cart)
+
+
+def with_load(body: CartBody, load: CartLoad) -> CartBody:
+    """The cart with a point mass more, or less."""
+    return CartBody.of(body.phi + change_of_phi(np.array([load.mass, *load.place, 0.0])), body.friction)
+
+
+def _moving_mass(body: CartBody) -> Array:
+    """Mass matrix (2, 2) of going ahead and turning."""
+    return mass_matrix(body.phi, 0.0)[np.ix_(MOVING, MOVING)]
+
+
+def _build(cart: CartGuess) -> mujoco.MjModel:
+    """Two slides and a hinge. Nothing collides."""
+    spec = mujoco.MjSpec()
+    spec.option.timestep = 1.0 / PHYSICS_RATE
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    body = spec.worldbody.add_body(name="cart")
+    for axis in ([1, 0, 0], [0, 1, 0]):
+        body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+    body.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.45, 0.3, 0.2], pos=[0.2, 0.0, 0.5], mass=0.0, contype=0, conaffinity=0
+    )
+    # All mass in a body of its own, fixed to the cart: it may be edited at any time.
+    body.add_body(name=_MASS, mass=1.0, inertia=[1.0, 1.0, 1.0], explicitinertial=True)
+    model = spec.compile()
+    _set_mass(model, cart)
+    return model
+
+
+def _set_mass(model: mujoco.MjModel, cart: CartGuess) -> None:
+    body = model.body(_MASS).id
+    model.body_mass[body] = cart.mass
+    model.body_pos[body, :2] = cart.com
+    model.body_inertia[body] = cart.inertia
+    model.body_subtreemass[:] = cart.mass

@@ -1,0 +1,177 @@
+"""The cart's physics in a process of its own, in lockstep with the pushers.
+
+``python -m coheft.physics_server.cart.server`` reads a ``CartServerConfig`` from stdin.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack
+from typing import NoReturn
+
+import zenoh
+
+from coheft.errors import CoheftError, LinkError, MessageError
+from coheft.physics_server.cart.physics import CartSimulation
+from coheft.wire.cart.config import CartServerConfig
+from coheft.wire.cart.messages import CartMeasurement, CartPush
+from coheft.wire.messages.codec import check_array, check_field
+from coheft.wire.messages.structs import Message, Ready, Stop
+from coheft.wire.process.problem_log import ProblemLog
+from coheft.wire.process.supervised import supervised_main
+from coheft.wire.transport.inbox import Event, Inbox, LinkChange, Received, Refused
+from coheft.wire.transport.planes import SERVER
+from coheft.wire.transport.sessions import Keys, Sender, open_session
+
+_ANSWER_LIMIT = 30.0
+"""A pusher that has not answered for so long is given up [s]."""
+
+
+class _PusherLink:
+    """One pusher's session and the state of the talk with it.
+
+    Attributes:
+        is_ready: It has said that all its links stand, and can hear us.
+        answered: The last sample that it has answered, -1 if none.
+        pushes: What it is going to do, by sample.
+    """
+
+    def __init__(self, name: str, session: zenoh.Session, inbox: Inbox, keys: Keys, lag: int) -> None:
+        self.is_ready = False
+        self.answered = -1
+        self.pushes: dict[int, CartPush] = {}
+        self._name = name
+        self._lag = lag
+        self._measurements = Sender(session, keys.robot(name, "measurements"), may_drop=False)
+        self._stop = Sender(session, keys.robot(name, "stop"), may_drop=False)
+        inbox.watch_links(session, name)
+        inbox.listen(session, name, {keys.robot(name, "ready"): Ready, keys.robot(name, "reference"): CartPush})
+
+    def take(self, message: Message) -> None:
+        """Take in what it said.
+
+        Raises:
+            MessageError: It does not fit here and now.
+        """
+        match message:
+            case Ready():
+                check_field("robot", message.robot, self._name)
+                self.is_ready = self._measurements.has_listener
+            case CartPush():
+                check_field("robot", message.robot, self._name)
+                check_field("answers", message.answers, self.answered + 1)
+                check_field("block", message.block, message.answers + self._lag)
+                check_array(message.wrench, (3,), "wrench")
+                check_array(message.hand, (2,), "hand")
+                self.answered = message.answers
+                self.pushes[message.block] = message
+
+    def send(self, measurement: CartMeasurement) -> None:
+        """Send it its own sample."""
+        self._measurements.send(measurement)
+
+    def send_stop(self, reason: str) -> None:
+        """Tell it that the run is over."""
+        self._stop.send(Stop(reason=reason))
+
+
+class CartServer:
+    """The simulation and its links: one session per pusher, one for observers, one inbox for all of them."""
+
+    def __init__(self, config: CartServerConfig, robots: dict[str, zenoh.Session], observers: zenoh.Session) -> None:
+        keys = Keys(config.run)
+        self._scenario = config.scenario
+        self._simulation = CartSimulation(config.scenario)
+        self._inbox = Inbox()
+        self._truth = Sender(observers, keys.observe_server("truth"), may_drop=True)
+        self._problems = ProblemLog(SERVER, Sender(observers, keys.observe_server("problem"), may_drop=True))
+        self._links = {
+            name: _PusherLink(name, session, self._inbox, keys, config.scenario.lag) for name, session in robots.items()
+        }
+        self._is_over = False
+
+    def run(self) -> None:
+        """Wait for all pushers, simulate until the end, then tell the pushers.
+
+        Raises:
+            LinkError: A pusher was lost, or does not answer.
+            SimulationError: The cart has gone out of sight.
+        """
+        reason = "the run is over"
+        try:
+            while not all(link.is_ready for link in self._links.values()):
+                self._handle(self._inbox.receive())
+            for block in range(self._scenario.blocks):
+                self._wait_for(block - self._scenario.lag)
+                self._advance(block)
+            self._wait_for(self._scenario.blocks - 1)
+        except CoheftError as error:
+            reason = str(error)
+            self._problems.tell_end(reason)
+            raise
+        finally:
+            self._is_over = True
+            for link in self._links.values():
+                link.send_stop(reason)
+
+    def _advance(self, block: int) -> None:
+        pushes = {name: link.pushes.pop(block) for name, link in self._links.items() if block in link.pushes}
+        sample = self._simulation.advance(pushes)
+        for name, link in self._links.items():
+            link.send(sample.measurements[name])
+        self._truth.send(sample.truth)
+
+    def _wait_for(self, block: int) -> None:
+        """Wait until all have answered a sample.
+
+        Raises:
+            LinkError: A pusher was lost, or does not answer.
+        """
+        deadline = time.monotonic() + _ANSWER_LIMIT
+        while silent := [name for name, link in self._links.items() if link.answered < block]:
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                raise LinkError(f"{', '.join(silent)} did not answer sample {block} within {_ANSWER_LIMIT:g} s")
+            self._handle(self._inbox.receive(left))
+
+    def _handle(self, event: Event | None) -> None:
+        """Take in whatever came.
+
+        Raises:
+            LinkError: A pusher was lost.
+        """
+        match event:
+            case Received(name, CartPush() | Ready() as message):
+                try:
+                    self._links[name].take(message)
+                except MessageError as error:
+                    self._problems.tell(f"refused from {name}: {error}")
+            case Refused(source, error):
+                self._problems.tell(f"refused from {source}: {error}")
+            case LinkChange(name, links=0) if self._simulation.block > 0 and not self._is_over:
+                raise LinkError(f"lost the link with {name}, which had answered sample {self._links[name].answered}")
+
+
+def run_server(config: CartServerConfig) -> None:
+    """Run the server to the end of the run.
+
+    Raises:
+        LinkError: Somebody listens at one of its endpoints already, or a pusher was lost.
+        SimulationError: The cart has gone out of sight.
+    """
+    with ExitStack() as stack:
+        # Observers can dial in first, so as to miss nothing.
+        observers = stack.enter_context(open_session(listen=[config.observe]))
+        robots = {
+            name: stack.enter_context(open_session(listen=[endpoint])) for name, endpoint in config.robots.items()
+        }
+        CartServer(config, robots, observers).run()
+
+
+def main() -> NoReturn:
+    """Run the server whose configuration comes on stdin."""
+    supervised_main(CartServerConfig, run_server)
+
+
+if __name__ == "__main__":
+    main()
