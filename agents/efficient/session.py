@@ -238,6 +238,7 @@ class Session:
             self._pause = number + buffer.count - place  # until there are twice as many rows
             self._fit()
             return False
+        place, now = self._with_changes_before(place, now)
         self._loads.append(now.state.load[THETA])
         self.changes.append((int(buffer.numbers[place]), number))
         if self._settled is None:
@@ -245,6 +246,16 @@ class Session:
             self._settled = Settled(now.state.load, now.covariance[theta, theta])
         self._forget_load(place, Event.LOAD_CHANGED, now)
         return True
+
+    def _with_changes_before(self, place: int, now: Estimate) -> tuple[int, Estimate]:
+        """Where the load changed first, if it has changed several times, and the fit to older rows only."""
+        known, buffer = self._known, self._known.buffer
+        since, size = known.sight.likeliest_change(buffer, place)
+        while size > 1.0 and 0 < since < place - buffer.start:
+            place = buffer.start + since
+            now = self._fit(before=place)
+            since, size = known.sight.likeliest_change(buffer, place)
+        return place, now
 
     def _surprise(self, place: int, now: Estimate) -> float:
         """How much all rows from a place on look like another load, with all unknown that is unknown."""

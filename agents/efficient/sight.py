@@ -80,7 +80,7 @@ class Sight:
         motion = self._body.residuals(rows, seen[:, WRENCH_SIZE:]) - self._excess
         return seen[:, None, :WRENCH_SIZE], motion.reshape(len(rows), -1, KINEMATICS_SIZE)
 
-    def likeliest_change(self, buffer: RowBuffer) -> tuple[int, float]:
-        """The first look, see ``coheft.estimation.moments.change``."""
-        views = buffer.views[buffer.start : buffer.count]
+    def likeliest_change(self, buffer: RowBuffer, before: int | None = None) -> tuple[int, float]:
+        """The first look, at all rows or those before a place, see ``coheft.estimation.moments.change``."""
+        views = buffer.views[buffer.start : buffer.count if before is None else before]
         return likeliest_change(views, self._older, self._weights, self._knows_load)
