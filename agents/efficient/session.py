@@ -239,11 +239,13 @@ class Session:
             self._fit()
             return False
         place, now = self._with_changes_before(place, now)
-        self._loads.append(now.state.load[THETA])
+        load = now.state.load
+        assert load is not None
+        self._loads.append(load[THETA])
         self.changes.append((int(buffer.numbers[place]), number))
         if self._settled is None:
             theta = now.body.unknowns.theta
-            self._settled = Settled(now.state.load, now.covariance[theta, theta])
+            self._settled = Settled(load, now.covariance[theta, theta])
         self._forget_load(place, Event.LOAD_CHANGED, now)
         return True
 
