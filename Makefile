@@ -5,11 +5,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 RUNTIME := $(VENV)/runtime
+PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fuzz faults bench bench-check check docs format clean
+.PHONY: help setup demo test test-all test-required fuzz faults bench bench-check check docs format clean
 
 help: ## Say what can be made
 	@sed -n 's/^\([a-z-]*\):.*## /make \1\t/p' $(MAKEFILE_LIST) | expand -t 20
@@ -19,8 +20,14 @@ setup: $(INSTALLED) ## Install everything into .venv
 demo: $(RUNTIME) ## Six robots find out what they are holding
 	$(BIN)/coheft run ring6
 
-test: setup ## Run all tests
-	$(BIN)/python -m pytest
+test: setup ## Run the tests that a contributor runs, on all cores: some minutes
+	$(PYTEST) -m "not slow"
+
+test-all: setup ## Run all tests, also those that take long or start processes: about ten minutes
+	$(PYTEST)
+
+test-required: setup ## Run the tests that need a browser or a foreign package, and fail where these are missing
+	$(PYTEST) --require-everything tests/integration/test_view.py tests/integration/test_ros2_bridge.py
 
 fuzz: setup ## Give the decoders of messages and scenarios ten thousands of malformed ones, some minutes
 	$(BIN)/python -m pytest tests/fuzz --hypothesis-profile=fuzz --timeout=0

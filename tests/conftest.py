@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,38 @@ settings.load_profile("coheft")
 
 # Started in the background by a shell, tests would ignore Ctrl-C, and so would all runs that they start and interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+_REQUIRED = "--require-everything"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(_REQUIRED, action="store_true", help="a test that would be skipped fails")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that start processes are slow, but for those that show that it works at all."""
+    for item in items:
+        if "integration" in item.path.parts and item.get_closest_marker("smoke") is None:
+            item.add_marker(pytest.mark.slow)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    if report.skipped and item.config.getoption(_REQUIRED) and not hasattr(report, "wasxfail"):
+        report.outcome, report.longrepr = "failed", f"it may not be skipped here: {report.longrepr}"
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(
+    collector: pytest.Collector,
+) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    report = yield
+    if report.skipped and collector.config.getoption(_REQUIRED):
+        report.outcome, report.longrepr = "failed", f"it may not be skipped here: {report.longrepr}"
+    return report
 
 
 @pytest.fixture

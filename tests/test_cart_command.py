@@ -40,6 +40,7 @@ def changed(**fields: object) -> CartReport:
     return replace(GOOD, **fields)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("test", [1, 8])
 def test_a_test_of_table_one_beats_the_papers_claims(test: int, tmp_path: Path) -> None:
     report, figures = tmp_path / "report.json", tmp_path / "figures"

@@ -122,6 +122,7 @@ def changes(recording: Recording) -> dict[str, list[float]]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "deviation"),
     [

@@ -43,6 +43,7 @@ def vibrating(request: pytest.FixtureRequest) -> Recording:
     return record(scenario) if number % 2 else record_sphere(scenario)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["instruments", "pose"])
 def test_loads_are_found_to_the_limits(vibrating: Recording, method: Method) -> None:
     found = identify(vibrating, method)
@@ -123,6 +124,7 @@ def test_robots_worse_than_their_bounds_are_suspected(miscalibrated: Recording) 
         assert any(text.startswith(remark) for text in found.remarks) == beyond
 
 
+@pytest.mark.slow
 def test_who_ignores_calibration_errors_is_not_honest_and_warned(
     miscalibrated: Recording, vibrating: Recording
 ) -> None:

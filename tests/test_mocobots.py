@@ -59,6 +59,7 @@ def test_experiments_differ_and_robots_stay_the_same() -> None:
     assert (plain.misalignment_deg, plain.force_offset, plain.vibration_deg) == (0.0, 0.0, 0.035)
 
 
+@pytest.mark.slow
 def test_one_experiment_of_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("joblib")
     report, tables = tmp_path / "m.json", tmp_path / "m.md"

@@ -121,6 +121,7 @@ def test_run_starts_at_rest_held_by_the_robots():
     assert np.linalg.norm(first.truth.total_wrench[:3]) == pytest.approx(weight, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ring3", "line4", "ring6", "ring12", "ring24", "quiet"])
 def test_robots_hold_the_payload_for_a_minute(name):
     shipped = load_scenario(name)

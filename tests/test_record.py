@@ -88,6 +88,7 @@ def test_who_falls_silent_is_stale() -> None:
     assert not report.converged
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_time() -> None:
     """Robots that answer late, and one whose link breaks after a while."""
     record = Record(SCENE, duration=1e6)

@@ -128,6 +128,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     return Made(tmp_path_factory.mktemp("made") / "new" / "report")
 
 
+@pytest.mark.slow
 def test_the_page_is_whole_and_every_link_of_the_contents_leads_somewhere(made: Made) -> None:
     assert made.page.open == []
     assert len(set(made.page.ids)) == len(made.page.ids)

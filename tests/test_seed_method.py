@@ -20,6 +20,7 @@ def seed_method(name: str, **changes: object) -> Scenario:
     return changed(name, estimator="seed", **changes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_six_robots_find_the_payload_and_find_it_again_after_a_load_change(seed: int) -> None:
     load = LoadChange(at=CHANGE, mass=3.0, position=(-0.3, 0.2, 0.08))
@@ -34,6 +35,7 @@ def test_six_robots_find_the_payload_and_find_it_again_after_a_load_change(seed:
         assert CHANGE < notice.noticed_at < CHANGE + 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "graph"),
     [
@@ -62,6 +64,7 @@ def test_two_robots() -> None:
     assert all(estimate.converged and estimate.members == 2 for estimate in recording.last().values())
 
 
+@pytest.mark.slow
 def test_a_robot_that_lets_go_leaves_the_team_and_comes_back_with_its_pose_unknown() -> None:
     scenario = seed_method("ring3", duration=24.0, load_changes=())
     release = Release(start=10.0, end=12.0, robot="r2", notice=2)

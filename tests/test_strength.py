@@ -55,6 +55,7 @@ def is_lost(chosen: Scenario, mass: float, place: Vector) -> bool:
     return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "place"),
     [("ring3", ABOVE), ("ring3", BESIDE), ("ring3", BELOW), ("mocobot_a", MIDDLE), ("line4", ABOVE)],

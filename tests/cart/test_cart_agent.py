@@ -26,6 +26,7 @@ def run(pushers: int) -> CartRun:
     return run_in_process(structs.replace(table_one(6, pushers=pushers), duration=DURATION))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pushers", [2, 3])
 def test_several_find_the_same_cart_as_one_alone(pushers: int) -> None:
     alone, together = judge(run(1), 6), judge(run(pushers), 6)

@@ -41,6 +41,7 @@ def errors_in_deviations(found: CartRun) -> Array:
     return whitened
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_it_says() -> None:
     """Over five runs the normalised errors squared add up to a chi-square variable."""
     total = sum(float(np.sum(errors_in_deviations(run(5, seed, 13.0)) ** 2)) for seed in range(1, 6))
@@ -101,6 +102,7 @@ def test_load_changes_are_noticed_and_got_over_within_a_second() -> None:
                 assert abs(estimate.cart.mass - found.truths[estimate.block].cart.mass) < 0.5
 
 
+@pytest.mark.slow
 def test_after_load_changes_errors_are_as_large_as_it_says_and_the_centre_of_mass_is_known() -> None:
     """A second and a half after the last one, within 1 cm: all loads of the test lie at the centre of mass."""
     total = 0.0

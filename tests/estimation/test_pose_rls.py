@@ -89,6 +89,7 @@ def test_before_the_first_sample_it_knows_nothing() -> None:
     assert estimate.translation_std > 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [NOISE, NOISE.scaled(10.0)], ids=["nominal", "tenfold"])
 def test_errors_are_as_large_as_the_covariance_says(noise: SensorNoise) -> None:
     """Normalised squared errors over 60 motions and grasps lie in the chi-square interval, up to 15 %."""
@@ -107,6 +108,7 @@ def test_errors_are_as_large_as_the_covariance_says(noise: SensorNoise) -> None:
         assert low / 1.15 < mean < 1.15 * high
 
 
+@pytest.mark.slow
 def test_no_bias_from_noise_in_the_regressor() -> None:
     """At twenty times the noise, least squares would shrink the translation by several percent."""
     rng = np.random.default_rng(3)

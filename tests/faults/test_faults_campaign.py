@@ -186,6 +186,7 @@ def test_for_every_mutant_there_is_a_test_that_finds_it():
     assert set(MUTANTS) == {*SHOWN_BY, *of_guards}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mutant", SHOWN_BY)
 def test_every_deliberate_bug_is_found(mutant: str):
     """By a number that is wrong, or because no robot is ever valid; without the bug neither happens."""
@@ -217,6 +218,7 @@ def test_a_sensor_that_was_off_while_poses_were_rough_spoils_no_estimate(team: i
     assert outcome.violations == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [4.0, 10.0])
 @pytest.mark.parametrize("later", [0.0, 0.7, 1.1])
 def test_a_force_sensor_that_goes_a_little_off_is_not_taken_for_another_load(size: float, later: float):
@@ -236,11 +238,13 @@ def test_what_is_drawn_for_these_seeds_is_still_what_was_once_broken():
     assert hashlib.sha256(msgspec.json.encode(drawn)).hexdigest() == ONCE_DRAWN
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", ONCE_BROKEN)
 def test_schedules_that_once_broke_a_promise_keep_them_all(seed: int):
     assert try_schedule(draw_schedule(seed, delayed=False)).violations == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", ONCE_BROKEN_LATE)
 def test_late_schedules_that_once_broke_a_promise_keep_them_all(seed: int):
     assert try_schedule(draw_schedule(seed, delayed=True)).violations == []

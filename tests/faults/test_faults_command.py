@@ -106,6 +106,7 @@ def test_a_campaign_that_is_stopped_tells_what_was_done(
     assert capfd.readouterr() == ("", "stopped after 0 of 100 schedules\n")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="Ctrl-C as a terminal sends it")
 def test_ctrl_c_ends_a_campaign_and_its_workers_at_once(tmp_path: Path) -> None:
     out, err, kept = tmp_path / "out", tmp_path / "err", tmp_path / "kept.jsonl"
@@ -147,6 +148,7 @@ def test_the_summary_goes_to_standard_output_and_all_else_does_not(
     assert rows[-1] == "| lie (scaled) | 3 | 3 of 3 | 2 | 0.50 s | 0.95 s | 1.00 s |"
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_what_a_campaign_finds_is_shown_again_by_its_last_line(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
@@ -166,6 +168,7 @@ def test_what_a_campaign_finds_is_shown_again_by_its_last_line(
     assert "P3 at " in out
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_a_schedule_that_was_simplified_breaks_the_promise_still(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]

@@ -108,6 +108,7 @@ def one(index: int, size: float, count: int = 10) -> Array:
     return size * np.eye(count)[index]
 
 
+@pytest.mark.slow
 def test_five_standard_deviations_are_the_limit_for_every_number():
     numbers = [("off", index, 10) for index in range(10)] + [("pose_off", index, 6) for index in range(6)]
     for what, index, count in numbers:

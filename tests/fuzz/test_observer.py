@@ -88,6 +88,7 @@ def test_a_sound_message_with_something_else_in_a_place(data: st.DataObject) -> 
     hear_show_and_report(message)
 
 
+@pytest.mark.slow
 @settings(max_examples=5 * settings.default.max_examples)
 @given(message=st.sampled_from(SOUND).flatmap(altered))
 def test_a_sound_message_with_another_value_in_a_place(message: Message) -> None:

@@ -48,6 +48,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return finished_run(tmp_path_factory.mktemp("first"))
 
 
+@pytest.mark.smoke
 def test_three_robots_find_out_what_they_hold(report: dict[str, Any]) -> None:
     assert report["exit"] == 0
     for robot in [*report["robots"].values(), *report["load_changes"][0]["before_change"].values()]:

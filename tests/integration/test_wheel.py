@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.smoke
+
 ROOT = Path(__file__).parents[2]
 NEEDED = ("README.md", "LICENSE", "pyproject.toml", "coheft", "agents", "consensus", "physics_server", "configs")
 STUB = "stub_agents-1.0-py3-none-any.whl"
