@@ -195,10 +195,10 @@ def test_the_change_is_shown_close_up_and_the_page_tells_who_was_stale(made: Mad
     assert {round(mass, 6) for _, mass in close_up.masses} == {6.0, 7.0}
     for points in close_up.points.values():
         assert points[0].time < 6.0 < points[-1].time
-    levels = [span.level for span in made.series.robots["r1"].states.spans]
-    assert levels[0] == "searching"
-    assert "stale" in levels
-    assert levels[-1] in ("all", "converged")
+    states = [span.state for span in made.series.robots["r1"].states.spans]
+    assert states[0] == "finding neighbours"
+    assert "stale" in states
+    assert states[-1] in ("all known", "converged")
     assert "looking" not in made.page.words
     assert "the load changed" in made.page.words.lower()
 

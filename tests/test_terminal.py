@@ -87,7 +87,7 @@ def test_a_terminal_shows_who_is_stale_and_why(record: Record) -> None:
 
 
 TEAM = [f"r{number:02}" for number in range(1, 25)]
-STATES = {"stale": 3, "finding neighbours": 4, "weighing": 5, "converged": 12}
+STATES = {"stale": 3, "finding neighbours": 4, "all known": 5, "converged": 12}
 
 
 def large_team() -> Record:
@@ -101,7 +101,7 @@ def large_team() -> Record:
     likes = {
         "stale": stale("r1", 9, "r3 is silent"),
         "finding neighbours": estimate("r1", 9, None, converged=False, phase="poses"),
-        "weighing": estimate("r1", 9, HEAVY, converged=False),
+        "all known": estimate("r1", 9, HEAVY, converged=False),
         "converged": estimate("r1", 9, HEAVY),
     }
     states = [state for state, count in reversed(STATES.items()) for _ in range(count)]
@@ -134,7 +134,7 @@ def test_a_window_that_has_too_few_lines_for_all_robots_shows_the_worst_and_how_
 def test_a_window_of_few_lines_has_room_for_a_robot_and_a_reason() -> None:
     lines = picture(large_team(), 80, 6)
     assert lines[2].startswith("r22    stale")
-    assert lines[3] == "and 23 more: 2 stale, 4 finding neighbours, 5 weighing, 12 converged"
+    assert lines[3] == "and 23 more: 2 stale, 4 finding neighbours, 5 all known, 12 converged"
     assert lines[4] == "and 3 more reasons"
 
 
@@ -142,7 +142,7 @@ def test_a_window_of_few_lines_has_room_for_a_robot_and_a_reason() -> None:
 def test_in_a_window_without_room_for_a_row_a_line_stands_for_all(width: int, height: int) -> None:
     text = " ".join(" ".join(picture(large_team(), width, height)).split())
     assert text == (
-        "0.2 s of 20 s: 12 converged, 5 weighing, 4 finding neighbours, 3 stale; mass 13.00 to 13.00 kg (true 13.00)"
+        "0.2 s of 20 s: 12 converged, 5 all known, 4 finding neighbours, 3 stale; mass 13.00 to 13.00 kg (true 13.00)"
     )
 
 

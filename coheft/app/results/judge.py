@@ -9,6 +9,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
+from coheft.app.results.states import State
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
 from coheft.wire.messages.structs import Estimate, PayloadEstimate, PoseEstimate, Scene, Truth
@@ -70,6 +71,7 @@ class RobotReport(msgspec.Struct, frozen=True):
         not_observable: What it says that its motion could not tell.
         status: What it says of it: ``starting``, ``valid``, or ``stale`` if it cannot know whether that still holds.
         reasons: Why it is not valid, in its own words.
+        state: How far it is, in the one word that all of coheft has for it.
     """
 
     time_s: float
@@ -82,6 +84,7 @@ class RobotReport(msgspec.Struct, frozen=True):
     not_observable: list[str]
     status: Literal["starting", "valid", "stale"] = "starting"
     reasons: list[str] = []
+    state: State = State.FINDING_NEIGHBOURS
 
     @property
     def is_converged(self) -> bool:
@@ -159,6 +162,7 @@ class Judge:
             not_observable=list(last.not_observable),
             status=last.status,
             reasons=list(last.reasons),
+            state=State.of(last),
         )
 
     def recovered(self, estimate: Estimate) -> bool:

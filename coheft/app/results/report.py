@@ -14,6 +14,7 @@ import numpy as np
 from coheft.app.results.judge import Matrix, RobotReport
 from coheft.app.results.record import EstimatorUse, Record
 from coheft.app.results.robot_record import HistoryPoint, LoadPeriod
+from coheft.app.results.states import State
 from coheft.errors import CoheftError
 
 
@@ -190,7 +191,9 @@ def build_report(info: RunInfo, record: Record) -> Report:
     robots = {}
     for name, belief in record.beliefs.items():
         if (report := record.robots[name].report) is not None:
-            robots[name] = msgspec.structs.replace(report, status=belief.status, reasons=belief.reasons)
+            robots[name] = msgspec.structs.replace(
+                report, status=belief.status, reasons=belief.reasons, state=State.of(belief)
+            )
     neighbours = record.scene.neighbours
     estimates_per_block = sum(robot.compared for robot in record.robots.values()) / record.blocks
     messages_per_block = 2 * len(robots) + sum(map(len, neighbours.values())) + estimates_per_block + 1

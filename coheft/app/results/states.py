@@ -1,17 +1,46 @@
-"""How far a robot is, in the words that tables and the view show."""
+"""How far a robot is: one word for it in terminal, view, reports, JSON and documentation."""
 
 from __future__ import annotations
 
+from enum import StrEnum
+
 from coheft.wire.messages.structs import Estimate
 
-STATES = ("stale", "finding neighbours", "weighing", "converged")
-"""The worst first."""
+
+class State(StrEnum):
+    """What a robot says of itself; the worst first."""
+
+    STALE = "stale"
+    FINDING_NEIGHBOURS = "finding neighbours"
+    WEIGHING = "weighing"
+    MASS_KNOWN = "mass known"
+    CENTRE_KNOWN = "centre known"
+    ALL_KNOWN = "all known"
+    CONVERGED = "converged"
+
+    @staticmethod
+    def of(estimate: Estimate) -> State:
+        """By what the robot says of itself, not by how right it is."""
+        if estimate.status == "stale":
+            return State.STALE
+        if estimate.phase == "poses" and estimate.payload is None:
+            return State.FINDING_NEIGHBOURS
+        payload = estimate.payload
+        if payload is None:
+            return State.WEIGHING
+        if payload.com is None:
+            return State.MASS_KNOWN
+        if payload.tensor is None:
+            return State.CENTRE_KNOWN
+        return State.CONVERGED if estimate.is_converged else State.ALL_KNOWN
 
 
-def state_of(estimate: Estimate) -> str:
-    """One of ``STATES``, by what the robot says of itself."""
-    if estimate.status == "stale":
-        return "stale"
-    if estimate.phase == "poses":
-        return "finding neighbours"
-    return "converged" if estimate.is_converged else "weighing"
+MEANINGS = {
+    State.STALE: "cannot know whether its estimate still holds",
+    State.FINDING_NEIGHBOURS: "looking for where its neighbours hold the payload",
+    State.WEIGHING: "nothing yet about the payload",
+    State.MASS_KNOWN: "the mass only",
+    State.CENTRE_KNOWN: "mass and centre of mass",
+    State.ALL_KNOWN: "everything, not yet well enough",
+    State.CONVERGED: "everything, well enough",
+}

@@ -11,6 +11,7 @@ import numpy as np
 from coheft.app.figures import Theme
 from coheft.app.results.quantities import QUANTITIES, Quantity
 from coheft.app.results.report import Report
+from coheft.app.results.states import State
 from coheft.app.run_report.panels import mark_changes, robots_shown, use_logarithm
 from coheft.app.run_report.points import sizes
 from coheft.app.run_report.series import Series
@@ -149,5 +150,5 @@ def _tell_end(axes: Any, theme: Theme, curve: Curve, unit: str) -> None:
 
 def _shade_stale(axes: Any, theme: Theme, series: Series, name: str) -> None:
     for span in series.robots[name].states.spans:
-        if span.level == "stale":
+        if span.state is State.STALE:
             axes.axvspan(span.start, span.end, color=theme.warning, alpha=0.18, linewidth=0)

@@ -83,7 +83,7 @@ def _states(series: Series) -> Iterator[Row]:
                 "robot": name,
                 "from_s": span.start,
                 "to_s": span.end,
-                "knows": span.level,
+                "state": span.state,
                 "not_observable": "; ".join(span.not_observable),
                 "reasons": "; ".join(span.reasons),
             }

@@ -9,11 +9,11 @@ import numpy as np
 
 from coheft.app.figures import Theme
 from coheft.app.results.report import Report
+from coheft.app.results.states import MEANINGS, State
 from coheft.app.run_report.convergence import COM_SHOWN
 from coheft.app.run_report.panels import mark_changes, robots_shown, use_logarithm
 from coheft.app.run_report.points import Point, sizes
 from coheft.app.run_report.series import AFTER, BEFORE, Series
-from coheft.app.run_report.states import LEVELS, Level
 from coheft.estimation.geometry.spatial import Array
 
 STALE_STYLE: dict[str, Any] = {"linestyle": (0, (1, 2)), "linewidth": 0.8, "label": "stale"}
@@ -172,12 +172,12 @@ def draw_observability(figure: Any, theme: Theme, series: Series, report: Report
     """What each robot claimed to know, from when to when."""
     axes = figure.subplots()
     names = robots_shown(series)
-    styles = level_styles(theme)
-    used: dict[Level, Any] = {}
+    styles = state_styles(theme)
+    used: dict[State, Any] = {}
     for row, name in enumerate(names):
         for span in series.robots[name].states.spans:
-            bar = axes.barh(row, span.end - span.start, 0.72, span.start, linewidth=0, **styles[span.level])
-            used.setdefault(span.level, bar)
+            bar = axes.barh(row, span.end - span.start, 0.72, span.start, linewidth=0, **styles[span.state])
+            used.setdefault(span.state, bar)
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.set_xlim(0.0, report.duration_s)
@@ -186,10 +186,10 @@ def draw_observability(figure: Any, theme: Theme, series: Series, report: Report
     axes.spines["left"].set_visible(False)
     axes.set_xlabel("time [s]")
     mark_changes(axes, theme, report)
-    levels = [level for level in LEVELS if level in used]
+    states = [state for state in State if state in used]
     figure.legend(
-        [used[level] for level in levels],
-        [LEVELS[level] for level in levels],
+        [used[state] for state in states],
+        [f"{state}: {MEANINGS[state]}" for state in states],
         loc="outside upper left",
         ncols=3,
         handlelength=1.2,
@@ -197,16 +197,16 @@ def draw_observability(figure: Any, theme: Theme, series: Series, report: Report
     )
 
 
-def level_styles(theme: Theme) -> dict[Level, dict[str, Any]]:
-    """How bars of each level look: the darker, the more is known."""
+def state_styles(theme: Theme) -> dict[State, dict[str, Any]]:
+    """How bars of each state look: the darker, the more is known."""
     return {
-        "searching": {"color": theme.muted, "alpha": 0.25},
-        "waiting": {"color": theme.muted, "alpha": 0.55},
-        "mass": {"color": theme.accent, "alpha": 0.2},
-        "com": {"color": theme.accent, "alpha": 0.38},
-        "all": {"color": theme.accent, "alpha": 0.6},
-        "converged": {"color": theme.accent, "alpha": 1.0},
-        "stale": {"color": theme.warning, "alpha": 1.0},
+        State.STALE: {"color": theme.warning, "alpha": 1.0},
+        State.FINDING_NEIGHBOURS: {"color": theme.muted, "alpha": 0.25},
+        State.WEIGHING: {"color": theme.muted, "alpha": 0.55},
+        State.MASS_KNOWN: {"color": theme.accent, "alpha": 0.2},
+        State.CENTRE_KNOWN: {"color": theme.accent, "alpha": 0.38},
+        State.ALL_KNOWN: {"color": theme.accent, "alpha": 0.6},
+        State.CONVERGED: {"color": theme.accent, "alpha": 1.0},
     }
 
 

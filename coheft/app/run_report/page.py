@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 
 from coheft.app.results.report import Report
+from coheft.app.results.states import State
 from coheft.app.run_report.data import TABLES
 from coheft.app.run_report.pictures import Picture
 from coheft.app.run_report.series import Series
@@ -125,7 +126,7 @@ def unseen_rows(series: Series) -> Iterable[tuple[str, str, str, str, str]]:
     when: dict[tuple[str, str], dict[str, tuple[float, float]]] = {}
     for name, robot in series.robots.items():
         for span in robot.states.spans:
-            texts = [*span.not_observable, *(span.reasons if span.level == "stale" else ())]
+            texts = [*span.not_observable, *(span.reasons if span.state is State.STALE else ())]
             for text in texts:
                 place = when.setdefault(_kind(text), {})
                 start, _ = place.get(name, (span.start, span.end))

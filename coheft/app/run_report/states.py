@@ -3,23 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
+from coheft.app.results.states import State
 from coheft.wire.messages.structs import Estimate
 
 _MOST = 400
 """Longest list of spans; then the shortest of them becomes part of the one before."""
-
-Level = Literal["searching", "waiting", "mass", "com", "all", "converged", "stale"]
-LEVELS: dict[Level, str] = {
-    "searching": "looking for its neighbours",
-    "waiting": "nothing yet about the payload",
-    "mass": "the mass only",
-    "com": "mass and centre of mass",
-    "all": "everything, not yet well enough",
-    "converged": "everything, well enough",
-    "stale": "stale: cannot know whether it still holds",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,14 +18,14 @@ class Span:
     Attributes:
         start: When it began [s].
         end: When it ended [s].
-        level: How much the robot knew.
+        state: How far the robot was.
         not_observable: What its motion had not shown.
         reasons: Why its estimate was not valid.
     """
 
     start: float
     end: float
-    level: Level
+    state: State
     not_observable: tuple[str, ...]
     reasons: tuple[str, ...]
 
@@ -50,7 +39,7 @@ class Spans:
     def add(self, estimate: Estimate) -> None:
         """Take in the next estimate: it speaks for the time since the one before."""
         start = self.spans[-1].end if self.spans else 0.0
-        said = Span(start, estimate.time, level_of(estimate), tuple(estimate.not_observable), tuple(estimate.reasons))
+        said = Span(start, estimate.time, State.of(estimate), tuple(estimate.not_observable), tuple(estimate.reasons))
         if self.spans and said == replace(self.spans[-1], start=said.start, end=said.end):
             self.spans[-1] = replace(self.spans[-1], end=said.end)
             return
@@ -59,19 +48,3 @@ class Spans:
             shortest = min(range(1, _MOST), key=lambda k: self.spans[k].end - self.spans[k].start)
             self.spans[shortest - 1] = replace(self.spans[shortest - 1], end=self.spans[shortest].end)
             del self.spans[shortest]
-
-
-def level_of(estimate: Estimate) -> Level:
-    """How much a robot knows."""
-    if estimate.status == "stale":
-        return "stale"
-    if estimate.phase == "poses":
-        return "searching"
-    payload = estimate.payload
-    if payload is None:
-        return "waiting"
-    if payload.com is None:
-        return "mass"
-    if payload.tensor is None:
-        return "com"
-    return "converged" if estimate.is_converged else "all"

@@ -17,7 +17,7 @@ from rich.text import Text
 
 from coheft.app.results.judge import RobotReport, why_stale
 from coheft.app.results.record import Record
-from coheft.app.results.states import STATES, state_of
+from coheft.app.results.states import State
 from coheft.app.terminal.digits import value_and_std
 from coheft.app.terminal.wide_table import needed_width
 from coheft.wire.messages.structs import Estimate, Problem, Truth
@@ -189,7 +189,8 @@ def _beliefs(record: Record) -> _Beliefs:
     return {name: (estimate, record.judge.robot([estimate])) for name, estimate in record.beliefs.items()}
 
 
-_STATE_STYLES = {"stale": "yellow", "converged": "green"}
+_STATE_STYLES = {State.STALE: "yellow", State.CONVERGED: "green"}
+_WORST_FIRST = list(State)
 
 
 def _why_stale(record: Record) -> dict[str, list[str]]:
@@ -206,7 +207,7 @@ def _stale_line(reason: str, names: list[str]) -> str:
 
 def _counts(estimates: Sequence[Estimate]) -> str:
     """How many robots are how."""
-    states = [state_of(estimate) for estimate in estimates]
+    states = [State.of(estimate) for estimate in estimates]
     return ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
 
 
@@ -248,7 +249,7 @@ def _worst(beliefs: _Beliefs, count: int) -> tuple[_Beliefs, list[Text]]:
     """Those robots for which there are lines, the worst off first, and a line about the others; all if they fit."""
     if len(beliefs) <= count:
         return beliefs, []
-    by_state = sorted(beliefs, key=lambda name: STATES.index(state_of(beliefs[name][0])))
+    by_state = sorted(beliefs, key=lambda name: _WORST_FIRST.index(State.of(beliefs[name][0])))
     shown, others = by_state[: count - 1], by_state[count - 1 :]
     more = Text(f"and {len(others)} more: {_counts([beliefs[name][0] for name in others])}", "dim")
     return {name: beliefs[name] for name in shown}, [more]
@@ -274,10 +275,10 @@ def _live_table(beliefs: _Beliefs) -> Table:
     table.add_column("centre of mass", justify="right", no_wrap=True)
     table.add_column("inertia", justify="right", min_width=10, no_wrap=True)
     for name, (estimate, report) in beliefs.items():
-        mass, com, inertia = report.mass, report.com, report.inertia
+        mass, com, inertia, state = report.mass, report.com, report.inertia, State.of(estimate)
         table.add_row(
             name,
-            Text(state_of(estimate), style=_STATE_STYLES.get(state_of(estimate), "dim")),
+            Text(state, style=_STATE_STYLES.get(state, "dim")),
             "" if mass.estimate is None else f"{value_and_std(mass.estimate, mass.std or 0.0)} kg",
             "" if com.error_mm is None else f"off {com.error_mm:.1f} mm",
             "" if inertia.error_pct is None else f"off {inertia.error_pct:.1f} %",

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from coheft.app.results.judge import RobotReport
-from coheft.app.results.states import state_of
+from coheft.app.results.states import State
 from coheft.app.view.colours import ACCENT, STATUS, WAITING, Colour, css
 from coheft.app.view.model import ViewModel
 from coheft.wire.messages.requests import Status
@@ -116,7 +116,7 @@ def team(model: ViewModel, chosen: str) -> str:
         colour = f"color:{css(ACCENT)};font-weight:650" if name == chosen else ""
         rows.append(
             f'<tr><td style="width:16px">{_dot(STATUS[status])}</td><td style="{colour}">{escape(name)}</td>'
-            f'<td style="{_DIM}">{"" if estimate is None else state_of(estimate)}</td>'
+            f'<td style="{_DIM}">{"" if estimate is None else State.of(estimate)}</td>'
             f"{_right(mass)}{_right(f'± {std}' if std else '', dim=True)}</tr>"
         )
     return _page(f'<table style="width:100%;border-collapse:collapse">{"".join(rows)}</table>')
