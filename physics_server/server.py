@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from contextlib import ExitStack
 from pathlib import Path
@@ -35,6 +34,7 @@ from coheft.wire.messages.requests import (
     StopRequest,
 )
 from coheft.wire.messages.structs import Message
+from coheft.wire.process.log import LOG
 from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.process.supervised import COMMENT_AFTER, supervised_main
 from coheft.wire.scenario.reach import Reach
@@ -153,7 +153,7 @@ class Server:
             self._handle(self._inbox.receive(_TICK))
             if time.monotonic() > comment_at:
                 comment_at = math.inf
-                print(f"waiting for {', '.join(self._robots.not_ready)}", file=sys.stderr, flush=True)
+                LOG.info("waiting for %s", ", ".join(self._robots.not_ready))
 
     def _run_blocks(self) -> None:
         self._go_on()
@@ -226,7 +226,7 @@ class Server:
                 self._check_role(role)
                 self._carry_out(request)
                 done = f"done for the {role} before block {self._simulation.block}: {in_words(request)}"
-                print(one_line(done), file=sys.stderr)
+                LOG.info("%s", one_line(done))
         except CoheftError as error:
             self._problems.tell(f"refused to the {role}: {in_words(request)}: {error}")
             return Refusal(reason=str(error))

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from coheft.wire.process.log import LOG
 
 # Matrices are small, and several tests may run at a time: more threads would only wait for each other.
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"))
@@ -52,6 +54,15 @@ def pytest_make_collect_report(
     if report.skipped and collector.config.getoption(_REQUIRED):
         report.outcome, report.longrepr = "failed", f"it may not be skipped here: {report.longrepr}"
     return report
+
+
+@pytest.fixture
+def process_log() -> Iterator[None]:
+    """The test writes the log of this process as a process of a run does; afterwards it is as it was."""
+    handlers, level = LOG.handlers[:], LOG.level
+    yield
+    LOG.handlers[:], LOG.propagate = handlers, True
+    LOG.setLevel(level)
 
 
 @pytest.fixture

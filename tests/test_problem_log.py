@@ -4,12 +4,28 @@ from __future__ import annotations
 
 import pytest
 
+from coheft.wire.process.log import LOG, LogLevel, log_to_stderr
 from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.transport.sessions import Sender
 from tests.wall_clock import wall_clock_of
 
+pytestmark = pytest.mark.usefixtures("process_log")
+
+
+@pytest.mark.parametrize(
+    ("level", "written"), [("info", ["waiting", "refused"]), ("warning", ["refused"]), ("error", [])]
+)
+def test_the_log_has_what_is_important_enough(
+    level: LogLevel, written: list[str], capfd: pytest.CaptureFixture[str]
+) -> None:
+    log_to_stderr(level)
+    LOG.info("waiting")
+    LOG.warning("refused")
+    assert capfd.readouterr().err.splitlines() == written
+
 
 def test_nobody_can_make_up_a_line_of_the_log(capfd: pytest.CaptureFixture[str]) -> None:
+    log_to_stderr()
     log = ProblemLog("server", Sender(None, "run/observe/server/problem", may_drop=True))
     log.tell("refused: let x\ndone for the operator: stop the run\x1b[2J let go")
     assert capfd.readouterr().err == "refused: let x\\ndone for the operator: stop the run\\x1b[2J let go\n"
@@ -18,6 +34,7 @@ def test_nobody_can_make_up_a_line_of_the_log(capfd: pytest.CaptureFixture[str])
 def test_who_sends_rubbish_without_end_does_not_fill_the_disk_and_is_counted(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    log_to_stderr()
     now = wall_clock_of("coheft.wire.process.problem_log", monkeypatch)
     log = ProblemLog("server", Sender(None, "run/observe/server/problem", may_drop=True))
 

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections import deque
 from typing import NoReturn
@@ -22,6 +21,7 @@ from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.messages.codec import check_field
 from coheft.wire.messages.structs import Estimate, Hello, Measurements, Message, NeighbourMessage, Ready
+from coheft.wire.process.log import LOG
 from coheft.wire.process.supervised import COMMENT_AFTER, supervised_main
 from coheft.wire.scenario.plugins import usable_in_run
 from coheft.wire.transport.inbox import Event, LinkChange, Presence
@@ -117,7 +117,7 @@ class AgentProcess:
             )
         if time.monotonic() > self._comment_at:
             self._comment_at = math.inf
-            print(f"waiting for {SERVER} at {self._config.server}", file=sys.stderr, flush=True)
+            LOG.info("waiting for %s at %s", SERVER, self._config.server)
         self._say_hello()
         missing = [name for name, link in self._links.items() if not link.hears_us]
         self._outside.ready.send(Ready(robot=self._name, missing=missing, attempt=self._attempt))
@@ -159,6 +159,9 @@ class AgentProcess:
         outbox = self._agent.step(self._block, MeasurementBlock(self._block, measurements.samples), messages)
         self._outside.message.send(outbox.message)
         if outbox.estimate is not None:
+            said = outbox.estimate.status, tuple(outbox.estimate.reasons)
+            if self._last_estimate is None or said != (self._last_estimate.status, tuple(self._last_estimate.reasons)):
+                LOG.debug("block %d: %s", self._block, "; ".join([outbox.estimate.status, *outbox.estimate.reasons]))
             self._last_estimate = structs.replace(outbox.estimate, problems=self._outside.problems.count)
             self._outside.estimate.send(self._last_estimate)
         self._outside.reference.send(outbox.reference)

@@ -9,6 +9,7 @@ import msgspec
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.tolerance import SensorTolerance
 from coheft.wire.messages.size import LEAST_LIMIT
+from coheft.wire.process.log import LogLevel
 from coheft.wire.scenario.carry import Carry
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, SeedSettings
 from coheft.wire.scenario.schema import Motion, Scenario
@@ -89,6 +90,7 @@ class AgentProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         security: Its credentials; None: the open profile.
         largest_message: What a neighbour may send in one message [B].
         largest_arrays: What of it an estimator of the user's own may take for its arrays [B].
+        log_level: What its log has at least.
     """
 
     agent: AgentConfig
@@ -102,6 +104,7 @@ class AgentProcessConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     security: Credentials | None = None
     largest_message: int = LEAST_LIMIT
     largest_arrays: int = LEAST_LIMIT
+    log_level: LogLevel = "info"
 
 
 class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -118,6 +121,7 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         return_limit: How long lockstep waits for a robot whose link is lost to come back [s], and how long a run goes
             on after all robots are lost.
         security: Its credentials; None: the open profile.
+        log_level: What its log has at least.
     """
 
     scenario: Scenario
@@ -129,6 +133,7 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     save_data: str | None = None
     return_limit: float = 10.0
     security: Credentials | None = None
+    log_level: LogLevel = "info"
 
 
 def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> AgentConfig:

@@ -17,6 +17,7 @@ from coheft.app.run.plan import Plan, make_plan
 from coheft.errors import LinkError
 from coheft.wire.messages.codec import encode
 from coheft.wire.messages.structs import Estimate, Measurements, Ready, Reference
+from coheft.wire.process.log import log_to_stderr
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.transport.driver import open_driver
@@ -114,9 +115,11 @@ def test_a_recording_of_other_robots_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("part", "bad"), [("motion", np.nan), ("motion", np.inf), ("wrench", -np.inf)])
+@pytest.mark.usefixtures("process_log")
 def test_references_that_are_not_finite_are_told_once_with_their_robot_and_not_handed_to_its_arm(
     capfd: pytest.CaptureFixture[str], part: str, bad: float
 ) -> None:
+    log_to_stderr()
     config = make_plan(load_scenario("ring3")).agents["r2"]
     keys, size, lag = Keys(config.run), config.agent.block, config.agent.lag
     with open_driver(config) as driver, open_session(connect=[config.server]) as agent:

@@ -23,6 +23,7 @@ from coheft.app.cli.base import (
     check_outputs,
 )
 from coheft.errors import CoheftError, UsageError
+from coheft.wire.process.log import LogLevel
 
 if TYPE_CHECKING:  # each is loaded by the runs that need it
     from rich.console import Console
@@ -56,6 +57,7 @@ def run(
     record: RecordingTarget = None,
     view: Flag = False,
     logs: FolderTarget = None,
+    log_level: LogLevel = "info",
     secure: Flag = False,
     keys: GivenPath | None = None,
     hosts: GivenPath | None = None,
@@ -106,6 +108,8 @@ def run(
         Show the run in the browser, in real time; the last picture stays until Ctrl-C. See docs/view.md.
     logs:
         Folder for the processes' logs, with none in it yet, instead of a new one among your runs.
+    log_level:
+        What their logs have at least: debug, info, warning or error.
     secure:
         Let nobody join who has no certificate, and nobody speak for another.
     keys:
@@ -167,7 +171,7 @@ def run(
         if secure or keys is not None:
             keys = _credentials(keys, folder, chosen, places)
         clock: Clock = "realtime" if realtime or view else "lockstep"
-        plan = make_plan(chosen, clock, run=name, hosts=places, keys=keys, save_data=save_data)
+        plan = make_plan(chosen, clock, run=name, hosts=places, keys=keys, save_data=save_data, log_level=log_level)
         if write_configs is not None:
             for path in plan.write(write_configs):
                 print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")

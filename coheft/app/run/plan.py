@@ -18,6 +18,7 @@ from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
 from coheft.wire.config import AgentProcessConfig, Neighbour, ServerConfig, agent_config
 from coheft.wire.messages.size import largest_arrays, message_limit
+from coheft.wire.process.log import LogLevel
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.transport.planes import SERVER
 from coheft.wire.transport.security import Credentials, credentials_in
@@ -90,6 +91,7 @@ def make_plan(
     hosts: Hosts | None = None,
     keys: Path | None = None,
     save_data: Path | None = None,
+    log_level: LogLevel = "info",
 ) -> Plan:
     """Draw the graph and give every part its endpoints.
 
@@ -100,6 +102,7 @@ def make_plan(
         hosts: Where each part runs; None: all on free ports of this machine's loopback interface.
         keys: Folder with everybody's credentials, see ``coheft.app.run.keys``; None: the open profile.
         save_data: File for what all robots measure; None: nothing is kept.
+        log_level: What the logs of all processes have at least.
 
     Raises:
         LinkError: There are not enough free ports.
@@ -133,6 +136,7 @@ def make_plan(
             clock=clock,
             save_data=None if save_data is None else str(save_data.absolute()),
             security=credentials(SERVER),
+            log_level=log_level,
         ),
         agents={
             name: AgentProcessConfig(
@@ -145,6 +149,7 @@ def make_plan(
                 security=credentials(name),
                 largest_message=message_limit(scenario),
                 largest_arrays=largest_arrays(scenario),
+                log_level=log_level,
                 **patience,
             )
             for name in names

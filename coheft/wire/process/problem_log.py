@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 import time
 
 from coheft.errors import one_line
 from coheft.wire.messages.structs import Problem
+from coheft.wire.process.log import LOG
 from coheft.wire.transport.sessions import Sender
 
 BURST = 50
@@ -43,7 +43,7 @@ class ProblemLog:
             text += f" (and {self._untold} more problems before)"
             self._untold = 0
         text = one_line(text)  # it may quote what a stranger has sent
-        print(text, file=sys.stderr, flush=True)
+        LOG.warning("%s", text)
         self._sender.send(Problem(source=self._source, text=text))
 
     def tell_end(self, text: str) -> None:

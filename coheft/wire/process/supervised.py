@@ -14,6 +14,7 @@ import msgspec
 
 from coheft.errors import CoheftError, PluginError, ScenarioError
 from coheft.wire.data.replace import remove_parts
+from coheft.wire.process.log import LOG, log_to_stderr
 from coheft.wire.process.memory import give_back_memory
 
 C = TypeVar("C", bound=msgspec.Struct)
@@ -38,18 +39,20 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
+    log_to_stderr()
     try:
         config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind)
     except (msgspec.DecodeError, ScenarioError) as error:
-        print(f"expected {kind.__name__} as one line of JSON on stdin: {error}", file=sys.stderr)
+        LOG.error("expected %s as one line of JSON on stdin: %s", kind.__name__, error)
         sys.exit(UNUSABLE)
+    log_to_stderr(getattr(config, "log_level", "info"))
     _run_in_batches()
     give_back_memory()
     threading.Thread(target=_leave_with_stdin, daemon=True).start()
     try:
         run(config)
     except CoheftError as error:
-        print(error, file=sys.stderr)
+        LOG.error("%s", error)
         sys.exit(UNUSABLE if isinstance(error, PluginError) else 1)
     sys.exit(0)
 

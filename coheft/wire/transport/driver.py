@@ -13,7 +13,6 @@ It listens where the agent dials its server, so the agent does not notice any di
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -26,6 +25,7 @@ from coheft.estimation.measurement import SAMPLE_SIZE
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.messages.codec import check_array
 from coheft.wire.messages.structs import Measurements, Reference
+from coheft.wire.process.log import LOG
 from coheft.wire.transport.inbox import Inbox, LinkChange, Received, Refused
 from coheft.wire.transport.planes import guard_server_for_robot
 from coheft.wire.transport.robot_link import RobotLink
@@ -125,11 +125,11 @@ class Driver:
                 try:
                     self._link.take(message)
                 except MessageError as error:
-                    print(f"refused from {self.name}: {error}", file=sys.stderr)
+                    LOG.warning("refused from %s: %s", self.name, error)
                 if self._link.is_ready and not was_ready:
                     self._link.join(self._next)
             case Refused(source, error):
-                print(f"refused from {source}: {error}", file=sys.stderr)
+                LOG.warning("refused from %s: %s", source, error)
             case LinkChange(links=count):
                 self._link.note_links(count)
 
