@@ -12,9 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coheft.errors import MessageError
+from coheft.wire.messages import codec
 from coheft.wire.messages.codec import decode, encode, seal
 from coheft.wire.messages.requests import Request
-from coheft.wire.messages.structs import PROTOCOL_VERSION, Hello, Measurements, Message, Stop, codec
+from coheft.wire.messages.structs import PROTOCOL_VERSION, Hello, Measurements, Message, Stop
 from tests.fuzz.any_message import KEY, KINDS, name_of, plain, values
 
 

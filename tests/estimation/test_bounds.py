@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from coheft.estimation import bounds, inertia_derivatives
+from coheft.estimation import bounds
 from coheft.estimation.bounds import JointInformation
 from coheft.estimation.geometry.body_motion import (
     grasp_derivatives,
@@ -19,6 +19,7 @@ from coheft.estimation.geometry.body_motion import (
 )
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.rigid_body import derivatives as inertia_derivatives
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
 from coheft.estimation.tolerance import SensorTolerance
 from tests.estimation.team import Team, make_team, random_pose

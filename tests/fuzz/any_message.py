@@ -12,14 +12,15 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from coheft.wire import cart, messages
+from coheft.wire.cart import messages as cart_messages
+from coheft.wire.messages import structs
 from coheft.wire.messages.requests import Request
 from coheft.wire.messages.structs import Message
 
 KEY = "run-1/agent/r1/block"
 KINDS: list[Any] = [
     kind
-    for kind in (*vars(messages).values(), *vars(cart).values())
+    for kind in (*vars(structs).values(), *vars(cart_messages).values())
     if isinstance(kind, type) and issubclass(kind, Message) and kind is not Message
 ] + [Request]
 

@@ -14,15 +14,17 @@ from pathlib import Path
 
 import zenoh
 
-from coheft.agents import links, process
 from coheft.agents.agent import Agent, Outbox
+from coheft.agents.process import links
+from coheft.agents.process import main as process
 from coheft.wire.config import AgentProcessConfig
 from coheft.wire.messages.codec import encode
 from coheft.wire.messages.requests import StatusRequest
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.process.supervised import supervised_main
+from coheft.wire.transport import dialled
 from coheft.wire.transport.security import Guard
-from coheft.wire.transport.sessions import Keys, dialled, open_session
+from coheft.wire.transport.sessions import Keys, open_session
 
 ASK_EVERY = 20
 """Blocks between two rounds of questions."""

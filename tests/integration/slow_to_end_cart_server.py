@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 
-from coheft.physics_server import cart, cart_server
+from coheft.physics_server.cart import physics, server
 from tests.integration.slow_to_end_server import LATER
 
 if __name__ == "__main__":
-    cart._FARTHEST = 0.0  # out of sight at once
+    physics._FARTHEST = 0.0  # out of sight at once
     try:
-        cart_server.main()
+        server.main()
     finally:
         time.sleep(LATER)

@@ -25,10 +25,10 @@ from coheft.wire.config import AgentProcessConfig
 from coheft.wire.messages.requests import EstimatorRequest, InjectRequest, Refusal, Status, StatusRequest, StopRequest
 from coheft.wire.messages.structs import Hello, Ready
 from coheft.wire.process.problem_log import BURST
+from coheft.wire.transport import backlog as backlog_module
 from coheft.wire.transport.inbox import Inbox, Received, Refused
 from coheft.wire.transport.planes import guard_observer
 from coheft.wire.transport.sessions import Keys, Role, Sender, ask, open_session
-from coheft.wire.transport.sessions import backlog as backlog_module
 
 from .attacker import Profile, raw_session, tls_settings
 from .team import Team, running_team, small_scenario, wait_until
