@@ -13,6 +13,7 @@ from coheft.app.run.plan import make_plan
 from coheft.physics_server.clock import Lockstep, Realtime, Stopwatch
 from coheft.physics_server.robots import Robots
 from coheft.wire.messages.structs import Measurements, Reference
+from coheft.wire.process.log import log_to_stderr
 from coheft.wire.process.problem_log import ProblemLog
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.transport.inbox import Inbox
@@ -74,7 +75,9 @@ def test_in_real_time_nobody_waits_for_longer_than_its_own_answer_can_take(looka
         assert robot.patience > 1.0
 
 
+@pytest.mark.usefixtures("process_log")
 def test_answers_that_are_not_there_when_their_block_begins_are_late(capfd: pytest.CaptureFixture[str]) -> None:
+    log_to_stderr()
     log = ProblemLog("server", Sender(None, "clock/observe/server/problem", may_drop=True))
     names = ("r1", "r2")
     with open_session(listen=[f"tcp/127.0.0.1:{free_ports(1)[0]}"]) as session:

@@ -58,8 +58,16 @@ def load_plugin(kind: Kind, name: str) -> Any:
     except Exception as error:  # whatever somebody else's module raises
         raise PluginError(
             f"the {kind} {name!r}, {points[0].value} of {_package(points[0])}, cannot be imported: "
-            f"{told(error, points[0].module)}"
+            f"{told(error, points[0].module)}{_moved(error)}"
         ) from error
+
+
+def _moved(error: Exception) -> str:
+    """A hint if a module is not found that is somewhere else now, or a name of it."""
+    name = error.name if isinstance(error, ImportError) else None
+    if name is None or name.partition(".")[0] not in ("coheft", "agents", "consensus", "physics_server"):
+        return ""
+    return "; coheft's modules have moved into rooms of the one package coheft: CHANGELOG.md lists them"
 
 
 def told(error: Exception, module: str) -> str:
