@@ -76,7 +76,6 @@ def test_own_ones_are_listed_and_made_with_their_settings(tmp_path: Path, monkey
     ("code", "entry", "expected"),
     [
         ("import no_such_module", "bad:Mine", r"'mine', bad:Mine of bad, cannot be imported: ModuleNotFoundError: .*"),
-        ("import agents.estimator", "bad:Mine", r"cannot be imported: .*; coheft's modules have moved into rooms"),
         ("from coheft.wire.messages import Hello", "bad:Mine", r"cannot be imported: .*modules have moved"),
         ("1 / 0", "bad:Mine", r"cannot be imported: ZeroDivisionError: division by zero \(.*bad.py, line 1\)"),
         ("", "bad:Mine", r"cannot be imported: AttributeError: .*Mine"),
