@@ -164,5 +164,5 @@ class Agent:
         if not self._gossip.own.holding:
             yield "the robot does not hold the load"
         elif self._gossip.graph is None:
-            missing = self._gossip.unknown() or ["it is not connected, or nobody else holds the load"]
+            missing = self._gossip.unknown() or ["it is not connected, or no other robot holds the load"]
             yield f"the team is not known: {', '.join(missing)}"

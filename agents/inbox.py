@@ -61,7 +61,7 @@ class NeighbourInbox:
             all messages that are right; what was refused and why.
         """
         if not self._last:
-            self._last = dict.fromkeys(self._incarnations, index)  # nobody can have been heard before the first block
+            self._last = dict.fromkeys(self._incarnations, index)  # no robot can have been heard before the first block
         gossip: list[LinkState] = []
         problems: list[str] = []
         for message in sorted(messages, key=lambda message: (message.sender, message.incarnation, message.block)):

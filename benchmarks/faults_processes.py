@@ -1,4 +1,4 @@
-"""Faults in a team of real processes, in real time: how soon they are noticed, and when everybody is valid again.
+"""Faults in a team of real processes, in real time: how soon they are noticed, and when every robot is valid again.
 
     python -m benchmarks.faults_processes [--robots N] [--repeat N]
 

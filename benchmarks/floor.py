@@ -4,7 +4,7 @@
 
 The teams stand side by side and take turns of a second or two, while the others stand still. Agents of the floor
 say what agents of the real team say in their thirteenth second; its server says the same measurements again and again.
-Sensors sample at 1 kHz, blocks have 20 samples, the server waits for everybody. A third team shows what Zenoh alone
+Sensors sample at 1 kHz, blocks have 20 samples, the server waits for every robot. A third team shows what Zenoh alone
 would take: two loops that say as many bytes, without the product's processes, checks and decoding.
 """
 

@@ -32,7 +32,7 @@ _OLD = 60.0
 """The older a team, the more seldom it fits its poses anew: from then on as seldom as ever, nearly [s]."""
 _LARGER = (100, 300)
 _KINDS: tuple[Literal["ring", "star"], ...] = ("ring", "star")
-"""A ring's rounds grow with N, a star's do not, but its hub hears everybody."""
+"""A ring's rounds grow with N, a star's do not, but its hub hears every robot."""
 _LIMIT = 1200.0
 """A larger team is given up after so much CPU time [s]."""
 

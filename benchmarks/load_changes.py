@@ -50,7 +50,7 @@ def change_scenario(seed: int, share: float) -> Scenario:
 
 
 def all_notices(scenario: Scenario) -> Notices:
-    """What every robot has noticed by the end of a run; one with a change ends when everybody has noticed it."""
+    """What every robot has noticed by the end of a run; one with a change ends when every robot has noticed it."""
     latest: dict[str, list[LoadChangeNotice]] = {}
     for record in run_in_process(scenario):
         latest.update({name: list(estimate.load_changes) for name, estimate in record.estimates.items()})

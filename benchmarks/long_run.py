@@ -56,7 +56,7 @@ class Life:
         try:
             process = psutil.Process(self.pid)
             memory, files = process.memory_info().rss, process.num_fds()
-        except (psutil.NoSuchProcess, psutil.AccessDenied):  # the latter if nobody has heard of its end yet
+        except (psutil.NoSuchProcess, psutil.AccessDenied):  # the latter if its end has not been noticed yet
             return
         if memory:  # likewise
             self.times.append(now)

@@ -4,7 +4,7 @@
 
 Whole runs of 600 blocks from the first one on, as 'coheft run' makes them. A ring of 6 weighs its load after 70 to 150
 of them, a ring of 24 after 240 to 350. A block lasts 20 ms where nothing else is said. In lockstep the server waits for
-everybody; in real time it waits for nobody, and counts answers that come too late. Other work on the machine makes runs
+every robot; in real time it does not wait, and counts answers that come too late. Other work on the machine makes runs
 slower: the note says what the CPU time would allow on all cores.
 """
 

@@ -22,7 +22,7 @@ from benchmarks.timing import ratio
 _SMALL, _LARGE = 24, 1000
 _BAR = 1.2
 _FIRST = 50
-"""Blocks until everybody has heard of its neighbours, and looks for their poses."""
+"""Blocks until every robot has heard of its neighbours, and looks for their poses."""
 _TURNS: dict[Effort, int] = {"short": 0, "usual": 5, "full": 20}
 
 

@@ -69,7 +69,7 @@ def try_offset(number: int) -> tuple[int, Outcome]:
 
 
 def is_known_before(number: int, outcome: Outcome) -> bool:
-    """Whether everybody had been valid before anything happened, and the load stayed as it was meanwhile."""
+    """Whether every robot had been valid before anything happened, and the load stayed as it was meanwhile."""
     schedule = offset_schedule(number)
     offset, first = schedule.faults[0], min(fault.start for fault in schedule.faults)
     changes = [change.at for change in schedule.scenario.load_changes]

@@ -1,6 +1,6 @@
-"""What everybody should know, handed on from neighbour to neighbour: who is there, who talks with whom, who is ready.
+"""What every robot should know, handed on from neighbour to neighbour: who is there, who talks with whom, who is ready.
 
-Nobody is told the team's size or the graph. Each robot tells its neighbours its own link state; everyone hands on what
+No robot is told the team's size or the graph. Each robot tells its neighbours its own link state; all hand on what
 is new. A message carries what changed since the last one, the first heard first, and one older record in turn, so that
 a lost message is made up for. What does not fit into ``PER_MESSAGE`` records follows with the next: the size of
 messages does not grow with the team. Should somebody have a record wrong, it wins over the right one everywhere, or
@@ -44,7 +44,7 @@ class Gossip:
     def hear(self, records: Iterable[LinkState]) -> None:
         """Take in what a neighbour handed on; the newest record of each robot wins.
 
-        Nobody is told about itself: what is wrong, and would win, is answered.
+        No robot is told about itself: what is wrong, and would win, is answered.
         """
         heard, are_members_same = False, True
         for record in records:
@@ -82,7 +82,7 @@ class Gossip:
         self._tell(replace(self.own, ready_block=block, team=self.membership))
 
     def announce_holding(self, holding: bool, since: int) -> None:
-        """Tell everybody that this robot takes hold of the load, or lets go of it, at block ``since``."""
+        """Tell every robot that this robot takes hold of the load, or lets go of it, at block ``since``."""
         self._tell(replace(self.own, holding=holding, since=since, ready_block=-1))
 
     def _tell(self, record: LinkState) -> None:
@@ -153,11 +153,11 @@ class Gossip:
     membership: int
     """Number of the present members; 0 while the graph is unknown."""
     start_block: int | None
-    """The block at which everybody is ready, the same for all agents; None while somebody is not."""
+    """The block at which every robot is ready, the same for all agents; None while somebody is not."""
 
 
 def _is_newer(record: LinkState, known: LinkState) -> bool:
-    """Whether one record of a robot replaces another; of two that should be the same, everybody takes the same."""
+    """Whether one record of a robot replaces another; of two that should be the same, every robot takes the same."""
     age, known_age = (record.incarnation, record.sequence), (known.incarnation, known.sequence)
     return age > known_age or (age == known_age and record != known and repr(record) > repr(known))
 

@@ -19,7 +19,7 @@ from coheft.wire.scenario.schema import Graph
 
 Neighbours = Mapping[str, tuple[str, ...]]
 _TRIED = 8
-"""In a network of more than ``MANY`` names nobody looks at all pairs of them: so many are tried as its centre."""
+"""In a network of more than ``MANY`` names no robot looks at all pairs of them: so many are tried as its centre."""
 
 
 class GraphError(CoheftError):
@@ -102,7 +102,7 @@ def diameter(neighbours: Neighbours) -> int:
 
 
 def hearing(neighbours: Neighbours) -> int:
-    """Blocks until everybody has heard what all have told at a time.
+    """Blocks until every robot has heard what all have told at a time.
 
     Whoever is farthest has heard a diameter later; one block more, so that a lost message does no harm, and as many as
     it takes a table with a row for each robot beyond the first message.
@@ -114,7 +114,7 @@ def centre(neighbours: Neighbours) -> str:
     """The name from which the farthest is nearest, the first of several; among more than ``MANY`` one close to it.
 
     Of many names, it is the best of some in the middle of shortest ways between two that are far apart: where the graph
-    is a tree, that is exact. Looking at all would take everybody's distances to everybody.
+    is a tree, that is exact. Looking at all would take every robot's distances to all.
     """
     candidates: Iterable[str] = neighbours
     if len(neighbours) > MANY:

@@ -8,8 +8,8 @@ All schedules are rounds ``x_i <- g_i x_i + sum_j g_ij x_j`` with gains that dep
   eigenvalues: the fewest rounds that bring all disagreement below a tolerance.
 - *tree*: sums flow up a breadth-first tree to its root, and the total flows down: twice the depth in rounds.
 
-Everybody computes the same schedule from the graph that gossip has told. Large teams take the tree in any case: each
-agent has only two values under way on an edge then, however many rounds there are, and nobody needs eigenvalues.
+Every robot computes the same schedule from the graph that gossip has told. Large teams take the tree in any case: each
+agent has only two values under way on an edge then, however many rounds there are, and no robot needs eigenvalues.
 """
 
 from __future__ import annotations

@@ -179,7 +179,7 @@ def _draw_mass(found: Run) -> None:
 
 
 def _draw_sums(found: Run) -> None:
-    """How the share that each robot carries becomes the total that everybody knows."""
+    """How the share that each robot carries becomes the total that every robot knows."""
     moment = next(truth for truth in found.truths if truth.time >= 15.0)
     judge = Judge(found.scene, [moment])
     forces = []

@@ -87,7 +87,7 @@ def sums() -> None:
 
 
 def gossip() -> None:
-    """What it takes until everybody knows the graph, from the first message on."""
+    """What it takes until every robot knows the graph, from the first message on."""
     print("graph robots blocks bytes-per-edge[B] largest-message[B] time-per-agent[ms]")
     for kind in KINDS:
         for count in (24, 100, 300, 1000):

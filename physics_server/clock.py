@@ -23,7 +23,7 @@ class Clock(Protocol):
 
 
 class Lockstep:
-    """Waits for everybody: as fast as the slowest, and always the same result."""
+    """Waits for every robot: as fast as the slowest, and always the same result."""
 
     def __init__(self, lag: int) -> None:
         self._lag = lag
@@ -37,7 +37,7 @@ class Lockstep:
 
 
 class Realtime:
-    """Waits for nobody: a block is simulated when the wall clock reaches its end."""
+    """Waits for none: a block is simulated when the wall clock reaches its end."""
 
     def __init__(self, block_duration: float) -> None:
         self._block_duration = block_duration

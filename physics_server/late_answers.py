@@ -25,7 +25,7 @@ class LateAnswers:
         """Count the robots that were too late for a block.
 
         Args:
-            names: Of them; often nobody.
+            names: Of them; often none.
             time: When the block begins [s].
 
         Returns:

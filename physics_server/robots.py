@@ -108,7 +108,7 @@ class Robots:
 
     @property
     def answered(self) -> int | None:
-        """The newest block that all who take part have answered; None if nobody does."""
+        """The newest block that all who take part have answered; None if no robot does."""
         return min((link.answered for link in self._links.values() if link.is_ready), default=None)
 
     @property

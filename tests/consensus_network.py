@@ -47,7 +47,7 @@ class Network:
     def heard(
         self, pipelines: dict[str, Pipeline], lost: Collection[tuple[str, str]] = ()
     ) -> dict[str, list[NeighbourStages]]:
-        """What everybody hears now; messages (to, from) in ``lost`` do not arrive."""
+        """What everyone hears now; messages (to, from) in ``lost`` do not arrive."""
         sent = {name: (pipeline.stages.copy(), pipeline.valid.copy()) for name, pipeline in pipelines.items()}
         return {
             i: [
@@ -67,7 +67,7 @@ class Network:
         return {name: agent.step(inputs[name], heard[name]) for name, agent in self.dynamic.items()}
 
     def in_common(self, values: Callable[[str], Array]) -> Array:
-        """Everybody's values in the common frame, shape (N, ..., C)."""
+        """Everyone's values in the common frame, shape (N, ..., C)."""
         return np.array([values(name) @ self.to_common[name].T for name in self.graph])
 
     def random_inputs(self, rng: np.random.Generator) -> dict[str, Array]:

@@ -89,7 +89,7 @@ def test_equal_inputs_give_equal_outputs_bit_for_bit() -> None:
 
 
 def test_bad_blocks_are_survived() -> None:
-    """One robot's sensors fail again and again, in the pose phase and after it: nobody sees a load change in that."""
+    """One robot's sensors fail again and again, in the pose phase and after it: no one sees a load change in that."""
     recording = run_with_faults(
         changed("ring3", estimator="seed", duration=DURATION, load_changes=()),
         is_measured=lambda block, name: not (name == "r2" and block % 50 in (0, 1)),

@@ -87,7 +87,7 @@ def test_answers_that_are_not_there_when_their_block_begins_are_late(capfd: pyte
             link.is_ready = True
         for block in range(10):
             there = list(robots.take_references(block, block * DURATION))
-            assert there == ([] if block < LAG else ["r1"] if block == 7 else ["r1", "r2"])  # nobody can be sooner
+            assert there == ([] if block < LAG else ["r1"] if block == 7 else ["r1", "r2"])  # no one can be sooner
             sent = {name: Measurements(robot=name, block=block, samples=np.zeros((SAMPLES, 15))) for name in names}
             robots.send_measurements(sent, block, "")
             for name in names:

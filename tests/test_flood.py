@@ -1,4 +1,4 @@
-"""Tables that everybody fills in: everybody's newest row reaches everybody, in as many blocks as it has hops to go."""
+"""Tables that all robots fill in: each one's newest row reaches all others, in as many blocks as it has hops to go."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WIDTH = 4
 def spread(
     graph: Neighbours, floods: dict[str, Flood], blocks: int, arrives: Callable[[], bool] = lambda: True
 ) -> list[int]:
-    """Let everybody talk with its neighbours. Returns how many tables were sent in each block."""
+    """Let every robot talk with its neighbours. Returns how many tables were sent in each block."""
     sent = []
     for _ in range(blocks):
         messages = {name: (flood.digest, flood.told()) for name, flood in floods.items()}
@@ -62,7 +62,7 @@ def assert_everybody_has_all(floods: dict[str, Flood], stamp: int) -> None:
 
 @given(graphs)
 def test_all_rows_reach_everybody_at_one_hop_per_block(graph: Neighbours) -> None:
-    """One block more than the diameter: nobody sends a table before it has heard that a neighbour's is another one."""
+    """One block more than the diameter: a table is sent only after a neighbour's is known to be another one."""
     floods = talked(graph)
     tell(floods, 5)
     spread(graph, floods, diameter(graph) - 1)

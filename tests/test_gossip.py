@@ -1,4 +1,4 @@
-"""What everybody should know reaches everybody, in as many blocks as it has hops to go."""
+"""What every robot should know reaches every robot, in as many blocks as it has hops to go."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class Team:
             self.block()
 
     def meet(self) -> None:
-        """Go on until everybody knows the graph."""
+        """Go on until every robot knows the graph."""
         self.blocks(diameter(self.graph))
 
     def start(self, block: int) -> None:
-        """Everybody meets, and agrees upon a start at a block."""
+        """Every robot meets, and agrees upon a start at a block."""
         self.meet()
         self.everybody_ready(block)
         self.meet()
@@ -53,7 +53,7 @@ class Team:
         self.blocks(len(self.graph) * diameter(self.graph))
 
     def block(self, lost: Collection[Edge] = ()) -> dict[str, list[LinkState]]:
-        """Everybody tells its neighbours; messages (to, from) in ``lost`` do not arrive. Returns what was told."""
+        """Every robot tells its neighbours; messages (to, from) in ``lost`` do not arrive. Returns what was told."""
         told = {name: robot.news() for name, robot in self.robots.items()}
         for name, others in self.graph.items():
             for other in others:
@@ -67,7 +67,7 @@ def test_everybody_learns_the_graph_within_its_diameter(graph: Neighbours) -> No
     team = Team(graph)
     for block in range(diameter(graph)):
         for name, robot in team.robots.items():
-            # What is known too early cannot be the whole graph: nobody believes half of it.
+            # What is known too early cannot be the whole graph: no robot believes half of it.
             assert robot.graph is None or robot.graph == graph, (block, name)
         team.block()
     for robot in team.robots.values():
@@ -151,7 +151,7 @@ def test_with_a_robot_that_starts_again_it_is_another_team_that_nobody_is_ready_
     restarted = data.draw(st.sampled_from(sorted(graph)))
     former = team.robots[restarted].own
     team.restart(restarted)
-    # It knows of all as soon as its neighbours have heard of it, everybody of it as soon as it was handed on.
+    # It knows of all as soon as its neighbours have heard of it, every robot of it as soon as it was handed on.
     team.blocks(max(2, diameter(graph)))
     for robot in team.robots.values():
         robot.hear([replace(former, sequence=99)])  # came late: from before
@@ -180,7 +180,7 @@ def test_a_robot_that_lets_go_is_no_member_until_it_takes_hold_again(graph: Neig
     for name in others:
         team.robots[name].announce_ready(20)
     team.meet()
-    # Nobody begins before it has really let go.
+    # No robot begins before it has really let go.
     assert {robot.start_block for robot in team.robots.values()} == {30 if is_connected else None}
     team.robots[loose].announce_holding(True, 60)
     team.meet()

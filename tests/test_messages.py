@@ -62,7 +62,7 @@ def test_what_was_said_under_another_key_is_refused(key: str) -> None:
     "data",
     [
         b"",
-        b"\x81\xa1x" + 100_000 * b"\x91",  # nested too deeply, in a field that nobody knows
+        b"\x81\xa1x" + 100_000 * b"\x91",  # nested too deeply, in a field that no one knows
         b"\x81\xa5heard\xdd\xff\xff\xff\xff",  # a list of four billion
         b"\x81\xa1\xff\x01",  # not UTF-8
     ],

@@ -1,4 +1,4 @@
-"""Lengths that cannot be meant: payloads that nobody could carry, hands that are nowhere near."""
+"""Lengths that cannot be meant: payloads that no one could carry, hands that are nowhere near."""
 
 from __future__ import annotations
 

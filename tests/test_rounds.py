@@ -45,7 +45,7 @@ class Team:
         arrives: Callable[[str, str], bool] = lambda to, sender: True,
         version: Callable[[str], int] = lambda name: 0,
     ) -> dict[str, Array | None]:
-        """Everybody puts in its values of ``inputs`` (N, B, C); returns what leaves."""
+        """Everyone puts in its values of ``inputs`` (N, B, C); returns what leaves."""
         left = {}
         before, self.told = self.told, {}
         for values, (name, agent) in zip(inputs, self.agents.items(), strict=True):

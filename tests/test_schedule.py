@@ -1,4 +1,4 @@
-"""Exact sums by one-hop messages: every kind of schedule, on every kind of graph, from everybody's point of view."""
+"""Exact sums by one-hop messages: every kind of schedule, on every kind of graph, from everyone's point of view."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ SOON = 3.0
 AT_ONCE = 1.0
 """or after this, if all poses are known from before [s]."""
 NOTICED = 0.35
-"""After that time without complete sums nobody is valid any more [s]."""
+"""After that time without complete sums no robot is valid any more [s]."""
 ROBOTS = ("r1", "r2", "r3", "r4")
 
 

@@ -29,7 +29,7 @@ LENGTH = 10
 
 
 def test_sensors_at_the_wrists_read_one_rigid_body_and_all_that_moves_it() -> None:
-    """Errors that last are averaged away by nobody, so they must be far below the noise."""
+    """Errors that last are averaged away by no one, so they must be far below the noise."""
     simulation = Simulation(ARMS)
     results = run(simulation, excitation(ARMS), 100)
     before = samples(results)[:, 200:]  # the start is a kick

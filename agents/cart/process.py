@@ -97,7 +97,7 @@ class CartAgentProcess:
         """Put a message where it is waited for.
 
         Raises:
-            MessageError: Nobody waits for it.
+            MessageError: No robot waits for it.
         """
         match message:
             case CartMeasurement():

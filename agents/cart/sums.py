@@ -1,6 +1,6 @@
 """What all pushers of a cart did and saw, added up over the network: one pusher's part.
 
-All values are in frames that everybody knows, the cart's and the floor's, so nothing has to be carried between frames.
+All values are in frames that every robot knows, the cart's and the floor's, so nothing has to be transformed.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The seed paper's method: Fan et al., sections V to VII, for one robot.
 
-First, relative poses of the neighbours by dual-quaternion least squares. When everybody's have converged, the poses are
+First, relative poses of the neighbours by dual-quaternion least squares. When all have converged, the poses are
 frozen and the inertial phase begins: total wrench and angular acceleration by dynamic consensus, mass properties by
 joint least squares with forgetting, and consensus over the robots' estimates.
 """
@@ -161,7 +161,7 @@ class SeedEstimator:
             self._announce_start(index, graph)
 
     def _announce_start(self, index: int, graph: Neighbours) -> None:
-        """Offer a start of the sums that lies far enough ahead for everybody to hear of it in time."""
+        """Offer a start of the sums that lies far enough ahead for every robot to hear of it in time."""
         self._gossip.announce_ready(index + 2 * len(graph))
 
 

@@ -84,7 +84,7 @@ class SeedSums:
 
     @property
     def is_broken(self) -> bool:
-        """Whether a neighbour's message was lost, so that everybody has to start the sums anew."""
+        """Whether a neighbour's message was lost, so that every robot has to start the sums anew."""
         return self._sums.is_broken or self._parameters.is_broken
 
     def step(
@@ -134,7 +134,7 @@ class SeedSums:
         return PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, covariance)
 
     def _possible(self, raw: Inertia, covariance: Array) -> Inertia:
-        """The likeliest body that can exist: nobody is to be told of one that cannot."""
+        """The likeliest body that can exist: no robot is to be told of one that cannot."""
         parameters = raw.barycentric()
         if is_possible(parameters):
             return raw
@@ -157,7 +157,7 @@ class SeedSums:
         return np.hstack([block[:, 9:15], alpha, np.ones((len(block), 1))])
 
     def _is_measured(self, average: Array) -> bool:
-        """Whether nobody's share in a block was made up: what is made up spreads just as the sums that it spoils."""
+        """Whether no robot's share in a block was made up: what is made up spreads just as the sums that it spoils."""
         return bool(average[:, 9].min() > 1.0 - 0.5 / self._members)
 
     def _stages(self, inbox: Mapping[str, Channels], channel: str, which: int, rounds: int) -> list[NeighbourStages]:

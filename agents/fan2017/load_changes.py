@@ -32,7 +32,7 @@ class LoadChanges:
         Args:
             changed_at: The first block with the new load.
             index: The present block.
-            within: Blocks in which everybody hears of a change: if one was noticed since, this is the same one, found
+            within: Blocks in which every robot hears of a change: if one was noticed since, this is the same one, found
                 by somebody else who places it a bit later.
         """
         noticed_at = self._config.start_of(index + 1)

@@ -2,7 +2,7 @@
 
 The robot knows its own pose in the grasp frame of the first robot, so it knows how its own grasp has to move. It knows
 mass, centre of mass and inertia in its own frame, so it knows what total wrench moves the load like that; and it knows
-where everybody holds it, so it knows its own share. Its accelerometer says where up is. Nobody has to be asked.
+where every robot holds it, so it knows its own share. Its accelerometer says where up is. No robot has to be asked.
 """
 
 from __future__ import annotations

@@ -79,7 +79,7 @@ class OwnEstimator:
         """What a method returns, checked.
 
         Raises:
-            PluginError: It raises something, or returns what nobody could use.
+            PluginError: It raises something, or returns what cannot be used.
         """
         bound = getattr(self._own, method)
         try:

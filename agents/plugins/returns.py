@@ -98,7 +98,7 @@ def plain_belief(returned: object, index: int, neighbours: Collection[str]) -> B
         neighbours: Names of those whose poses it may tell.
 
     Raises:
-        MessageError: Nobody could compute with it; the text says what to do.
+        MessageError: No robot could compute with it; the text says what to do.
     """
     if not isinstance(returned, Belief):
         raise MessageError(f"it is {_kind(returned)}, expected a Belief, see agents/estimator.py")

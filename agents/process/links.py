@@ -113,7 +113,7 @@ class AgentLinks:
         self.problems = ProblemLog(name, Sender(observers, keys.observe_agent(name, "problem"), may_drop=True))
 
     def receive(self, timeout: float | None = None) -> Event | None:
-        """The next thing that comes, or None if nothing does within ``timeout`` [s] (None: wait for ever)."""
+        """The next thing that comes, or None if nothing does within ``timeout`` [s] (None: wait without limit)."""
         return self._inbox.receive(timeout)
 
     def sort(self, event: Event | None, take: Callable[[str, Message], None]) -> LinkChange | Presence | None:

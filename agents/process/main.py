@@ -39,7 +39,7 @@ class AgentProcess:
 
     The agent steps when it has measurements of a block k, and of every neighbour that keeps pace the message of block
     k - 1; a neighbour whose link is gone does not, nor one for whose message it once waited longer than its patience,
-    until it is heard in time again. So nobody can hold it up, and while nothing fails, equal runs take equal steps.
+    until it is heard in time again. So no robot can hold it up, and while nothing fails, equal runs take equal steps.
 
     A link with a neighbour that it dials is begun anew when it is gone, or does not carry both ways although it stands.
 
@@ -87,7 +87,7 @@ class AgentProcess:
                     self._step(self._measurements.popleft()[1])
 
     def _wait_for_measurements(self) -> None:
-        """Take in what has come, and wait for measurements; while nobody sends any, ask for them.
+        """Take in what has come, and wait for measurements; while no robot sends any, ask for them.
 
         Raises:
             LinkError: The server is gone for too long.
@@ -133,7 +133,7 @@ class AgentProcess:
         self._outside.hello.send(Hello(sender=self._name, heard=heard, incarnation=self._incarnation))
 
     def _wait_for_neighbours(self) -> None:
-        """Wait until nobody is missing for the step, or there is no step to take, or patience ends."""
+        """Wait until none is missing for the step, or there is no step to take, or patience ends."""
         while self._measurements:
             arrival, measurements = self._measurements[0]
             missing = [link for link in self._links.values() if link.is_missing(measurements.block)]

@@ -116,7 +116,7 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         robots: Where each robot dials in, by name: one link of its own per robot.
         observe: Where observers dial in.
         neighbours: The graph, for observers only.
-        clock: ``lockstep`` waits for every agent, ``realtime`` for nobody.
+        clock: ``lockstep`` waits for every agent, ``realtime`` for none.
         save_data: File for what all robots measured, see ``coheft.wire.data.file``; None: nothing is kept.
         return_limit: How long lockstep waits for a robot whose link is lost to come back [s], and how long a run goes
             on after all robots are lost.

@@ -35,7 +35,7 @@ def test_several_find_the_same_cart_as_one_alone(pushers: int) -> None:
         assert report.com_error_mm < 1.0
         assert report.com_known
         assert report.largest_tracking_error_m < 0.03
-    # Everybody measures the cart's motion: together they know it better.
+    # Every robot measures the cart's motion: together they know it better.
     assert together.mass_std_kg < 0.9 * alone.mass_std_kg
     assert together.mean_effort_n < alone.mean_effort_n
 

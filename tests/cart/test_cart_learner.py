@@ -143,7 +143,7 @@ def test_false_alarms_are_as_rare_with_any_number_of_axles(wheels: str, probabil
 
 
 def test_casters_that_turn_round_are_no_change_of_the_cart() -> None:
-    """15 N that nobody measures, for almost a second, twice, and 3 N of noise on the wrench."""
+    """15 N that no robot measures, for almost a second, twice, and 3 N of noise on the wrench."""
     found = run(12, 1)
     late = [e for e in found.estimates["p1"] if e.time > 5.0]
     assert max(abs(e.cart.mass - 20.0) for e in late) < 1.0

@@ -17,12 +17,12 @@ ROUNDS = 25
 ROUND = 0.01
 """Seconds between two rounds of what both sides say; in the open profile the first rounds are heard already."""
 PUSHING: dict[str, object] = {"gateway": {"south": [{}]}}
-"""Makes a client take everybody for its subordinate: the only kind of client that our sessions let in."""
+"""Makes a client take everyone for its subordinate: the only kind of client that our sessions let in."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """The open profile, or the secure one with everybody's keys in a folder."""
+    """The open profile, or the secure one with everyone's keys in a folder."""
 
     keys: Path | None
 
@@ -41,10 +41,10 @@ def raw_session(
     mode: str = "peer",
     **settings: object,
 ) -> Iterator[zenoh.Session]:
-    """A session with Zenoh's own settings; opening it fails if nobody lets it in within two seconds.
+    """A session with Zenoh's own settings; opening it fails if no one lets it in within two seconds.
 
     Raises:
-        zenoh.ZError: Nobody let it in.
+        zenoh.ZError: No one let it in.
     """
     config = {
         "mode": mode,

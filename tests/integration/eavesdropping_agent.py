@@ -1,4 +1,4 @@
-"""An agent that also listens to whatever comes, on all of its links, and asks everybody who is there.
+"""An agent that also listens to whatever comes, on all of its links, and asks everyone who is there.
 
 The agent itself is the real one. What it hears is written to ``$HEARD_FOLDER/<name>.json`` when the run is over.
 """

@@ -45,7 +45,7 @@ def router(port: int) -> Iterator[zenoh.Session]:
 
 
 def free_port() -> int:
-    """Where nobody listens."""
+    """Where no one listens."""
     return int(FreePorts(1).take("router").rpartition(":")[2])
 
 

@@ -1,4 +1,4 @@
-"""Pushers in processes of their own: the same numbers as in one process, and nobody is left behind."""
+"""Pushers in processes of their own: the same numbers as in one process, and no one is left behind."""
 
 from __future__ import annotations
 

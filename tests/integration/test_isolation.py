@@ -24,7 +24,7 @@ from .team import Team, running_team, small_scenario, wait_until
 PLAIN_CLIENTS: list[dict[str, object]] = [{}, {"gateway": {"south": []}}]
 """Clients with Zenoh's own settings and with ours: refused at the door."""
 PUSHING_CLIENT: dict[str, object] = {"gateway": {"south": [{}]}}
-"""A client that takes everybody for its subordinate gets in."""
+"""A client that takes everyone for its subordinate gets in."""
 SPY_AGENT = (str(Path(__file__).with_name("eavesdropping_agent.py")),)
 COUNT = 4
 Heard = dict[str, dict[str, dict[str, list[str]]]]
@@ -64,7 +64,7 @@ def client(endpoint: str, settings: dict[str, object]) -> Iterator[zenoh.Session
 
 @contextmanager
 def careless_peer(*endpoints: str) -> Iterator[zenoh.Session]:
-    """A peer with Zenoh's own settings, which tells everybody of everybody."""
+    """A peer with Zenoh's own settings, which tells everyone of everyone."""
     config = zenoh.Config.from_json5(
         json.dumps(
             {
@@ -190,7 +190,7 @@ def test_strangers_carry_nothing_from_one_robot_to_another(kind, tmp_path):
         strangers[last, "neighbour"] = {"careless"}
         check_one_hop(team, finish(team), strangers)
 
-        # Strangers hear those whom they dial, and nobody else through them.
+        # Strangers hear those whom they dial, and no one else through them.
         assert at_robot.heard <= {blocks[first], keys.agent(first, "hello")}
         assert at_server.heard <= {keys.robot(second, topic) for topic in ("measurements", "stop")}
         assert careless.heard <= {keys.agent(name, topic) for name in (first, last) for topic in ("hello", "block")}

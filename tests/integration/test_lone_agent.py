@@ -61,7 +61,7 @@ class Surroundings:
             self.attempt = message.attempt if isinstance(message, Ready) else before
 
     def meet(self) -> None:
-        """Wait for the links, say hello, wait until the agent asks for measurements and misses nobody."""
+        """Wait for the links, say hello, wait until the agent asks for measurements and misses none."""
         wait_until(lambda: self._hello.has_listener and self._measurements.has_listener, "the agent's links")
         self.greet(self.name)
         ready = self._next()

@@ -55,7 +55,7 @@ class Parts:
             process.wait(30)
 
     def seen(self) -> dict[str, dict[str, Any]]:
-        """The last that an observer heard of everybody."""
+        """The last that an observer heard of everyone."""
         lines = self._onlooker.read_text().splitlines(keepends=True) if self._onlooker.exists() else []
         parsed = [json.loads(line) for line in lines if line.startswith("{") and line.endswith("\n")]
         return {line["who"]: line for line in parsed}

@@ -95,7 +95,7 @@ def test_the_same_seed_gives_the_same_numbers(report: dict[str, Any], tmp_path: 
     again = finished_run(tmp_path)
     for key in ("robots", "load_changes", "history"):
         assert again[key] == report[key]
-    # A mean over all that was heard: on a busy machine the observer may miss some, because nobody waits for it.
+    # A mean over all that was heard: on a busy machine the observer may miss some, because no one waits for it.
     assert again["consensus"] == pytest.approx(report["consensus"], rel=1e-3)
 
 

@@ -1,4 +1,4 @@
-"""Standard output that is closed, full, or read by nobody any more; and Ctrl-C before there is any."""
+"""Standard output that is closed, full, or read by no one any more; and Ctrl-C before there is any."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_nobody_watches_who_does_not_read(start: Callable[..., Run]) -> None:
 
 
 def without_reader(*arguments: str) -> tuple[int, bytes]:
-    """Exit status and standard error of a command whose output nobody reads."""
+    """Exit status and standard error of a command whose output no one reads."""
     process = subprocess.Popen([*COHEFT, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert process.stdout is not None
     process.stdout.close()

@@ -263,7 +263,7 @@ def test_the_recorder_finishes_its_file_whatever_happens(tmp_path: Path) -> None
 
 def test_a_run_that_never_began_leaves_no_file(tmp_path: Path) -> None:
     with Recorder(tmp_path / "run.mcap", SCENARIO):
-        assert (tmp_path / "run.mcap").exists(), "so nobody else takes the name"
+        assert (tmp_path / "run.mcap").exists(), "so no one else takes the name"
     assert list(tmp_path.iterdir()) == []
 
 

@@ -22,7 +22,7 @@ from coheft.wire.transport.sessions import Keys, open_session
 _POLL = 0.05
 _SILENCE = 60.0
 _LAST_WORDS = 1.0
-_COLLECT_LIMIT = 0.1  # or nobody would look after the processes while messages come faster than they are read
+_COLLECT_LIMIT = 0.1  # or no one would look after the processes while messages come faster than they are read
 
 
 def make_configs(scenario: CartScenario, run: str) -> tuple[CartServerConfig, dict[str, CartAgentProcessConfig]]:
@@ -91,7 +91,7 @@ def run_in_processes(
         while len(run.truths) < scenario.blocks and time.monotonic() < deadline:
             _collect(inbox, run, on_problem, _POLL)
         while _collect(inbox, run, on_problem, 0.0):
-            pass  # nobody is left who could say more
+            pass  # no one is left who could say more
     check_complete(run, folder)
     return run
 

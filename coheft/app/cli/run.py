@@ -111,9 +111,9 @@ def run(
     log_level:
         What their logs have at least: debug, info, warning or error.
     secure:
-        Let nobody join who has no certificate, and nobody speak for another.
+        Let no one join who has no certificate, and no one speak for another.
     keys:
-        Folder with everybody's certificates, as 'coheft keys' makes it, instead of new ones for this run alone.
+        Folder with everyone's certificates, as 'coheft keys' makes it, instead of new ones for this run alone.
     hosts:
         File that tells where each part runs, see docs/deployment.md; with --write-configs.
     write_configs:
@@ -212,11 +212,11 @@ def run(
             viewer.wait()
         elif viewer is not None:
             _tell(console, "There was no view, or not until the run had ended; its log", viewer.log)
-    spoilt = "" if recorder is None else recorder.problem
-    if not spoilt:
+    unsaved_recording = "" if recorder is None else recorder.problem
+    if not unsaved_recording:
         tell("Recording", record)
     unsaved = f"no data file was written: {broken_off.unsaved}" if broken_off.unsaved else ""
-    if lost := [text for text in (unsaved, spoilt) if text]:
+    if lost := [text for text in (unsaved, unsaved_recording) if text]:
         raise CoheftError("\n".join(lost))
     return EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED
 
@@ -244,7 +244,7 @@ def _places(hosts: Path | None, scenario: Scenario) -> Hosts | None:
 
 
 def _credentials(keys: Path | None, folder: Path, scenario: Scenario, places: Hosts | None) -> Path:
-    """The folder with everybody's certificates: a given one, or a new one for this run."""
+    """The folder with everyone's certificates: a given one, or a new one for this run."""
     from coheft.app.run.keys import check_keys, make_keys
 
     if keys is None:

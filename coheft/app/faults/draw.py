@@ -85,7 +85,7 @@ def _later(schedule: FaultSchedule) -> FaultSchedule:
 
 
 def _long_enough(schedule: FaultSchedule) -> FaultSchedule:
-    """It goes on until all have to be valid again; unless an agent never comes back: then nobody will be."""
+    """It goes on until all have to be valid again; unless an agent never comes back: then no robot will be."""
     scenario = schedule.scenario
     if schedule.last_fault_end >= scenario.duration:
         return schedule

@@ -63,7 +63,7 @@ def _lie(array: Array, fault: Lie, rng: np.random.Generator) -> Array:
 
 
 def malformed(message: NeighbourMessage, rng: np.random.Generator) -> NeighbourMessage:
-    """A message that nobody can have meant so, with no news in it."""
+    """A message that no robot can have meant so, with no news in it."""
     replace = msgspec.structs.replace
     nonsense = replace(message, gossip=[])
     match rng.integers(5) if message.channels else 0:

@@ -1,4 +1,4 @@
-"""P3: some time after the last fault has ended and the load has changed for the last time, everybody is valid again.
+"""P3: some time after the last fault has ended and the load has changed for the last time, every robot is valid again.
 
 How long that may take depends on what happened; the first line that is true counts. ``tellings`` is how long what one
 robot tells needs to reach all others, ``_TELLINGS`` times. Faults count that were over less than ``FIND_OUT`` and
@@ -10,9 +10,9 @@ What happened                                           Time allowed            
 not all were valid before the first fault began, or     ``START_UP + tellings``  how long a start takes depends on how
 there was no fault                                                               they move
 a robot took hold again, or was dead at the same time   ``FIND_OUT + tellings``  it has to find out where it holds the
-as all its neighbours                                                            load, and nobody can tell it
-faults, all of them crashes and partitions              ``BACK_FROM_SILENCE``    nothing was spoilt
-other faults, or changes of the load alone              ``BACK``                 what was spoilt is forgotten first
+as all its neighbours                                                            load, and no robot can tell it
+faults, all of them crashes and partitions              ``BACK_FROM_SILENCE``    no estimate was contaminated
+other faults, or changes of the load alone              ``BACK``                 contaminated rows are dropped first
 ======================================================  =======================  =====================================
 """
 
@@ -26,13 +26,13 @@ from coheft.consensus.graph import build_graph, diameter
 from coheft.wire.messages.structs import Estimate
 
 BACK_FROM_SILENCE = 3.0
-"""Time until everybody is valid again after crashes and partitions [s]."""
+"""Time until every robot is valid again after crashes and partitions [s]."""
 BACK = 5.0
-"""Time until everybody is valid again after other faults, and after changes of the load [s]."""
+"""Time until every robot is valid again after other faults, and after changes of the load [s]."""
 FIND_OUT = 4.0
-"""Time until everybody is valid again if a robot has to find out where it holds the load, without ``tellings`` [s]."""
+"""Time until every robot is valid again if one has to find out where it holds the load, without ``tellings`` [s]."""
 START_UP = 6.0
-"""Time until everybody is valid again if they had not all been valid before, without ``tellings`` [s]."""
+"""Time until every robot is valid again if they had not all been valid before, without ``tellings`` [s]."""
 _TELLINGS = 15
 """``tellings`` are so many times as long as what one robot tells needs to reach all others."""
 _LASTING = 1.0
@@ -43,7 +43,7 @@ _ROUNDING = 1e-9
 
 
 def latest_recovery(schedule: FaultSchedule) -> float:
-    """When everybody has to be valid again at the latest [s], whatever has been at work."""
+    """When every robot has to be valid again at the latest [s], whatever has been at work."""
     return _calm_from(schedule) + START_UP + _tellings(schedule)
 
 
@@ -119,7 +119,7 @@ class Recovery:
         return None if self._valid_since is None else max(0.0, self._valid_since - self._calm_from)
 
     def violation(self) -> Violation | None:
-        """Whether it took too long, or went on for ever; None also if the run was too short to tell."""
+        """Whether it took too long, or never ended; None also if the run was too short to tell."""
         limit, must_find_out = self._limit()
         calm, taken = self._calm_from, self.taken
         if calm + limit > self._schedule.scenario.duration - _ROUNDING and taken is None:

@@ -51,7 +51,7 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class LinkFault(Fault, frozen=True, kw_only=True):
-    """A fault of messages on their way, from ``sender`` to ``receiver``; ``*`` is everybody."""
+    """A fault of messages on their way, from ``sender`` to ``receiver``; ``*`` is every robot."""
 
     sender: str = EVERYBODY
     receiver: str = EVERYBODY
@@ -124,7 +124,7 @@ class Replay(LinkFault, frozen=True, kw_only=True, tag="replay"):
 
 
 class Malformed(LinkFault, frozen=True, kw_only=True, tag="malformed"):
-    """Per block, with this probability, a message comes besides the true one that nobody can have meant so."""
+    """Per block, with this probability, a message comes besides the true one that no robot can have meant so."""
 
     probability: Probability
 

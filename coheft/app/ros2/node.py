@@ -33,7 +33,7 @@ class RosNode:
         self.published = 0
         self._session = session
         self._node = Node(domain, session_id(session), name)
-        self._kept: list[Any] = []  # tokens and subscribers that nobody holds are gone
+        self._kept: list[Any] = []  # tokens and subscribers that nothing holds are gone
         self._announce(self._node.token())
 
     @property

@@ -66,12 +66,12 @@ class BrokenOff:
 
     def _clauses(self) -> list[str]:
         """What is there of the files that were asked for, and what not."""
-        spoilt = "" if self._recorder is None else self._recorder.problem
-        kept = [self._asked.get("record")] if self._time is not None and not spoilt else []
+        unsaved_recording = "" if self._recorder is None else self._recorder.problem
+        kept = [self._asked.get("record")] if self._time is not None and not unsaved_recording else []
         if self._has_data:
             kept.append(self._asked.get("save_data"))
         clauses = [f"{path} holds what came until then" for path in kept if path is not None]
-        clauses += [spoilt] if spoilt else []
+        clauses += [unsaved_recording] if unsaved_recording else []
         if missing := self._missing():
             clauses.append(f"{' and '.join(missing)} {'was' if len(missing) == 1 else 'were'} written")
         return clauses

@@ -167,7 +167,7 @@ def _answers(endpoint: str) -> bool:
 
 
 def has_gone(run_file: RunFile) -> bool:
-    """Whether the system where the server of a run was says that nobody listens there; a pulled cable says nothing."""
+    """Whether the system where the server of a run was says that no one listens there; a pulled cable says nothing."""
     try:
         _dial(run_file.server)
     except OSError as error:

@@ -129,7 +129,7 @@ def load_hosts(path: Path, scenario: Scenario) -> Hosts:
 
 
 def free_ports(number: int) -> list[int]:
-    """Different ports of the loopback interface on which nobody listens now.
+    """Different ports of the loopback interface on which no one listens now.
 
     Raises:
         LinkError: There are not enough.

@@ -120,7 +120,7 @@ def make_keys(
 
 
 def check_keys(folder: Path, scenario: Scenario, hosts: Hosts | None = None) -> None:
-    """Check that everybody's certificate holds now, is signed, and is for where it is used: links would only stay away.
+    """Check that everyone's certificate holds now, is signed, and is for where it is used: links would only stay away.
 
     Raises:
         CoheftError: One is not, or its key is another's.
@@ -235,7 +235,7 @@ def _write_pair(folder: Path, name: str, key: ec.EllipticCurvePrivateKey, certif
 
 
 def _write(path: Path, data: bytes, mode: int) -> None:
-    """Write a new file that nobody can read before it has its mode."""
+    """Write a new file that no one can read before it has its mode."""
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)

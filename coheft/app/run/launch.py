@@ -85,12 +85,12 @@ def launch(
 
 @dataclass(frozen=True)
 class Audience:
-    """Everybody in this process who hears what an observer hears.
+    """Everyone in this process who hears what an observer hears.
 
     Attributes:
         record: What the report is made of.
         display: What the terminal shows.
-        followers: Everybody else.
+        followers: Everyone else.
         is_told_end: Whether the display shows why a run broke off; who supervises it raises that as an error.
     """
 
@@ -177,7 +177,7 @@ def watch(run_file: RunFile, display: Display) -> str:
 
     Raises:
         LinkError: The server does not answer, or not any more, or it says that the run broke off.
-        OSError: Standard output cannot be written: nobody watches.
+        OSError: Standard output cannot be written: no one watches.
     """
     with display, ExitStack() as links:
         display.note("waiting for the server of the run to answer")

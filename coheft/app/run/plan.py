@@ -33,7 +33,7 @@ class Plan:
     Attributes:
         server: The physics server's.
         agents: The agents', by name.
-        keys: Folder with everybody's credentials; None: the open profile.
+        keys: Folder with everyone's credentials; None: the open profile.
         began: When it was made, seconds since 1970.
     """
 
@@ -100,7 +100,7 @@ def make_plan(
         clock: Whether to wait for slow robots.
         run: Name of the run; a new one by default.
         hosts: Where each part runs; None: all on free ports of this machine's loopback interface.
-        keys: Folder with everybody's credentials, see ``coheft.app.run.keys``; None: the open profile.
+        keys: Folder with everyone's credentials, see ``coheft.app.run.keys``; None: the open profile.
         save_data: File for what all robots measure; None: nothing is kept.
         log_level: What the logs of all processes have at least.
 
@@ -111,7 +111,7 @@ def make_plan(
     names = scenario.robot_names
     graph = build_graph(scenario.graph, names)
     if keys is None and hosts is not None and hosts.are_remote:
-        raise CoheftError("across hosts everybody could dial in, and say anything: add --secure")
+        raise CoheftError("across hosts everyone could dial in, and say anything: add --secure")
     places: Places = HostPorts(hosts) if hosts is not None else FreePorts(3 * len(names) + 1)
 
     def take(name: str) -> str:

@@ -22,7 +22,7 @@ import msgspec
 from coheft.errors import CoheftError, one_line
 from coheft.wire.process.supervised import KILLED_BY, ONE_THREAD, TERMINATED, UNUSABLE
 
-# Nobody draws: MuJoCo need not load what it would draw with.
+# No one draws: MuJoCo need not load what it would draw with.
 ENVIRONMENT = {**ONE_THREAD, "MUJOCO_GL": "disable"}
 _GO_BY_THEMSELVES = 1.0
 _GO_WHEN_ASKED = 0.4

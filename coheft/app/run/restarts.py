@@ -1,4 +1,4 @@
-"""Agents that have failed while the run goes on are started again, and everybody is told."""
+"""Agents that have failed while the run goes on are started again, and everyone is told."""
 
 from __future__ import annotations
 

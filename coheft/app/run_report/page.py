@@ -145,7 +145,7 @@ def _kind(text: str) -> tuple[str, str]:
 def timing_rows(clock: str, series: Series, report: Report) -> list[tuple[str, str]]:
     """How fast it went."""
     pace = list(series.pace)
-    late = f"{report.late_blocks}" if clock == "realtime" else "none: the clock waits for everybody"
+    late = f"{report.late_blocks}" if clock == "realtime" else "none: the clock waits for everyone"
     return [
         ("simulated", f"{report.duration_s:g} s"),
         ("on the wall", f"{pace[-1][1] - pace[0][1]:.1f} s, pauses included"),

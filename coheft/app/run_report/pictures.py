@@ -65,7 +65,7 @@ def pictures_of(series: Series, report: Report) -> list[Picture]:
             "glance",
             "The mass that each robot believes in",
             "Grey: what the load really weighs. Coloured: what each robot takes it for, and around it the band of "
-            "three of its own standard deviations, often too narrow to be seen. Thin and dotted: stale, nobody should "
+            "three of its own standard deviations, often too narrow to be seen. Thin and dotted: stale, no one should "
             f"rely on it. Upright, dotted: the load changed.{some}",
             (10.0, 3.2),
             draw_overview,
@@ -100,7 +100,7 @@ def pictures_of(series: Series, report: Report) -> list[Picture]:
                 "What each robot takes the total for, minus the measured total",
                 "All robots together push on the load with one total force and torque. Each robot measures its own "
                 "share only; it learns the total from what its neighbours pass on. Grey: the size of the total itself, "
-                "from everybody's sensors and true positions. Coloured: how far each robot is from it. The torque "
+                "from everyone's sensors and true positions. Coloured: how far each robot is from it. The torque "
                 "counts about the robot's own grasp, so it is another one for each. The scale is logarithmic." + some,
                 (10.0, 3.8),
                 draw_consensus,

@@ -178,7 +178,7 @@ class Controls:
     def _kill(self, robot: str) -> str:
         pid = find_run(self._folder).pids.get(robot)  # it may have been started again since
         if pid is None:
-            raise CoheftError(f"{robot} was started by hand, perhaps elsewhere: nobody here knows its process")
+            raise CoheftError(f"{robot} was started by hand, perhaps elsewhere: no one here knows its process")
         os.kill(pid, signal.SIGKILL)
         return f"killed {robot}'s agent"
 

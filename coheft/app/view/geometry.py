@@ -113,7 +113,7 @@ def stands(scene: Scene) -> tuple[Stand, ...]:
 
 
 def payload_boxes(scene: Scene) -> list[BoxShape]:
-    """What the payload looks like; a plate between the hands where nobody knows."""
+    """What the payload looks like; a plate between the hands where no one knows."""
     if scene.boxes:
         return scene.boxes
     low, high = scene.translations.min(axis=0), scene.translations.max(axis=0)

@@ -126,7 +126,7 @@ def problems(model: ViewModel) -> str:
     """What went wrong lately."""
     newest = list(model.problems)[-_PROBLEMS:]
     if not newest:
-        return _page(f'<div style="{_DIM}">Nothing was refused, nobody is missing.</div>')
+        return _page(f'<div style="{_DIM}">Nothing was refused, no one is missing.</div>')
     return _page(
         "".join(
             f'<div style="margin-bottom:3px"><span style="{_DIM}">{time:.1f} s {escape(problem.source)}</span> '

@@ -28,7 +28,7 @@ def unsettled(team: TeamPoses, is_settled: bool) -> tuple[str, ...]:
         return ()
     return (
         "Poses were still changing when their fit was broken off. Are poses and twists those of grasp frames, and all "
-        "clocks alike? Did nobody let go (--from and --to choose a part)?",
+        "clocks alike? Did no one let go (--from and --to choose a part)?",
     )
 
 

@@ -107,7 +107,7 @@ def _suspicions(grasps: HandEye) -> tuple[str, ...]:
     return (
         f"Poses differ by {turn:.2g}° and {1e3 * shift:.2g} mm from those of robots that hold one load. Are all clocks "
         f"alike, quaternions in the order qx qy qz qw, poses those of grasp frames in home frames that stand still? "
-        f"Did nobody let go, and are the robots calibrated (--calibrate)?",
+        f"Did no one let go, and are the robots calibrated (--calibrate)?",
     )
 
 

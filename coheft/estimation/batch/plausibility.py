@@ -14,7 +14,7 @@ from coheft.estimation.batch.signals import Signals, signals_of
 from coheft.estimation.geometry.spatial import Array
 
 _FASTEST = 5.0
-"""Nobody carries a load faster than this for a tenth of the time [m/s]."""
+"""No one carries a load faster than this for a tenth of the time [m/s]."""
 _SHARE = 0.9
 _STEP = 0.1
 """Speeds are taken over so long [s]."""

@@ -83,7 +83,7 @@ class BestContact:
         self._squares = 0.0
 
     def after(self, wrench_b: Array) -> float | None:
-        """``y`` of the best place [m], with one more push; None while nobody has pushed."""
+        """``y`` of the best place [m], with one more push; None while no one has pushed."""
         force, torque = float(wrench_b[0]), float(wrench_b[2])
         self._products = self._keep * self._products + force * torque
         self._squares = self._keep * self._squares + force * force

@@ -20,7 +20,7 @@ def check_payload(payload: PayloadEstimate) -> None:
     """Check what a robot believes of the payload.
 
     Raises:
-        MessageError: Nobody can compute with it.
+        MessageError: No one can compute with it.
     """
     check_number(payload.mass, "mass")
     size = 1
@@ -39,7 +39,7 @@ def check_pose(pose: PoseEstimate, name: str) -> None:
     """Check what a robot believes of the pose of the one called ``name``.
 
     Raises:
-        MessageError: Nobody can compute with it.
+        MessageError: No one can compute with it.
     """
     check_numbers(pose.translation, (3,), f"translation of {name!r}")
     _check_covariance(pose.covariance, 6, f"pose of {name!r}")

@@ -24,7 +24,7 @@ class Ready(Message, frozen=True):
 
     Attributes:
         robot: Who asks.
-        missing: Its neighbours that it cannot talk with yet. A run begins when nobody misses anybody; a robot that
+        missing: Its neighbours that it cannot talk with yet. A run begins when no robot misses another; a robot that
             comes back to one that goes on gets measurements at once.
         attempt: Grows whenever it begins to ask anew, because it has started or lost its link: it has forgotten what it
             was sent before.
@@ -103,7 +103,7 @@ class Hello(Message, frozen=True):
 
 
 class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=True):
-    """What one robot tells everybody about itself, handed on from neighbour to neighbour.
+    """What one robot tells everyone about itself, handed on from neighbour to neighbour.
 
     Attributes:
         robot: Whom it is about.
@@ -144,7 +144,7 @@ class NeighbourMessage(Message, frozen=True):
     incarnation: int = 0
 
 
-# --- observer plane: everybody -> whoever watches; agents cannot hear it -----------------------------------------
+# --- observer plane: everyone -> whoever watches; agents cannot hear it -----------------------------------------
 
 
 class PayloadEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -1,6 +1,6 @@
 """Memory that is free goes back to the system, so that processes do not grow in the course of a long run.
 
-The allocator of the C library on Linux keeps what is free between things that stay: a few bytes per block, for ever.
+The allocator of the C library on Linux keeps what is free between things that stay: a few bytes per block, without end.
 And it keeps a heap for every thread: what one of Zenoh's threads has freed, another one cannot use.
 """
 

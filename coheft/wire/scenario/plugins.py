@@ -45,7 +45,7 @@ def load_plugin(kind: Kind, name: str) -> Any:
     """What an installed package offers under a name.
 
     Raises:
-        PluginError: Nobody offers it, or two packages do, or it cannot be imported.
+        PluginError: No one offers it, or two packages do, or it cannot be imported.
     """
     points = _points(kind, name)
     if not points:

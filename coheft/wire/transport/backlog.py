@@ -1,4 +1,4 @@
-"""What a source has said and nobody has read yet: bounded in memory, and in turn with all other sources."""
+"""What a source has said and no one has read yet: bounded in memory, and in turn with all other sources."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from threading import Lock
 import zenoh
 
 ROOM = 8 * 2**20
-"""For what one source has said and nobody has read yet [B]: minutes of a listener's absence, and no more of its memory
+"""For what one source has said and no one has read yet [B]: minutes of a listener's absence, and no more of its memory
 than that, however much is said."""
 _OVERHEAD = 512
 _BUFFER = 2**16
@@ -33,7 +33,7 @@ class Lost:
 
 
 class Backlog:
-    """What one source has said and nobody has read yet; when there is no room, the oldest goes.
+    """What one source has said and no one has read yet; when there is no room, the oldest goes.
 
     ``put`` is called by Zenoh's own threads. A backlog that is not empty has one turn in the queue of all of them, so
     that no source waits for more than one message of each other source; with every turn goes one ``take``. Items are

@@ -71,7 +71,7 @@ class DialledLink:
     def hang_up(self) -> None:
         """Hear and say nothing more, until the link is renewed.
 
-        The session is closed in the background, because that takes seconds when nobody is at the other end.
+        The session is closed in the background, because that takes seconds when no one is at the other end.
         """
         if not self.session:
             return

@@ -91,7 +91,7 @@ class Inbox:
         self._backlogs: dict[str, Backlog] = {}
         self._kinds: dict[str, tuple[str, type[Message]]] = {}
         self._roles: dict[str, tuple[Role, Any]] = {}
-        self._kept: dict[str, list[Any]] = {}  # by session; a subscriber that nobody holds goes silent
+        self._kept: dict[str, list[Any]] = {}  # by session; a subscriber that no one holds goes silent
 
     def listen(self, session: zenoh.Session, source: str, kinds: dict[str, type[Message]]) -> None:
         """Hear one source.
@@ -193,11 +193,11 @@ class Inbox:
         return self._backlogs.setdefault(source, Backlog(source, self._turns))
 
     def backlog(self, source: str) -> int:
-        """Memory taken by what a source has said and nobody has read yet [B]."""
+        """Memory taken by what a source has said and no one has read yet [B]."""
         return self._backlogs[source].size
 
     def receive(self, timeout: float | None = None) -> Event | None:
-        """The next event, or None if there is none within ``timeout`` [s] (None: wait for ever)."""
+        """The next event, or None if there is none within ``timeout`` [s] (None: wait without limit)."""
         try:
             backlog = self._turns.get(timeout=timeout) if timeout != 0.0 else self._turns.get_nowait()
         except Empty:

@@ -27,7 +27,7 @@ def guard_robot(credentials: Credentials | None, keys: Keys, robot: str) -> Guar
 
 
 def guard_neighbours(credentials: Credentials | None, keys: Keys, own: str, others: Iterable[str]) -> Guard | None:
-    """Neighbour plane: every neighbour speaks for itself only, and hears nobody but us."""
+    """Neighbour plane: every neighbour speaks for itself only, and hears us alone."""
     hears, watches = (keys.agent(own, "*"),), (keys.agent(own, "alive"),)
     return _guard(
         credentials,

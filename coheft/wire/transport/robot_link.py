@@ -73,7 +73,7 @@ class RobotLink:
 
     @property
     def is_settled(self) -> bool:
-        """Whether it is ready and misses nobody."""
+        """Whether it is ready and misses none."""
         return self.is_ready and not self.missing
 
     @property

@@ -40,7 +40,7 @@ def credentials_in(folder: Path, name: str) -> Credentials:
     paths = folder / "authority.crt", folder / f"{name}.crt", folder / f"{name}.key"
     missing = [path.name for path in paths if not path.is_file()]
     if missing:
-        raise CoheftError(f"there is no {' and no '.join(missing)} in {folder}: nobody can be {name} without")
+        raise CoheftError(f"there is no {' and no '.join(missing)} in {folder}: no one can be {name} without")
     return Credentials(authority=str(paths[0]), certificate=str(paths[1]), key=str(paths[2]))
 
 

@@ -63,7 +63,7 @@ _LINK_SETTINGS: dict[str, object] = {
     },
 }
 _DIAL_SETTINGS: dict[str, object] = {
-    # Dial for ever, in the background: processes start in any order.
+    # Dial without end, in the background: processes start in any order.
     "timeout_ms": -1,
     "exit_on_failure": False,
     "retry": {"period_init_ms": 20, "period_max_ms": 50, "period_increase_factor": 1.5},
