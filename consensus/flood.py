@@ -15,7 +15,7 @@ from coheft.wire.messages.size import PER_MESSAGE
 class Flood:
     """One agent's copy of a table with a row per robot; the row with the highest stamp wins.
 
-    A row reaches all robots in as many blocks as the graph's diameter. Agents always tell each other a checksum of their
+    A row reaches all in as many blocks as the graph's diameter. Agents always tell each other a checksum of their
     stamps, and rows from when a neighbour's is known to be another one until it is known to be the same: twice, as a
     rule, and again whenever a message was lost.
     Of a table with more than ``PER_MESSAGE`` rows a message holds the new ones, the first heard first, and others in

@@ -1,6 +1,6 @@
 """Sums up a tree and down again: of all blocks under way, an edge carries one subtotal up and one total down.
 
-An agent's own value of a block waits until its children's subtotals of that block come; the total waits until all robots
+An agent's own value of a block waits until its children's subtotals of that block come; the total waits until all
 have it, so that it leaves everywhere in the same block. Nothing grows with the number of agents but the waiting.
 """
 
