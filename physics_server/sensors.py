@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, WRENCH
+from coheft.estimation.geometry.spatial import Array, rotation_exp
+from coheft.estimation.measurement import SAMPLE_SIZE
+from coheft.estimation.tolerance import SENSORS, SHAPES, SensorTolerance
 from coheft.wire.scenario.schema import Scenario
 
 # Exactly w, v and the proper acceleration a of the grasp frame in its own axes; the order of a sample's columns.
@@ -35,11 +36,11 @@ class Sensors:
 
     Attributes:
         offsets: Constant errors of each robot, shape (N, 15), columns as in ``MeasurementBlock``.
-        gains: Relative ones, shape (N, 15).
+        matrices: What each sensor makes of what it should read, shape (N, 5, 3, 3).
     """
 
     offsets: Array
-    gains: Array
+    matrices: Array
 
     def __init__(self, scenario: Scenario, robots: Sequence[str]) -> None:
         seeds = np.random.SeedSequence(scenario.seed).spawn(len(robots))
@@ -47,10 +48,8 @@ class Sensors:
         for stream in self._streams:
             stream.random(SAMPLE_SIZE)  # former releases drew errors here: so a seed still has the noise that it had
         errors, of_errors = scenario.sensor_errors, [np.random.default_rng(seed.spawn(1)[0]) for seed in seeds]
-        # A sensor's gain is one number: that of its first axis.
-        drawn = np.array([stream.standard_normal((2, SAMPLE_SIZE)) for stream in of_errors])
-        self.offsets = errors.offsets() * drawn[:, 0]
-        self.gains = errors.gains() * np.repeat(drawn[:, 1, ::3], 3, axis=1)
+        self.offsets = errors.offsets() * np.array([stream.standard_normal(SAMPLE_SIZE) for stream in of_errors])
+        self.matrices = np.array([_drawn_matrices(errors, stream) for stream in of_errors])
         self._deviation = scenario.noise.per_column()
 
     def measure(self, kinematics: Array, wrenches: Array) -> Array:
@@ -69,6 +68,17 @@ class Sensors:
             stream.standard_normal(out=rows)
         measured *= self._deviation
         measured += self.offsets[:, None]
-        measured[..., KINEMATICS] += kinematics.swapaxes(0, 1)
-        measured[..., WRENCH] += wrenches.swapaxes(0, 1) * (1.0 + self.gains[:, None, WRENCH])
+        exact = np.concatenate([kinematics, wrenches], axis=2).swapaxes(0, 1).reshape(count, samples, -1, 3, 1)
+        measured += (self.matrices[:, None] @ exact).reshape(measured.shape)
         return measured
+
+
+def _drawn_matrices(errors: SensorTolerance, stream: np.random.Generator) -> Array:
+    """One robot's true matrices, shape (5, 3, 3), sensors in the order of ``SENSORS``."""
+    result = []
+    for sensor in SENSORS:
+        drawn = {shape: errors.of(sensor, shape) * stream.standard_normal(len(each)) for shape, each in SHAPES.items()}
+        mounting = rotation_exp(drawn.pop("mounting"))
+        own = sum(np.tensordot(values, SHAPES[shape], axes=1) for shape, values in drawn.items())
+        result.append((np.eye(3) + own) @ mounting)
+    return np.array(result)

@@ -9,7 +9,7 @@ from scipy import stats
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
-from coheft.estimation.tolerance import SensorTolerance
+from coheft.estimation.tolerance import SENSORS, SHAPES, SensorTolerance
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario.schema import Scenario
 from tests.physics_run import excitation, run, samples, scenario
@@ -92,6 +92,29 @@ def test_errors_are_constant_as_large_as_told_and_each_robots_own():
     for drawn, told in ((of_axes[:, 0], 0.02), (of_axes[:, 3], 0.01)):
         low, high = stats.chi2.ppf([UNLIKELY / 2, 1 - UNLIKELY / 2], drawn.size)
         assert low < np.square(drawn / told).sum() < high
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("shape", ["scale", "cross_talk", "mounting"])
+def test_errors_that_are_proportional_are_as_large_as_told(sensor: str, shape: str):
+    exact, size = scenario("ring24"), 0.01 if shape != "mounting" else 1.0
+    key = f"{sensor}_{shape}" if shape != "mounting" else f"{sensor}_mounting_deg"
+    if key not in SensorTolerance.__struct_fields__:
+        return  # the frame of forces and torques is that of their sensor
+    truth, read = measured(exact, 60), measured(with_errors(exact, tolerance=SensorTolerance(**{key: size})), 60)
+    first = 3 * SENSORS.index(sensor)
+    others = np.r_[0:first, first + 3 : 15]
+    np.testing.assert_allclose(read[:, :, others], truth[:, :, others], atol=1e-12)
+    found = [
+        np.linalg.lstsq(t, r, rcond=None)[0].T - np.eye(3)
+        for t, r in zip(truth[..., first : first + 3], read[..., first : first + 3], strict=True)
+    ]
+    told = SensorTolerance(**{key: size}).of(sensor, shape)
+    drawn = np.array([[np.vdot(matrix, each) / np.vdot(matrix, matrix) for matrix in SHAPES[shape]] for each in found])
+    low, high = stats.chi2.ppf([UNLIKELY / 2, 1 - UNLIKELY / 2], drawn.size)
+    assert low < np.square(drawn / told).sum() < high
+    rest = found - np.tensordot(drawn, SHAPES[shape], axes=1)
+    assert np.abs(rest).max() < 20.0 * told**2
 
 
 def test_true_errors_may_be_others_than_told_or_none():

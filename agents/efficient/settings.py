@@ -9,17 +9,15 @@ from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, WRENCH_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.tolerance import SENSORS, SHAPES
 from coheft.wire.config import AgentConfig
 
 
 def fit_settings(config: AgentConfig, count: int) -> FitSettings:
     """What a robot's fits take for granted in a team of so many."""
     told, row = config.tolerance, RowTimes.of_team(count, config.block, config.rate).row
-    kinds = {
-        "acceleration_bias": told.acceleration_offset,
-        "force_gain": told.force_gain,
-        "torque_gain": told.torque_gain,
-    }
+    kinds = {f"{sensor}_{shape}": told.of(sensor, shape) for shape in SHAPES for sensor in SENSORS}
+    kinds["acceleration_bias"] = told.acceleration_offset
     return FitSettings(
         RowNoise.of_samples(config.noise, row, config.rate),
         row / config.rate,

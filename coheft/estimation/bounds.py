@@ -34,6 +34,7 @@ from coheft.estimation.geometry.body_motion import (
     MOTION_SIZE,
     centripetal_derivative,
     grasp_derivatives,
+    grasp_measurements,
     relative_pose_derivative,
 )
 from coheft.estimation.geometry.spatial import Array, Pose, skew
@@ -136,7 +137,7 @@ class JointInformation:
             all_sensors += chunk[0]
             kinematics += chunk[1]
         deviations = np.array([error.deviation for error in errors])
-        of_wrenches = sum(error.column >= WRENCH.start for error in errors)
+        of_wrenches = sum(error.columns.start >= WRENCH.start for error in errors)
         return JointInformation(poses, inertia_in_reference, all_sensors, kinematics, deviations, of_wrenches)
 
     def __add__(self, other: JointInformation) -> JointInformation:
@@ -194,20 +195,23 @@ class JointInformation:
 
 
 class _Error(NamedTuple):
-    """One unknown constant error: of a robot's sensor, from this column on; a gain is of three columns."""
+    """One unknown constant error of a robot's sensor, in these columns: an offset, or proportional to what is read."""
 
     robot: int
-    column: int
-    is_gain: bool
+    columns: slice
+    matrix: Array | None
     deviation: float
+
+    def effect(self, exact: Array) -> Array:
+        """What a unit of it adds to what the sensor reads, shape (n, c), where it should read ``exact`` (n, c)."""
+        return np.ones_like(exact) if self.matrix is None else exact @ self.matrix.T
 
 
 def _errors(count: int, tolerance: SensorTolerance) -> list[_Error]:
     """All that may be there, those of kinematics first."""
-    offsets, gains = tolerance.offsets(), tolerance.gains()
-    errors = [_Error(i, k, False, offsets[k]) for i in range(count) for k in np.flatnonzero(offsets).tolist()]
-    errors += [_Error(i, k, True, gains[k]) for i in range(count) for k in np.flatnonzero(gains)[::3].tolist()]
-    return sorted(errors, key=lambda error: error.column >= WRENCH.start)
+    offsets = [(slice(k, k + 1), None, deviation) for k, deviation in enumerate(tolerance.offsets()) if deviation > 0.0]
+    errors = [_Error(i, *each) for i in range(count) for each in (*offsets, *tolerance.proportional())]
+    return sorted(errors, key=lambda error: error.columns.start >= WRENCH.start)
 
 
 def _information_of_chunk(
@@ -234,13 +238,14 @@ def _information_of_chunk(
         scaled_adjoint = pose.adjoint() * deviation[WRENCH]
         total_covariance += scaled_adjoint @ scaled_adjoint.T
     for column, error in enumerate(errors, start=6 * count):
-        if error.column < WRENCH.start:
-            by_parameters[:, 9 * error.robot + error.column, column] = 1.0 / deviation[error.column]
+        pose, columns = poses[error.robot], error.columns
+        if columns.start < WRENCH.start:
+            effect = error.effect(grasp_measurements(pose, motion)[:, columns]) / deviation[columns]
+            by_parameters[:, 9 * error.robot + columns.start : 9 * error.robot + columns.stop, column] = effect
             continue
-        first, own = error.column - WRENCH.start, np.zeros((n, 6))
-        axes = slice(first, first + 3 if error.is_gain else first + 1)
-        own[:, axes] = wrenches[:, error.robot, axes] if error.is_gain else 1.0
-        by_parameters[:, -6:, column] = -own @ poses[error.robot].adjoint().T
+        axes, own = slice(columns.start - WRENCH.start, columns.stop - WRENCH.start), np.zeros((n, 6))
+        own[:, axes] = error.effect(wrenches[:, error.robot, axes])
+        by_parameters[:, -6:, column] = -own @ pose.adjoint().T
     by_parameters[:, -6:, -INERTIA_SIZE:] = wrench_regressor(motion) @ barycentric_derivative(inertia)
     by_motion[:, -6:] = wrench_derivative(inertia, motion)
     whitening = np.linalg.inv(np.linalg.cholesky(total_covariance))

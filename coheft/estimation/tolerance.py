@@ -1,33 +1,70 @@
 """How far a robot's sensors may be off, for as long as a run lasts: what a data sheet says.
 
-The model is ``measured = (1 + gain) exact + offset + noise``.
+The model is ``measured = (1 + gain + scale + cross-talk) R(mounting) exact + offset + noise`` for each sensor of three
+axes. The grasp frame is the frame of the force and torque sensor, so this one has no mounting of its own.
 """
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
-from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.measurement import FORCE, SAMPLE_SIZE, TORQUE
+from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array
 
 Deviation = Annotated[float, Meta(ge=0)]
+_AXES = np.eye(3)
+SENSORS = ("gyro", "velocity", "acceleration", "force", "torque")
+"""In the order of a sample's columns, three each."""
+SHAPES = {
+    "gain": _AXES[None],
+    "scale": _AXES[:, :, None] * _AXES[:, None],
+    "mounting": CROSS_OF_AXES,
+    "cross_talk": np.abs(CROSS_OF_AXES),
+}
+"""Of errors that are proportional to what is read: matrices ``E_k`` with ``measured = exact + sum_k e_k E_k exact``."""
+
+
+class Proportional(NamedTuple):
+    """An error that is proportional to what is read.
+
+    Attributes:
+        columns: Of the sensor in a sample.
+        matrix: ``E_k``, shape (3, 3).
+        deviation: Of ``e_k``; of a mounting in rad.
+    """
+
+    columns: slice
+    matrix: Array
+    deviation: float
 
 
 class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Standard deviations of constant errors: of each axis of each robot an offset, of each of its sensors a gain.
+    """Standard deviations of constant errors, which differ from robot to robot.
 
     Attributes:
-        gyro_offset: Of the angular velocity [rad/s].
-        velocity_offset: Of the velocity [m/s].
-        acceleration_offset: Of the acceleration [m/s²].
-        force_offset: Of the force [N].
-        torque_offset: Of the torque [N·m].
+        gyro_offset: Of the angular velocity, each axis [rad/s].
+        velocity_offset: Of the velocity, each axis [m/s].
+        acceleration_offset: Of the acceleration, each axis [m/s²].
+        force_offset: Of the force, each axis [N].
+        torque_offset: Of the torque, each axis [N·m].
         force_gain: Of the force, relative, alike for all axes.
         torque_gain: Of the torque, relative, alike for all axes.
+        gyro_scale: Of the angular velocity, relative, each axis by itself.
+        velocity_scale: Of the velocity, likewise.
+        acceleration_scale: Of the acceleration, likewise.
+        force_scale: Of the force, likewise.
+        torque_scale: Of the torque, likewise.
+        gyro_mounting_deg: How the gyro is turned, about each axis of the force and torque sensor [°].
+        velocity_mounting_deg: How the velocity's sensor is turned [°].
+        acceleration_mounting_deg: How the accelerometer is turned [°].
+        gyro_cross_talk: How much of one axis two others read of each other, relative.
+        velocity_cross_talk: Likewise.
+        acceleration_cross_talk: Likewise.
+        force_cross_talk: Likewise.
+        torque_cross_talk: Likewise.
     """
 
     gyro_offset: Deviation = 0.0
@@ -37,14 +74,39 @@ class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     torque_offset: Deviation = 0.0
     force_gain: Deviation = 0.0
     torque_gain: Deviation = 0.0
+    gyro_scale: Deviation = 0.0
+    velocity_scale: Deviation = 0.0
+    acceleration_scale: Deviation = 0.0
+    force_scale: Deviation = 0.0
+    torque_scale: Deviation = 0.0
+    gyro_mounting_deg: Deviation = 0.0
+    velocity_mounting_deg: Deviation = 0.0
+    acceleration_mounting_deg: Deviation = 0.0
+    gyro_cross_talk: Deviation = 0.0
+    velocity_cross_talk: Deviation = 0.0
+    acceleration_cross_talk: Deviation = 0.0
+    force_cross_talk: Deviation = 0.0
+    torque_cross_talk: Deviation = 0.0
 
     def offsets(self) -> Array:
         """Of each column of a sample, shape (15,)."""
         each = (self.gyro_offset, self.velocity_offset, self.acceleration_offset, self.force_offset, self.torque_offset)
         return np.repeat(each, 3)
 
-    def gains(self) -> Array:
-        """Of each column of a sample, shape (15,); the three of a sensor have one gain in common."""
-        gains = np.zeros(SAMPLE_SIZE)
-        gains[FORCE], gains[TORQUE] = self.force_gain, self.torque_gain
-        return gains
+    def of(self, sensor: str, shape: str) -> float:
+        """The deviation of a sensor's errors of one of ``SHAPES``, of a mounting in rad; 0 where it cannot have any."""
+        if shape == "mounting":
+            degrees: float = getattr(self, f"{sensor}_mounting_deg", 0.0)
+            return float(np.radians(degrees))
+        value: float = getattr(self, f"{sensor}_{shape}", 0.0)
+        return value
+
+    def proportional(self) -> list[Proportional]:
+        """All errors that are proportional to what is read, and not exactly 0."""
+        found = []
+        for place, sensor in enumerate(SENSORS):
+            columns = slice(3 * place, 3 * place + 3)
+            for shape, matrices in SHAPES.items():
+                if (deviation := self.of(sensor, shape)) > 0.0:
+                    found += [Proportional(columns, matrix, deviation) for matrix in matrices]
+        return found

@@ -158,10 +158,11 @@ TOLERANCES = [
     SensorTolerance(gyro_offset=1e-4, velocity_offset=1e-3, acceleration_offset=1e-3),
     SensorTolerance(force_offset=0.01, torque_offset=1e-3, force_gain=1e-3, torque_gain=1e-3),
     SensorTolerance(gyro_offset=1e-4, force_offset=0.01, torque_gain=1e-3),
+    SensorTolerance(gyro_scale=1e-3, acceleration_mounting_deg=0.1, velocity_cross_talk=1e-3, force_scale=1e-3),
 ]
 
 
-@pytest.mark.parametrize("tolerance", TOLERANCES, ids=["kinematics", "wrenches", "some"])
+@pytest.mark.parametrize("tolerance", TOLERANCES, ids=["kinematics", "wrenches", "some", "proportional"])
 def test_errors_of_sensors_are_unknowns_with_a_prior(
     small: tuple[Team, FullProblem, Array], tolerance: SensorTolerance
 ) -> None:
@@ -169,17 +170,14 @@ def test_errors_of_sensors_are_unknowns_with_a_prior(
     bound = JointInformation.of(
         team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise, tolerance
     ).full_bound()
-    axes, sensors = [[column] for column in range(15)], [[9, 10, 11], [12, 13, 14]]
-    kinds = [(tolerance.offsets(), np.ones_like(team.exact), axes), (tolerance.gains(), team.exact, sensors)]
+    offsets = [(slice(k, k + 1), None, deviation) for k, deviation in enumerate(tolerance.offsets()) if deviation > 0.0]
     columns, deviations = [], []
     for robot in range(problem.count):
-        for errors, effect, groups in kinds:
-            for group in groups:
-                if errors[group[0]] > 0.0:
-                    error = np.zeros_like(team.exact)
-                    error[:, robot, group] = effect[:, robot, group]
-                    columns.append((error / team.noise.per_column()).ravel())
-                    deviations.append(errors[group[0]])
+        for place, matrix, deviation in (*offsets, *tolerance.proportional()):
+            error, own = np.zeros_like(team.exact), team.exact[:, robot, place]
+            error[:, robot, place] = 1.0 if matrix is None else own @ matrix.T
+            columns.append((error / team.noise.per_column()).ravel())
+            deviations.append(deviation)
     extended = np.block(
         [
             [jacobian, np.array(columns).T],

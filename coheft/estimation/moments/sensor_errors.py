@@ -15,25 +15,19 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.rows import PRODUCTS, ROW_SIZE, WRENCH, A
+from coheft.estimation.tolerance import SENSORS, SHAPES
 
 ONE, RATES = ROW_SIZE, ROW_SIZE + 1
 """Places of the constant and of the rates in an extended row."""
-_FIRST = {"gyro": 0, "velocity": 3, "acceleration": 6, "force": 12, "torque": 15}
+_FIRST = dict(zip(SENSORS, (0, 3, 6, 12, 15), strict=True))
 _SLOPE_AFTER_GYRO = 9
-_AXES = np.eye(3)
-_MATRICES = {
-    "gain": _AXES[None],
-    "scale": _AXES[:, :, None] * _AXES[:, None],
-    "mount": CROSS_OF_AXES,
-    "shear": np.abs(CROSS_OF_AXES),
-}
 _PLACE_OF_PRODUCT = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]]) + PRODUCTS.start
 
 KINDS = (
     "acceleration_bias",
-    *(f"{sensor}_{what}" for what in _MATRICES for sensor in _FIRST),
+    *(f"{sensor}_{what}" for what in SHAPES for sensor in _FIRST),
     "clock",
     "wrench_delay",
 )
@@ -98,8 +92,8 @@ def _generators(kind: str) -> list[list[Entry]]:
     if kind in ("clock", "wrench_delay"):
         delayed = range(ROW_SIZE) if kind == "clock" else range(WRENCH.start, WRENCH.stop)
         return [[(place, RATES + place, 1.0) for place in delayed]]
-    sensor, what = kind.rsplit("_", 1)
-    return [_of_matrix(_FIRST[sensor], matrix) for matrix in _MATRICES[what]]
+    sensor, _, shape = kind.partition("_")
+    return [_of_matrix(_FIRST[sensor], matrix) for matrix in SHAPES[shape]]
 
 
 def _of_matrix(first: int, matrix: Array) -> list[Entry]:

@@ -22,8 +22,8 @@ from tests.estimation.team import body_motion, smooth
 PERIOD = 0.02
 NOISE = RowNoise.of_samples(SensorNoise(), samples=10, rate=500.0)
 EXACT = SensorErrors({})
-ERRORS = SensorErrors({"acceleration_bias": 0.1, "velocity_gain": 0.02, "gyro_scale": 0.01, "force_shear": 0.01})
-LATE = SensorErrors({"acceleration_bias": 0.1, "gyro_mount": 0.01, "clock": 0.002, "wrench_delay": 0.002})
+ERRORS = SensorErrors({"acceleration_bias": 0.1, "velocity_gain": 0.02, "gyro_scale": 0.01, "force_cross_talk": 0.01})
+LATE = SensorErrors({"acceleration_bias": 0.1, "gyro_mounting": 0.01, "clock": 0.002, "wrench_delay": 0.002})
 """Errors that depend on how fast rows change."""
 
 

@@ -190,7 +190,7 @@ def test_noise_says_nothing_about_all_together() -> None:
 
 def test_turning_a_grasp_and_turning_all_its_sensors_are_one() -> None:
     sensors = ("gyro", "velocity", "acceleration", "force", "torque")
-    errors = SensorErrors({f"{sensor}_mount": 0.01 for sensor in sensors})
+    errors = SensorErrors({f"{sensor}_mounting": 0.01 for sensor in sensors})
     team = make_team(seed=6, number=30)
     body = body_at(team.state(errors), errors)
     for robot, pose in enumerate(team.poses):

@@ -38,12 +38,12 @@ def corrected(x: Array, kind: str, eta: Array) -> Array:
     elif kind == "wrench_delay":
         result[12:18] += eta[0] * x[RATES + 12 : RATES + 18]
     else:
-        sensor, what = kind.split("_")
+        sensor, _, what = kind.partition("_")
         if what == "gain":
             matrix = (1.0 + eta[0]) * np.eye(3)
         elif what == "scale":
             matrix = np.diag(1.0 + eta)
-        elif what == "mount":
+        elif what == "mounting":
             matrix = rotation_exp(eta)
         else:
             x_, y_, z_ = eta
@@ -106,7 +106,7 @@ def test_an_unknown_kind_is_refused_with_a_list_of_kinds() -> None:
 
 @given(st.integers(0, 10_000))
 def test_products_follow_the_gyro(seed: int) -> None:
-    errors = SensorErrors({"gyro_scale": 0.01, "gyro_mount": 0.01, "gyro_shear": 0.01, "gyro_gain": 0.01})
+    errors = SensorErrors({"gyro_scale": 0.01, "gyro_mounting": 0.01, "gyro_cross_talk": 0.01, "gyro_gain": 0.01})
     rng, x = np.random.default_rng(seed), extended_row(seed, errors.width)
     calibrated = errors.step(1e-3 * rng.normal(size=(1, errors.count)))[0] @ x
     np.testing.assert_allclose(calibrated[PRODUCTS], symmetric_products(calibrated[None, W])[0], atol=1e-9)
