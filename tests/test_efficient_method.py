@@ -15,6 +15,7 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.tolerance import SensorTolerance
 from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.estimator_settings import EfficientSettings
+from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.payload import Box, Payload
 from coheft.wire.scenario.schema import Graph, Grasp, LoadChange, Perimeter, Scenario
 from tests.in_process import Recording, assert_good, changed, run_with_faults
@@ -201,6 +202,16 @@ def test_constant_offsets_of_force_and_torque_sensors_are_estimated_along() -> N
     unaware = run_with_faults(msgspec.structs.replace(base, sensors=biased))
     for estimate in unaware.last().values():
         assert estimate.status != "valid"
+
+
+def test_scales_mountings_and_offsets_of_all_sensors_are_estimated_along() -> None:
+    """The sensors of ``real3``; a load is dropped at 6 s."""
+    sensors = load_scenario("real3").sensors
+    told = scenario(duration=12.0, load_changes=(DROPPED,), sensors=sensors)
+    recording = run_with_faults(told)
+    assert_sure_and_right(recording)
+    assert_possible(recording)
+    assert {len(noticed) for noticed in changes(recording).values()} == {1}
 
 
 def test_forgetting_recovers_from_a_change_too() -> None:
