@@ -38,9 +38,9 @@ def test_what_is_of_this_release_stays_as_it_is() -> None:
 
 
 def test_a_schedule_of_a_former_release_is_read(tmp_path: Path) -> None:
-    schedule = draw_schedule(3)
+    schedule = draw_schedule(3, is_exact=True)
     table = msgspec.to_builtins(schedule)
-    del table["scenario"]["sensors"]["tolerance"], table["scenario"]["sensors"]["errors"]
+    del table["scenario"]["sensors"]["errors"]
     table["scenario"]["sensors"]["offset"] = dict.fromkeys(("gyro", "velocity", "acceleration", "force", "torque"), 0.0)
     table["scenario"]["efficient"] |= {"start_rotation_deg": 1.0, "start_translation_mm": 20.0, "offsets": False}
     path = tmp_path / "former.json"

@@ -172,7 +172,8 @@ class EfficientEstimator:
 def _in_words(verdict: Verdict, names: list[str]) -> str:
     """Why nothing can be said of the load."""
     if verdict.rival is None:
-        return verdict.outcome.value
+        which = "" if verdict.robot is None else f"; {names[verdict.robot]} stands out"
+        return verdict.outcome.value + which
     robot, sensor = verdict.rival
     which = f"a {sensor} sensor" if robot is None else f"the {sensor} sensor of {names[robot]}"
     return f"either the load has changed or {which} reads something in excess"

@@ -12,6 +12,7 @@ import numpy as np
 
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.sight import Sight
+from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.misfit import Settled, excess_energy, explanations, worst_misfit
@@ -22,6 +23,8 @@ from coheft.estimation.moments.unknowns import THETA
 
 _JUDGED = 256
 """So many of the newest rows are looked at; older ones have been."""
+_SEEN = 0.1
+"""Share of a sensor error's prior variance that has to be gone for it to be judged."""
 _POSE, _MOTION, _LOAD = 6, 12, 10
 """Numbers that a fit takes from the residuals: of each pose, of each row's motion, of the load."""
 
@@ -31,16 +34,18 @@ class Outcome(Enum):
 
     FITS = "all rows fit"
     NO_BODY = "motions do not fit one rigid body: a sensor may be off"
+    MORE_THAN_TOLD = "sensors are off by more than their tolerances say"
     NO_LOAD = "wrenches fit no load: a force or torque sensor may be off"
     UNDECIDED = "either the load has changed or a sensor reads something in excess"
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """An outcome, and the robot and sensor that would explain it if it is undecided."""
+    """An outcome, the robot and sensor that would explain it if it is undecided, and the robot that stands out."""
 
     outcome: Outcome
     rival: tuple[int | None, str] | None = None
+    robot: int | None = None
 
 
 def judge(
@@ -63,7 +68,10 @@ def judge(
     wrench, count = wrench[max(0, buffer.start - first) :], estimate.body.count
     freedom = len(motion) * (KINEMATICS_SIZE * count - _MOTION) - _POSE * (count - 1)
     if not _fits(motion, freedom, guards.largest_motion_misfit, guards):
-        return Verdict(Outcome.NO_BODY)
+        worst = worst_misfit(motion)
+        return Verdict(Outcome.NO_BODY, robot=None if worst is None else worst.source)
+    if (robot := _off_by_more_than_told(estimate, guards)) is not None:
+        return Verdict(Outcome.MORE_THAN_TOLD, robot=robot)
     if not _fits(wrench, wrench.size - _LOAD, guards.largest_wrench_misfit, guards):
         return Verdict(Outcome.NO_LOAD)
     found = explanations(estimate.body, wrench_moments(estimate.body, buffer.moments()[1]), assumed)
@@ -83,6 +91,26 @@ def _has_another_mass(estimate: Estimate, settled: Settled, guards: Guards) -> b
         return True
     variance = estimate.covariance[theta, theta][0, 0] + settled.covariance[0, 0]
     return bool((load[THETA] - settled.load[THETA])[0] ** 2 > guards.least_mass_change * variance)
+
+
+def _off_by_more_than_told(estimate: Estimate, guards: Guards) -> int | None:
+    """A robot whose sensors are off by more than a data sheet lets expect; None if there is none.
+
+    Found errors in prior deviations are ``h ~ N(0, 1 - P)`` where ``P`` is what is still uncertain of them: along each
+    direction that has been seen, ``h^2 / (1 - P)`` is chi-square.
+    """
+    unknowns = estimate.body.unknowns
+    deviations = unknowns.errors.deviations
+    if not len(deviations):
+        return None
+    for robot, (found, places) in enumerate(zip(estimate.state.eta, unknowns.eta, strict=True)):
+        uncertain = estimate.covariance[np.ix_(places, places)] / np.outer(deviations, deviations)
+        seen, directions = np.linalg.eigh(np.eye(len(places)) - uncertain)
+        is_seen = seen > _SEEN
+        square = np.square(found / deviations @ directions[:, is_seen]) / seen[is_seen]
+        if is_seen.any() and square.sum() > chi_square_threshold(int(is_seen.sum()), guards.tolerance):
+            return robot
+    return None
 
 
 def _fits(residuals: Array, freedom: float, largest: float, guards: Guards) -> bool:

@@ -198,12 +198,13 @@ class Session:
         sight, buffer = self._known.sight, self._known.buffer
         self.verdict = judge(estimate, sight, buffer, guards, self._settled, has_offset)
         first = buffer.count
-        if self.stage is Stage.GATHERING and self.verdict.outcome is not Outcome.NO_BODY:
+        is_body = self.verdict.outcome not in (Outcome.NO_BODY, Outcome.MORE_THAN_TOLD)
+        if self.stage is Stage.GATHERING and is_body:
             since, size = sight.likeliest_change(buffer)
             if size > guards.fresh_change:
                 self.verdict, first = Verdict(Outcome.NO_LOAD), buffer.start + since
         match self.verdict.outcome:
-            case Outcome.NO_BODY:
+            case Outcome.NO_BODY | Outcome.MORE_THAN_TOLD:
                 self._start_over()
             case Outcome.NO_LOAD:
                 self._forget_load(first, Event.MISFIT, estimate)

@@ -46,6 +46,7 @@ class Guards:
             any fault. There are some 250 windows per second and robot, so this is one in many years.
         lasting: A contradiction that lasts so long may be the poses' own: all begins anew [s].
         misfit: Probability that a stretch of rows fits as badly as that without any fault; a fit has some ten thousand.
+        tolerance: Probability that the sensors of a robot are off by so much more than told, if tolerances are right.
         energy: Standard deviations by which the sum of squares of all residuals may be larger than noise makes it.
         noise_tolerance: Share by which the variance of noise may be larger than it was told to be.
         excess: Probability that a sensor seems to explain wrenches of another load, without reading anything in excess.
@@ -72,6 +73,7 @@ class Guards:
     contradiction: float = 1e-11
     lasting: float = 1.5
     misfit: float = 1e-13
+    tolerance: float = 1e-8
     energy: float = 6.0
     noise_tolerance: float = 0.2
     excess: float = 1e-4

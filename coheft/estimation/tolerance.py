@@ -110,3 +110,20 @@ class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
                 if (deviation := self.of(sensor, shape)) > 0.0:
                     found += [Proportional(columns, matrix, deviation) for matrix in matrices]
         return found
+
+
+INDUSTRIAL = SensorTolerance(
+    gyro_offset=0.005,
+    gyro_scale=0.005,
+    gyro_mounting_deg=0.5,
+    velocity_scale=0.005,
+    velocity_mounting_deg=0.5,
+    acceleration_offset=0.05,
+    acceleration_scale=0.005,
+    acceleration_mounting_deg=0.5,
+    force_offset=1.0,
+    force_scale=0.005,
+    torque_offset=0.05,
+    torque_scale=0.005,
+)
+"""Of a good industrial arm, with a force and torque sensor at its wrist and an IMU beside it."""

@@ -175,7 +175,7 @@ def test_a_schedule_that_was_simplified_breaks_the_promise_still(
 ) -> None:
     """The loss has nothing to do with it."""
     monkeypatch.chdir(tmp_path)
-    drawn = draw_schedule(0)
+    drawn = draw_schedule(0, is_exact=True)
     perimeter = drawn.scenario.robots.perimeter
     assert perimeter is not None
     three = _replace(drawn.scenario.robots, perimeter=_replace(perimeter, count=3))

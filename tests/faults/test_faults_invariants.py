@@ -33,7 +33,7 @@ BLOCK = 0.1
 
 
 def schedule(*faults: AnyFault, changes: tuple[LoadChange, ...] = ()) -> FaultSchedule:
-    drawn = draw_schedule(1)
+    drawn = draw_schedule(1, is_exact=True)
     sensors = msgspec.structs.replace(drawn.scenario.sensors, rate=100, block=10)
     scenario = msgspec.structs.replace(drawn.scenario, load_changes=changes, duration=10.0, sensors=sensors)
     return msgspec.structs.replace(drawn, faults=faults, scenario=scenario)

@@ -33,7 +33,7 @@ END = 1000.0
 
 
 def schedule(*faults: AnyFault) -> FaultSchedule:
-    return msgspec.structs.replace(draw_schedule(0), faults=faults)
+    return msgspec.structs.replace(draw_schedule(0, is_exact=True), faults=faults)
 
 
 def said(block: int, sender: str = "r1", incarnation: int = 0) -> NeighbourMessage:

@@ -13,7 +13,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import ACCELERATION, FORCE, GYRO
 
 BLOCKS = 50
-SCHEDULE = draw_schedule(0)
+SCHEDULE = draw_schedule(0, is_exact=True)
 SIZE, PERIOD = SCHEDULE.scenario.sensors.block, SCHEDULE.scenario.block_duration
 TRUE = np.random.default_rng(4).normal(scale=30.0, size=(BLOCKS * SIZE, 15))
 FIRST, END = 10 * SIZE + 1, 30 * SIZE - 1

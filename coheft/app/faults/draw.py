@@ -32,6 +32,7 @@ from coheft.app.faults.schedule import (
     SensorFault,
 )
 from coheft.consensus.graph import build_graph
+from coheft.estimation.tolerance import INDUSTRIAL, SensorTolerance
 from coheft.wire.scenario.payload import Box, Payload
 from coheft.wire.scenario.schema import Graph, LoadChange, Motion, Perimeter, Robots, Scenario, Sensors
 from coheft.wire.scenario.section import Vector
@@ -60,14 +61,19 @@ T = TypeVar("T")
 _replace = msgspec.structs.replace
 
 
-def draw_schedule(seed: int, delayed: bool | None = None) -> FaultSchedule:
+def draw_schedule(seed: int, delayed: bool | None = None, is_exact: bool | None = None) -> FaultSchedule:
     """The schedule of a seed.
 
     Args:
         seed: Any number of at least 0.
         delayed: Whether everything happens ``DELAY`` later. None: every other seed.
+        is_exact: Whether sensors are exact but for noise and faults, or those of an industrial arm, off as far as
+            robots are told. None: two of four seeds.
     """
     schedule = _draw_early(seed)
+    if seed % 4 >= 2 if is_exact is None else not is_exact:
+        sensors = _replace(schedule.scenario.sensors, tolerance=INDUSTRIAL)
+        schedule = _replace(schedule, scenario=_replace(schedule.scenario, sensors=sensors))
     if seed % 2 if delayed is None else delayed:
         schedule = _later(schedule)
     return _long_enough(schedule)
@@ -136,7 +142,12 @@ class _Team:
             payload=Payload(boxes=(plate, lump)),
             robots=self._robots,
             graph=self._graph,
-            sensors=Sensors(rate=100, block=self._block, noise_scale=_round(0.3 * 3.0 ** rng.random())),
+            sensors=Sensors(
+                rate=100,
+                block=self._block,
+                noise_scale=_round(0.3 * 3.0 ** rng.random()),
+                tolerance=SensorTolerance(),
+            ),
             motion=Motion(rotation=0.3, ramp=_round(rng.uniform(0.3, 1.0))),
             load_changes=tuple(self._load_change(time, number) for number, time in enumerate(changes)),
             duration=duration,

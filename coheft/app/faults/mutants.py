@@ -98,6 +98,7 @@ SWITCHED_OFF = {
     "contradiction": 1e-300,
     "lasting": 1e9,
     "misfit": 1e-300,
+    "tolerance": 1e-300,
     "energy": 1e9,
     "noise_tolerance": 0.0,
     "excess": 1e-300,

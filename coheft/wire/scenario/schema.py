@@ -8,7 +8,7 @@ from msgspec import Meta, field
 
 from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.measurement import Positive, SensorNoise
-from coheft.estimation.tolerance import SensorTolerance
+from coheft.estimation.tolerance import INDUSTRIAL, SensorTolerance
 from coheft.wire.scenario.carry import Carry
 from coheft.wire.scenario.encoders import EncoderErrors
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, SeedSettings
@@ -108,7 +108,8 @@ class Sensors(Section, frozen=True):
         block: Samples that travel in one message.
         noise: Standard deviations per sample, with ``noise_scale`` at least a thousandth of the default.
         noise_scale: Multiplies all of ``noise``. Not 0: estimators weigh samples by their noise.
-        tolerance: How far sensors may be off, as the robots are told. They estimate what is not 0 along.
+        tolerance: How far sensors may be off, as the robots are told, who estimate what is not 0 along. A scenario that
+            says nothing has sensors of a good industrial arm; ``{}`` has exact ones.
         errors: How far they are off: ``drawn`` from the tolerance, ``none``, or drawn from standard deviations of their
             own, of which no robot is told.
         encoders: How exactly recordings tell the wrists' poses and forces. Without it they hold the sensors' samples.
@@ -118,7 +119,7 @@ class Sensors(Section, frozen=True):
     block: Annotated[int, Meta(ge=2, le=200)] = 10
     noise: SensorNoise = SensorNoise()
     noise_scale: Positive = 1.0
-    tolerance: SensorTolerance = SensorTolerance()
+    tolerance: SensorTolerance = INDUSTRIAL
     errors: Literal["drawn", "none"] | SensorTolerance = "drawn"
     encoders: EncoderErrors | None = None
 
