@@ -8,10 +8,11 @@ import msgspec
 import numpy as np
 
 from coheft.errors import ScenarioError
+from coheft.estimation.tolerance import SensorTolerance
 from coheft.wire.scenario.checks import check_scenario
 from coheft.wire.scenario.errors import explain
 from coheft.wire.scenario.payload import Box, Payload
-from coheft.wire.scenario.schema import Graph, GraphKind, Motion, Perimeter, Robots, Scenario
+from coheft.wire.scenario.schema import Graph, GraphKind, Motion, Perimeter, Robots, Scenario, Sensors
 from coheft.wire.scenario.set_values import set_values
 
 RANDOM = "random"
@@ -47,6 +48,7 @@ def random_team(seed: int, values: Sequence[str] = ()) -> Scenario:
         payload=Payload(boxes=(plate, lump)),
         robots=Robots(perimeter=perimeter),
         graph=graph,
+        sensors=Sensors(tolerance=SensorTolerance()),
         motion=Motion(translation=number(0.03, 0.08), rotation=number(0.1, 0.4)),
         duration=_LONGEST,
         seed=seed,
