@@ -24,6 +24,11 @@ settings.load_profile("coheft")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+# Tests that run side by side start teams with many ports: each worker has its own ones.
+_WORKER = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
+_FIRST_PORT = 20000 + 1500 * (int(_WORKER) % 8)
+os.environ["COHEFT_PORTS"] = f"{_FIRST_PORT}-{_FIRST_PORT + 1499}"
+
 _REQUIRED = "--require-everything"
 
 

@@ -148,7 +148,7 @@ class AgentLinks:
         """Cut a link, or mend it; one that is cut looks as if the neighbour had gone."""
         other = request.neighbour
         if other not in self._neighbours:
-            dialled = ", ".join(self._neighbours) or "nobody"
+            dialled = ", ".join(self._neighbours) or "no one"
             question.answer(Refusal(reason=f"{self._name} dials {dialled}: only who dials {other} can cut that link"))
             return None
         has_changed = request.cut != (other in self._cut)

@@ -127,7 +127,7 @@ def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
         to_server: dict[str, Message | bytes] = {
             "not a Reference": b"rubbish",
             f"version {PROTOCOL_VERSION + 1}": Ready(version=PROTOCOL_VERSION + 1, robot=first),
-            "robot is 'no one'": Reference(robot="nobody", block=now, answers=now, motion=motion, wrench=np.zeros(6)),
+            "robot is 'nobody'": Reference(robot="nobody", block=now, answers=now, motion=motion, wrench=np.zeros(6)),
             "was answered already": Reference(
                 robot=first, block=now, answers=now, motion=motion * np.nan, wrench=np.zeros(6)
             ),
@@ -142,7 +142,7 @@ def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
             )
 
         to_agent: dict[str, Message | bytes] = {
-            "sender is 'no one'": NeighbourMessage(sender="nobody", block=now, gossip=[], channels={}),
+            "sender is 'nobody'": NeighbourMessage(sender="nobody", block=now, gossip=[], channels={}),
             "1000000": said(1000000),
             f"{now + 1}": said(now + 1, long_past),
             f"{now + 2}": said(now + 2, never),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
+import os
 import random
 import re
 import socket
@@ -131,19 +132,38 @@ def load_hosts(path: Path, scenario: Scenario) -> Hosts:
 def free_ports(number: int) -> list[int]:
     """Different ports of the loopback interface on which no one listens now.
 
+    The environment variable ``COHEFT_PORTS`` may hold the first and the last one that can be used, ``21000-21999``: two
+    runs that begin at the same moment could else choose the same port.
+
     Raises:
         LinkError: There are not enough.
     """
-    found: list[int] = []
-    for port in random.sample(_PORTS, len(_PORTS)):
+    ports, found = _usable_ports(), list[int]()
+    for port in random.sample(ports, len(ports)):
         if len(found) == number:
             break
         with socket.socket() as candidate, contextlib.suppress(OSError):
             candidate.bind((LOOPBACK, port))
             found.append(port)
     if len(found) < number:
-        raise LinkError(f"found {len(found)} free ports from {_PORTS[0]} to {_PORTS[-1]}, but the run needs {number}")
+        raise LinkError(f"found {len(found)} free ports from {ports[0]} to {ports[-1]}, but the run needs {number}")
     return found
+
+
+def _usable_ports() -> range:
+    """What ``COHEFT_PORTS`` says, or all that are commonly free.
+
+    Raises:
+        LinkError: It says something else.
+    """
+    chosen = os.environ.get("COHEFT_PORTS", "")
+    if not chosen:
+        return _PORTS
+    found = re.fullmatch(r"(\d{1,5})-(\d{1,5})", chosen)
+    first, last = map(int, found.groups()) if found else (0, 0)
+    if not 1024 <= first <= last <= _LARGEST_PORT:
+        raise LinkError(f"COHEFT_PORTS is {chosen!r}, expected two ports from 1024 on, such as 21000-21999")
+    return range(first, last + 1)
 
 
 def _is_host(host: str) -> bool:
