@@ -1,1 +1,1 @@
-"""What a cart is and how it moves: model, filter, learner and control. Imports only ``geometry`` beside it."""
+"""What a cart is and how it moves: model, filter, learner and control."""

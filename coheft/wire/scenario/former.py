@@ -14,7 +14,7 @@ def as_now(scenario: dict[str, Any]) -> dict[str, Any]:
     """A scenario's table with the keys of this release; what is not of a former one stays as it is.
 
     Largest constant errors (``sensors.offset``) become standard deviations of true errors, and what robots were told of
-    them (``efficient.offsets``) tolerances.
+    them (``efficient.offsets``) tolerances. Robots that were told nothing have this release's tolerances.
     """
     result = dict(scenario)
     if isinstance(efficient := scenario.get("efficient"), dict):
