@@ -280,8 +280,8 @@ def main() -> None:
     parser.add_argument("--against", metavar="PATH", type=Path, help="another checkout, measured in the same turns")
     chosen = parser.parse_args()
     against = None if chosen.against is None else chosen.against.resolve()
-    if against is not None and not (against / "coheft" / "agents" / "agent.py").is_file():
-        parser.error(f"{against} is no checkout of coheft, or one of a version whose agents were not in coheft.agents")
+    if against is not None and not (against / "coheft" / "agents" / "process" / "main.py").is_file():
+        parser.error(f"{against} is no checkout of coheft, or one of a version whose modules were elsewhere")
     try:
         teams = [int(team) for team in chosen.teams.split(",")]
     except ValueError:
