@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NoReturn
+
 _QUOTED = 400
 """Longest text from elsewhere that is shown, in characters."""
 
@@ -26,6 +28,11 @@ class UsageError(CoheftError):
 
 class ScenarioError(CoheftError):
     """A scenario file cannot be used as it is."""
+
+
+def refuse_scenario(place: str, what: str) -> NoReturn:
+    """Raise a ``ScenarioError`` that says where in a scenario it is and what is wrong, which may quote a file."""
+    raise ScenarioError(f"{place}: {one_line(what)}")
 
 
 class MessageError(CoheftError):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from coheft.errors import LoadError, SimulationError
+from coheft.errors import LoadError, SimulationError, one_line
 from coheft.estimation.geometry.spatial import Array, rotation_from_quaternion
 from coheft.estimation.measurement import ACCELERATION, WRENCH
 from coheft.physics_server.arms.impedance import Arms
@@ -21,6 +21,7 @@ from coheft.physics_server.loads import Loads
 from coheft.physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name
 from coheft.physics_server.sensors import READINGS, Sensors
 from coheft.wire.messages.structs import BoxShape, LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
+from coheft.wire.process.log import LOG
 from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 from coheft.wire.scenario.section import Vector
@@ -110,6 +111,8 @@ class Simulation:
             home=_vector(PAYLOAD_HOME.translation),
         )
         self.block = 0
+        if mujoco.get_mju_user_warning() is None:  # it would write a file into the folder where the user happens to be
+            mujoco.set_mju_user_warning(_warn)
         self.model = build_model(scenario, grasps)
         self.data = mujoco.MjData(self.model)
         arms = TorqueArms if scenario.robots.arms == "seven-joint" else Arms
@@ -348,3 +351,7 @@ def _encoders_of(scenario: Scenario, robots: Sequence[str]) -> Encoders | None:
     from coheft.physics_server.arms.encoders import Encoders  # takes longer to load than all the rest of a server
 
     return Encoders(errors, scenario, robots)
+
+
+def _warn(text: str) -> None:
+    LOG.warning("MuJoCo warns: %s", one_line(text))

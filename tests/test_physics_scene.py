@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import msgspec
+import mujoco
 import numpy as np
 import pytest
 
 from coheft.estimation.geometry.spatial import Pose
 from coheft.physics_server.scene import PAYLOAD_HOME, home_name
 from coheft.physics_server.simulation import Simulation
+from coheft.wire.process.log import LOG
 from coheft.wire.scenario.file import available_scenarios, load_scenario
 from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.schema import Perimeter
@@ -84,3 +88,18 @@ def test_scene_tells_where_the_engines_sites_are():
         for site, expected in ((name, payload_pose @ grasp), (home_name(name), PAYLOAD_HOME @ grasp)):
             np.testing.assert_allclose(data.site(site).xmat.reshape(3, 3), expected.rotation, atol=1e-12)
             np.testing.assert_allclose(data.site(site).xpos, expected.translation, atol=1e-12)
+
+
+def test_what_mujoco_warns_of_leaves_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    simulation = Simulation(scenario())
+    LOG.addHandler(caplog.handler)
+    try:
+        simulation.data.qvel[:] = np.inf
+        mujoco.mj_step(simulation.model, simulation.data)
+    finally:
+        LOG.removeHandler(caplog.handler)
+    assert "MuJoCo warns: " in caplog.text
+    assert list(tmp_path.iterdir()) == []

@@ -79,9 +79,11 @@ class Payload(Section, frozen=True):
     Attributes:
         boxes: What it is made of, fixed to each other.
         properties: Instead: what it weighs.
-        mjcf: Instead: MuJoCo model, of which one body is held. The payload's frame is the frame of that body.
-        body: Name of that body, if the model has several.
-        mesh: Instead: its closed surface, an STL (binary), OBJ or MSH file, homogeneous inside. The payload's frame is
+        mjcf: Instead: MuJoCo model (MJCF or URDF), of which one body is held. The payload's frame is the frame of that
+            body.
+        body: Name of that body, if the model has several and not one alone floats. One without a name is ``body N``,
+            counted from 1 in the order of the file.
+        mesh: Instead: its closed surface, an STL, OBJ, PLY or MSH file, homogeneous inside. The payload's frame is
             the frame of the mesh.
         density: Of the mesh [kg/m³].
         mass: Of the mesh, instead of its density [kg].

@@ -21,6 +21,8 @@ from coheft.wire.scenario.section import pose_of
 
 LARGEST = 20.0
 """Length of the largest payload [m]."""
+_SMALLEST = 0.005
+"""Length of the smallest payload from a file [m]."""
 ARM_ROOM = 0.3
 """Grasps and loads may be so far outside of however small a payload [m]: frames of wrists lie behind the hand."""
 _UNSEEN = 10.0
@@ -79,6 +81,18 @@ class Extent:
         """
         if not self.length <= LARGEST:
             raise ScenarioError(f"{place}: {what} is {self.length:g} m long, expected at most {LARGEST:g} m: {advice}")
+
+    def check_file_size(self, place: str, what: str, advice_if_large: str, advice_if_small: str) -> None:
+        """Check that a payload from a file has the size of something that robots hold together.
+
+        Raises:
+            ScenarioError: It is too large or too small, so the file's unit will be another one.
+        """
+        self.check_size(place, what, advice_if_large)
+        if self.length < _SMALLEST:
+            raise ScenarioError(
+                f"{place}: {what} is {self.length:g} m long, expected at least {_SMALLEST:g} m: {advice_if_small}"
+            )
 
     def check_position(self, place: str, what: str, position: Iterable[float]) -> None:
         """Check that a grasp or a load is not too far outside.

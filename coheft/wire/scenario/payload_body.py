@@ -1,0 +1,217 @@
+"""The body of a model that is held: what it weighs, how far it reaches, and where its sites are.
+
+The mass properties are those that MuJoCo computes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from coheft.errors import refuse_scenario
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion, rotation_log
+from coheft.estimation.rigid_body.mass_properties import Inertia, combined
+from coheft.wire.process.log import LOG
+from coheft.wire.scenario.payload import MassProperties, vector_of
+from coheft.wire.scenario.payload_extent import Extent, corners
+from coheft.wire.scenario.payload_model import PayloadModel
+from coheft.wire.scenario.schema import Grasp
+
+if TYPE_CHECKING:
+    import mujoco
+
+_NAMES_SHOWN = 12
+_SMALL_SHARE = 1e-3
+"""Share of the mass from which shapes that collide with nothing are remarked."""
+_SMALL_DIFFERENCE = 0.01
+"""Difference of a mass or a moment of inertia, as a share of it, from which fillings of meshes are remarked."""
+
+
+@dataclass(frozen=True)
+class HeldBody:
+    """A body of a model, and all bodies that are fixed to it.
+
+    Attributes:
+        model: The model.
+        root: Number of the body, whose frame is the payload's frame.
+        inside: Numbers of the body and of all below it; parents come before their children.
+    """
+
+    model: PayloadModel
+    root: int
+    inside: tuple[int, ...]
+
+    @classmethod
+    def find(cls, model: PayloadModel, name: str | None, place: str) -> Self:
+        """The body that is named, or else the one that floats, or else the only one.
+
+        Raises:
+            ScenarioError: There is no such body, there are several, or it is not one rigid body.
+        """
+        compiled = model.compiled
+        names = [compiled.body(body).name for body in range(1, compiled.nbody)]
+        if name is None:
+            tops = model.floating or [body for body in range(1, compiled.nbody) if compiled.body_parentid[body] == 0]
+            if not tops:
+                refuse_scenario(
+                    place, "the model has no body: expected what is held inside of a <body>, not of <worldbody> alone"
+                )
+            if len(tops) > 1:
+                found = _listed(compiled.body(body).name for body in tops)
+                refuse_scenario(place, f"it is missing, but the model has several: {found}")
+            root = tops[0]
+        elif name in names:
+            root = 1 + names.index(name)
+        else:
+            refuse_scenario(place, f"found {name!r}, but there is no such body; there are: {_listed(names)}")
+        inside = [root]
+        for body in range(root + 1, compiled.nbody):
+            if compiled.body_parentid[body] in inside:
+                inside.append(body)
+        held = cls(model, root, tuple(inside))
+        held._check_is_rigid(place)
+        return held
+
+    def mass_properties(self, place: str) -> MassProperties:
+        """Of all of it, in the body's frame.
+
+        Raises:
+            ScenarioError: It has no mass, or mass without extent.
+        """
+        with np.errstate(all="ignore"):
+            whole = self._inertia(self.model.compiled)
+            if whole is None:
+                refuse_scenario(place, f"body {self._name!r} has no mass: give its geoms a density or a mass")
+            is_solid = np.all(np.isfinite(whole.tensor)) and np.all(np.linalg.eigvalsh(whole.pseudo_inertia()) > 0.0)
+        if not is_solid:
+            refuse_scenario(place, f"a body of {whole.mass:g} kg with such moments of inertia has no extent somewhere")
+        return MassProperties.of(whole)
+
+    def extent(self, properties: MassProperties) -> Extent:
+        """Of its shapes, or, if it has none, of a box with its mass properties."""
+        import mujoco
+
+        model, frames = self.model.compiled, self._frames()
+        unbounded = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+        points = []
+        for geom in range(model.ngeom):
+            body, kind = model.geom_bodyid[geom], model.geom_type[geom]
+            if body not in self.inside or kind in unbounded:
+                continue
+            on_root = frames[self.root].inverse() @ frames[body] @ _pose(model.geom_pos[geom], model.geom_quat[geom])
+            if kind == mujoco.mjtGeom.mjGEOM_MESH:
+                mesh = model.geom_dataid[geom]
+                vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+                points.append(vertices @ on_root.rotation.T + on_root.translation)
+            else:
+                middle, halves = model.geom_aabb[geom].reshape(2, 3)
+                points.append(corners(on_root @ Pose(np.eye(3), middle), 2.0 * halves))
+        return Extent.around(np.concatenate(points)) if points else Extent.like(properties)
+
+    def grasps(self, names: Sequence[str], extent: Extent, place: str) -> tuple[Grasp, ...]:
+        """Sites that are fixed to it, as grasps in its frame.
+
+        Raises:
+            ScenarioError: There is no such site, it is named twice, or it is far outside of the body.
+        """
+        model, frames = self.model.compiled, self._frames()
+        sites = {model.site(site).name: site for site in range(model.nsite) if model.site_bodyid[site] in self.inside}
+        grasps = []
+        for count, name in enumerate(names):
+            if name in names[:count]:
+                refuse_scenario(place, f"found {name!r} twice, but expected a site of its own for each robot")
+            if name not in sites:
+                known = _listed(filter(None, sites))
+                refuse_scenario(place, f"found {name!r}, but body {self._name!r} has no such site; it has: {known}")
+            site = sites[name]
+            on_body = _pose(model.site_pos[site], model.site_quat[site])
+            pose = frames[self.root].inverse() @ frames[model.site_bodyid[site]] @ on_body
+            extent.check_position(place, f"site {name!r}", pose.translation)
+            grasps.append(Grasp(vector_of(pose.translation), vector_of(np.degrees(rotation_log(pose.rotation)))))
+        return tuple(grasps)
+
+    def remark_doubts(self, place: str) -> None:
+        """Write to the log what weighs something, but may not be meant to."""
+        whole = self._inertia(self.model.compiled)
+        solid = self._inertia(self.model.without_looks)
+        exact = self._inertia(self.model.with_exact_meshes)
+        if whole is None:
+            return
+        looks = whole.mass - solid.mass if solid is not None else 0.0
+        if looks > _SMALL_SHARE * whole.mass:
+            LOG.warning(
+                f"coheft: {place}: {looks:.4g} kg of {whole.mass:.4g} kg, {looks / whole.mass:.0%}, are of shapes that "
+                f"collide with nothing (contype and conaffinity 0); if they are there for their looks only, give them "
+                f"mass = 0"
+            )
+        if exact is not None and not _alike(whole, exact):
+            LOG.warning(
+                f"coheft: {place}: MuJoCo fills meshes by a rule that is exact for convex ones only, which makes "
+                f"{whole.mass:.4g} kg; up to their surfaces there would be {exact.mass:.4g} kg with other moments of "
+                f"inertia, as 'payload.mesh' has it: give these meshes inertia=\"exact\" if that is meant"
+            )
+
+    @property
+    def _name(self) -> str:
+        name: str = self.model.compiled.body(self.root).name
+        return name
+
+    def _check_is_rigid(self, place: str) -> None:
+        """Check that nothing moves against it of all that is below it."""
+        import mujoco
+
+        model = self.model.compiled
+        expected = "expected one rigid body, which may have a free joint, but none of another kind and none inside"
+        for joint in range(model.njnt):
+            kind, body = mujoco.mjtJoint(model.jnt_type[joint]), model.jnt_bodyid[joint]
+            if body in self.inside and not (body == self.root and kind == mujoco.mjtJoint.mjJNT_FREE):
+                what = f"{model.joint(joint).name or 'without a name'}, {kind.name.removeprefix('mjJNT_').lower()}"
+                refuse_scenario(place, f"body {self._name!r} has a joint ({what}): {expected}")
+        for body in self.model.floating:
+            if body in self.inside and body != self.root:
+                other = model.body(body).name
+                refuse_scenario(place, f"body {self._name!r} has a free joint, of {other!r} below it: {expected}")
+
+    def _inertia(self, model: mujoco.MjModel | None) -> Inertia | None:
+        """In the body's frame, by a variant of the model; None if nothing of it has mass."""
+        if model is None:
+            return None
+        frames = self._frames()
+        parts = [
+            Inertia(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body])).carried(
+                frames[self.root].inverse() @ frames[body] @ _pose(model.body_ipos[body], model.body_iquat[body])
+            )
+            for body in self.inside
+            if model.body_mass[body] > 0.0
+        ]
+        return combined(parts) if parts else None
+
+    def _frames(self) -> list[Pose]:
+        """Pose of every body's frame in the world, with all joints at zero."""
+        model = self.model.compiled
+        frames = [Pose.identity()]
+        for body in range(1, model.nbody):
+            frames.append(frames[model.body_parentid[body]] @ _pose(model.body_pos[body], model.body_quat[body]))
+        return frames
+
+
+def _alike(one: Inertia, other: Inertia) -> bool:
+    """Whether two bodies weigh the same, and turn alike about their centres of mass."""
+    moments = np.linalg.eigvalsh(one.tensor), np.linalg.eigvalsh(other.tensor)
+    return bool(
+        abs(one.mass - other.mass) < _SMALL_DIFFERENCE * one.mass
+        and np.allclose(*moments, rtol=_SMALL_DIFFERENCE, atol=0.0)
+    )
+
+
+def _pose(position: Array, quaternion: Array) -> Pose:
+    return Pose(rotation_from_quaternion(quaternion), np.array(position))
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Names for an error."""
+    known = list(names)
+    return ", ".join(known[:_NAMES_SHOWN] + ["..."] * (len(known) > _NAMES_SHOWN)) or "none"

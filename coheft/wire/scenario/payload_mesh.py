@@ -1,0 +1,229 @@
+"""The closed surface of a payload, from a file as other programs write it, and what is inside of it.
+
+A surface is a soup of triangles: files repeat a vertex for every triangle, with rounding. It may have several shells,
+which may touch. A point belongs to the payload if the surface winds around it once. Where it winds around it twice,
+shells overlap; where it winds backwards, a shell is turned inside out.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from coheft.errors import refuse_scenario
+from coheft.estimation.geometry.spatial import Array, rotation_from_quaternion
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.wire.process.log import LOG
+
+IntArray = npt.NDArray[np.integer]
+
+_SAME_VERTEX = 1e-6
+"""Vertices are the same if they are closer than this share of the largest coordinate; files hold seven digits."""
+_BESIDE = 1e-4
+"""How far inside of a triangle a shell is looked at, as a share of the shell's size."""
+_LOOKED_AT = 16
+"""Triangles of a shell behind which it is looked at, the largest ones."""
+_DARTS = 128
+"""Points that are drawn where two shells may overlap."""
+_MOST_PAIRS = 2000
+_MOST_ANGLES = 1_000_000
+"""Solid angles that are computed at a time."""
+
+
+def read_triangles(path: Path) -> Array:
+    """Corners of a file's triangles, shape (n, 3, 3), in its own unit: STL, OBJ, PLY, or MuJoCo's MSH.
+
+    Raises:
+        ValueError: It cannot be read as what its name says.
+    """
+    if path.suffix.lower() == ".msh":
+        return _read_msh(path)
+    import trimesh
+
+    try:
+        surface = trimesh.load_mesh(path, process=False, skip_materials=True)
+    except Exception as error:  # its readers let whatever happens in them out
+        raise ValueError(f"it cannot be read as {path.suffix or 'a mesh'}: {error or type(error).__name__}") from error
+    triangles = np.array(getattr(surface, "triangles", ()), dtype=np.float64)
+    if triangles.size == 0:
+        raise ValueError("it has no triangles")
+    if not np.all(np.isfinite(triangles)):
+        raise ValueError("it has coordinates that are no numbers")
+    return triangles
+
+
+def _read_msh(path: Path) -> Array:
+    import mujoco
+
+    spec = mujoco.MjSpec()
+    mesh = spec.add_mesh(name="payload", file=str(path.absolute()))
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # does not mind what the surface is like
+    spec.worldbody.add_body().add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="payload")
+    model = spec.compile()
+    vertices = model.mesh_vert @ rotation_from_quaternion(model.mesh_quat[0]).T + model.mesh_pos[0]
+    return cast("Array", vertices[model.mesh_face].astype(np.float64))
+
+
+def filled(triangles: Array, mass: float | None, density: float | None, place: str) -> Inertia:
+    """Mass properties of what a surface encloses, homogeneous, in its own frame.
+
+    Args:
+        triangles: Corners (n, 3, 3) [m], counterclockwise as seen from outside.
+        mass: Its mass [kg], or None if its density is given.
+        density: Its density [kg/m³].
+        place: Where the scenario names it.
+
+    Raises:
+        ScenarioError: Nothing is inside, or it is not clear what.
+    """
+    import trimesh
+
+    faces, points = _faces(triangles)
+    _check_closed(faces, place)
+    _check_shells(triangles, _shells(faces), place)
+    with np.errstate(all="ignore"):
+        middle = points.mean(axis=0)  # far from the frame's origin, digits would be lost
+        solid = trimesh.triangles.mass_properties(triangles - middle)
+        volume = np.float64(solid["volume"])
+        amount = mass if mass is not None else float(cast("float", density) * volume)
+        whole = Inertia(amount, solid["center_mass"] + middle, np.array(solid["inertia"]) * (amount / volume))
+        is_solid = np.all(np.isfinite(whole.tensor)) and np.all(np.linalg.eigvalsh(whole.pseudo_inertia()) > 0.0)
+    if not is_solid:
+        refuse_scenario(place, f"it encloses {volume:g} m³, which has no extent in some direction")
+    return whole
+
+
+def _faces(triangles: Array) -> tuple[IntArray, Array]:
+    """Numbers of the vertices of all triangles (n, 3), and places of vertices (m, 3)."""
+    points, same = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    pairs = cKDTree(points).query_pairs(_SAME_VERTEX * float(np.abs(points).max()), output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
+    _, merged = connected_components(links, directed=False)
+    return merged[same.reshape(-1, 3)], points
+
+
+def _edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Numbers of the edges of all triangles; whether each goes forth (1), back (-1) or nowhere (0); its triangle."""
+    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    lower, upper = ends.min(axis=1), ends.max(axis=1)
+    _, number = np.unique(lower * (faces.max() + 1) + upper, return_inverse=True)
+    return number, np.sign(ends[:, 1] - ends[:, 0]), np.repeat(np.arange(len(faces)), 3)
+
+
+def _check_closed(faces: IntArray, place: str) -> None:
+    """Check that as many triangles are on one side of every edge as on the other."""
+    number, way, _ = _edges(faces)
+    balance = np.bincount(number, weights=way)
+    touched = np.bincount(number, weights=np.abs(way))
+    open_edges = np.count_nonzero(touched % 2)
+    if open_edges:
+        refuse_scenario(
+            place,
+            f"its surface is not closed: {open_edges} edges have a triangle on one side only; expected a surface "
+            f"without holes, or else its mass properties ('payload.properties')",
+        )
+    turned = np.count_nonzero(balance)
+    if turned:
+        refuse_scenario(
+            place,
+            f"its triangles do not agree where outside is, at {turned} edges; expected corners that go "
+            f"counterclockwise as seen from outside ('recalculate normals' in modelling programs)",
+        )
+
+
+def _shells(faces: IntArray) -> IntArray:
+    """Number of every triangle's shell (n,): triangles are of one shell if an edge is theirs alone."""
+    number, way, triangle = _edges(faces)
+    number, triangle = number[way != 0], triangle[way != 0]
+    order = np.argsort(number, kind="stable")
+    number, triangle = number[order], triangle[order]
+    _, start, count = np.unique(number, return_index=True, return_counts=True)
+    first = start[count == 2]
+    links = coo_array((np.ones(len(first)), (triangle[first], triangle[first + 1])), shape=(len(faces),) * 2)
+    return cast("IntArray", connected_components(links, directed=False)[1])
+
+
+def _check_shells(triangles: Array, shell_of: IntArray, place: str) -> None:
+    """Check that no shell is inside out, and remark where shells overlap."""
+    shells = [triangles[shell_of == shell] for shell in range(int(shell_of.max()) + 1)]
+    volumes = np.array([np.linalg.det(shell - shell.mean(axis=(0, 1))).sum() / 6.0 for shell in shells])
+    for shell in (shells[number] for number in np.flatnonzero(volumes < 0.0)):
+        if np.median(_winding(_points_inside(shell), triangles)) < -0.5:
+            turned = "its surface" if len(shells) == 1 else f"a shell of it, {_where(shell)},"
+            refuse_scenario(
+                place,
+                f"{turned} is inside out; expected corners of triangles that go counterclockwise as seen from "
+                f"outside, and the other way round only around a cavity",
+            )
+    solid = [shells[number] for number in np.flatnonzero(volumes > 0.0)]
+    twice, where = _overlap(solid, triangles)
+    if where is not None:
+        LOG.warning(
+            f"coheft: {place}: shells of its surface overlap, {where}: about {twice / volumes.sum():.1%} of its volume "
+            f"is counted twice, as MuJoCo does; join them into one shell if they are one body"
+        )
+
+
+def _points_inside(shell: Array) -> Array:
+    """Points just behind the largest triangles of a shell that winds backwards, shape (k, 3)."""
+    normals = np.cross(shell[:, 1] - shell[:, 0], shell[:, 2] - shell[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    largest = np.argsort(lengths)[-_LOOKED_AT:]
+    largest = largest[lengths[largest] > 0.0]
+    step = _BESIDE * float(np.ptp(shell.reshape(-1, 3), axis=0).max())
+    inside: Array = shell[largest].mean(axis=1) + step * normals[largest] / lengths[largest, None]
+    return inside
+
+
+def _overlap(solid: list[Array], triangles: Array) -> tuple[float, str | None]:
+    """Volume that is in two shells at least, and where, in words; None if there is none."""
+    if len(solid) < 2:
+        return 0.0, None
+    lower = np.array([shell.min(axis=(0, 1)) for shell in solid])
+    upper = np.array([shell.max(axis=(0, 1)) for shell in solid])
+    random = np.random.default_rng(0)
+    twice, where = 0.0, None
+    near = cKDTree((lower + upper) / 2.0).query_pairs(float(np.linalg.norm(upper - lower, axis=1).max()))
+    for one, other in sorted(near)[:_MOST_PAIRS]:
+        begin, end = np.maximum(lower[one], lower[other]), np.minimum(upper[one], upper[other])
+        if np.any(end - begin <= _BESIDE * (upper[one] - lower[one])):
+            continue
+        darts = random.uniform(begin, end, (_DARTS, 3))
+        for shell in (solid[one], solid[other], triangles):
+            if len(darts):
+                darts = darts[_winding(darts, shell) > (1.5 if shell is triangles else 0.5)]
+        if len(darts):
+            twice += float(np.prod(end - begin)) * len(darts) / _DARTS
+            where = where or _where(darts)
+    return twice, where
+
+
+def _where(points: Array) -> str:
+    x, y, z = np.round(points.reshape(-1, 3).mean(axis=0), 4) + 0.0  # no -0
+    return f"around ({x:.3g}, {y:.3g}, {z:.3g}) m"
+
+
+def _winding(points: Array, triangles: Array) -> Array:
+    """How often a surface (n, 3, 3) winds around points (p, 3), shape (p,): the sum of its solid angles over 4 π.
+
+    Source: Van Oosterom and Strackee, "The solid angle of a plane triangle", IEEE Trans. Biomed. Eng. 30 (1983), (8).
+    """
+    total = np.zeros(len(points))
+    part = max(1, _MOST_ANGLES // len(points))
+    for start in range(0, len(triangles), part):
+        corner = triangles[None, start : start + part] - points[:, None, None]
+        a, b, c = corner[:, :, 0], corner[:, :, 1], corner[:, :, 2]
+        length_a, length_b, length_c = (np.linalg.norm(side, axis=-1) for side in (a, b, c))
+        ab, bc, ca = (np.einsum("...k,...k", u, v) for u, v in ((a, b), (b, c), (c, a)))
+        triple = np.einsum("...k,...k", a, np.cross(b, c))
+        total += np.arctan2(triple, length_a * length_b * length_c + ab * length_c + bc * length_a + ca * length_b).sum(
+            axis=1
+        )
+    wound: Array = total / (2.0 * np.pi)
+    return wound

@@ -1,0 +1,139 @@
+"""MuJoCo's models of payloads, from files as other people write them.
+
+A model is compiled for its mass properties and shapes alone: what it looks like does not matter, so pictures may be
+missing. What MuJoCo warns of is written to the log.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from coheft.wire.process.log import LOG
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+@dataclass(frozen=True)
+class PayloadModel:
+    """A compiled model, and what MuJoCo does not keep of its file.
+
+    Attributes:
+        compiled: Its bodies have names, all different.
+        floating: Bodies that have a free joint.
+        without_looks: The same, where shapes that collide with nothing weigh nothing; None if it cannot be.
+        with_exact_meshes: The same, where meshes are filled up to their surfaces, which MuJoCo does by default for
+            convex ones only; None if their surfaces have no inside.
+    """
+
+    compiled: mujoco.MjModel
+    floating: tuple[int, ...]
+    without_looks: mujoco.MjModel | None
+    with_exact_meshes: mujoco.MjModel | None
+
+
+def read_model(path: Path) -> PayloadModel:
+    """The model of an MJCF or URDF file.
+
+    A body without a name is called ``body N``, counted from 1 in the order of the file. Bodies that are fixed to others
+    stay bodies of their own, so a free joint below a link that is fixed to the world, as URDF files have it, is taken
+    off: MuJoCo allows it only where such links are made parts of the world.
+
+    Raises:
+        ValueError: MuJoCo cannot use it.
+    """
+    import mujoco
+
+    with _warnings_to_log(path):
+        spec = mujoco.MjSpec.from_file(str(path))
+        _leave_out_pictures(spec)
+        bodies = list(spec.bodies)[1:]
+        floating = [number for number, body in enumerate(bodies, start=1) if _take_off_free_joint(spec, body)]
+        spec.compiler.fusestatic = False  # bodies keep their names
+        for number, body in enumerate(bodies, start=1):
+            body.name = body.name or f"body {number}"
+        compiled = spec.compile()
+    return PayloadModel(
+        compiled, tuple(floating), _variant(spec, _leave_out_looks), _variant(spec, _fill_meshes_exactly)
+    )
+
+
+def _variant(spec: mujoco.MjSpec, change: Callable[[mujoco.MjSpec], None]) -> mujoco.MjModel | None:
+    """The model after a change to its file; None if MuJoCo cannot use that."""
+    with warnings.catch_warnings(action="ignore"), _without_log_file():
+        changed = spec.copy()
+        change(changed)
+        try:
+            return changed.compile()
+        except ValueError:
+            return None
+
+
+def _leave_out_pictures(spec: mujoco.MjSpec) -> None:
+    """Give every texture one colour, so that no picture is read."""
+    import mujoco
+
+    for texture in spec.textures:
+        texture.file, texture.cubefiles = "", [""] * 6
+        texture.type, texture.builtin = mujoco.mjtTexture.mjTEXTURE_2D, mujoco.mjtBuiltin.mjBUILTIN_FLAT
+        texture.width = texture.height = 1
+
+
+def _take_off_free_joint(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> bool:
+    """Whether a body floats; if links between it and the world have no joints, its own joint is removed."""
+    import mujoco
+
+    free = [joint for joint in body.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+    above = body.parent
+    while above != spec.worldbody and not above.joints:
+        above = above.parent
+    if above == spec.worldbody and body.parent != spec.worldbody:
+        for joint in free:
+            spec.delete(joint)
+    return bool(free)
+
+
+def _leave_out_looks(spec: mujoco.MjSpec) -> None:
+    """Let shapes weigh nothing that collide with nothing, but for a body that has no others."""
+    for body in spec.bodies:
+        looks = [geom for geom in body.geoms if not (geom.contype or geom.conaffinity)]
+        if len(looks) < len(body.geoms):
+            for geom in looks:
+                geom.mass = 0.0
+
+
+def _fill_meshes_exactly(spec: mujoco.MjSpec) -> None:
+    import mujoco
+
+    rough = (mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX, mujoco.mjtMeshInertia.mjMESH_INERTIA_LEGACY)
+    for mesh in spec.meshes:
+        if mesh.inertia in rough:
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
+
+
+@contextmanager
+def _warnings_to_log(path: Path) -> Iterator[None]:
+    """Write MuJoCo's warnings to the log."""
+    with warnings.catch_warnings(record=True) as heard, _without_log_file():
+        warnings.simplefilter("always")
+        yield
+    for text in dict.fromkeys(" ".join(str(warning.message).split()) for warning in heard):
+        LOG.warning("coheft: %s: MuJoCo warns: %s", path, text)
+
+
+@contextmanager
+def _without_log_file() -> Iterator[None]:
+    """Keep MuJoCo from writing ``MUJOCO_LOG.TXT`` into the folder where the user happens to be: Python warns, too."""
+    import mujoco
+
+    former = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(former)

@@ -1,0 +1,149 @@
+"""Models as other people write them: floating bases, bodies without names, pictures that are missing, mere looks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+
+from coheft.errors import ScenarioError
+from coheft.wire.process.log import LOG
+from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.schema import Scenario
+
+GRASPS = "robots.grasps = [{ position = [0.1, 0, 0] }, { position = [-0.1, 0, 0] }]"
+PLATE = '<geom type="box" size=".4 .2 .05" density="400"/>'
+PLATE_MASS = 12.8
+LINK = """<link name="beam"><inertial><origin xyz="0 0 0" rpy="0 0 1.57079632679"/><mass value="6.0"/>
+<inertia ixx="0.10" ixy="0" ixz="0" iyy="0.50" iyz="0" izz="0.55"/></inertial>
+<collision><geometry><box size="0.2 1.0 0.1"/></geometry></collision></link>"""
+
+
+@pytest.fixture(autouse=True)
+def told(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]:
+    """Lines of the log, also where another test has told it not to hand them on."""
+    LOG.addHandler(caplog.handler)
+    yield caplog
+    LOG.removeHandler(caplog.handler)
+
+
+def load(folder: Path, model: str, name: str = "part.xml", more: str = "") -> Scenario:
+    (folder / name).write_text(model)
+    path = folder / "mine.toml"
+    path.write_text(f'name = "mine"\npayload.mjcf = "{name}"\n{more}\n{GRASPS}\n')
+    return load_scenario(path)
+
+
+def world(inside: str) -> str:
+    return f"<mujoco><worldbody>{inside}</worldbody></mujoco>"
+
+
+@pytest.mark.parametrize(
+    "above", ["", '<inertial><mass value="9"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>']
+)
+def test_a_floating_joint_of_a_urdf_is_the_payloads_own(above: str, tmp_path: Path) -> None:
+    """What MuJoCo makes of the file itself is what is held, in the frame of the link that floats."""
+    urdf = (
+        f'<robot name="r"><link name="stand">{above}</link><joint name="free" type="floating"><parent link="stand"/>'
+        f'<child link="beam"/><origin xyz="0 0 1"/></joint>{LINK}</robot>'
+    )
+    inertia = load(tmp_path, urdf, "part.urdf").payload.inertia()
+    theirs = mujoco.MjModel.from_xml_path(str(tmp_path / "part.urdf"))
+    assert inertia.mass == pytest.approx(theirs.body_mass[1]) == pytest.approx(6.0)
+    np.testing.assert_allclose(inertia.com, 0.0, atol=1e-12)
+    np.testing.assert_allclose(inertia.tensor, np.diag([0.50, 0.10, 0.55]), atol=1e-9)
+    with pytest.raises(ScenarioError, match="body 'stand' has a free joint, of 'beam' below it"):
+        load(tmp_path, urdf, "part.urdf", 'payload.body = "stand"')
+
+
+def test_what_floats_is_held_and_not_the_table(tmp_path: Path) -> None:
+    table = '<body pos="3 0 0"><geom type="box" size="1 1 .4"/></body>'
+    model = world(f'{table}<body pos="0 0 1"><freejoint/>{PLATE}</body>')
+    assert load(tmp_path, model).payload.inertia().mass == pytest.approx(PLATE_MASS)
+
+
+def test_bodies_without_names_can_be_named(tmp_path: Path) -> None:
+    model = world(f'<body pos="3 0 0">{PLATE}</body><body name="other">{PLATE}</body><body><geom size="0.1"/></body>')
+    with pytest.raises(ScenarioError, match=r"the model has several: body 1, other, body 3$"):
+        load(tmp_path, model)
+    assert load(tmp_path, model, more='payload.body = "body 1"').payload.inertia().mass == pytest.approx(PLATE_MASS)
+
+
+@pytest.mark.parametrize(
+    "texture",
+    [
+        '<texture name="t" type="2d" file="wood.png"/>',
+        '<texture name="t" type="cube" file="wood.png" gridsize="3 4" gridlayout=".U..LFRB.D.."/>',
+        '<texture name="t" type="skybox" fileright="a.png" fileleft="b.png"/>',
+    ],
+)
+def test_pictures_may_be_missing(texture: str, tmp_path: Path) -> None:
+    assets = f'<asset>{texture}<material name="m" texture="t"/></asset>'
+    plate = PLATE.replace("/>", ' material="m"/>')
+    model = world(f'<body name="b">{plate}</body>').replace("<mujoco>", f"<mujoco>{assets}")
+    assert load(tmp_path, model).payload.inertia().mass == pytest.approx(PLATE_MASS)
+
+
+def test_mujocos_warnings_are_lines_of_ours(
+    tmp_path: Path, told: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    child = world(f'<body name="box">{PLATE}</body>').replace("<mujoco>", '<mujoco><option timestep="0.005"/>')
+    (tmp_path / "child.xml").write_text(child)
+    model = world('<body name="b"><geom size=".1"/><attach model="c" prefix="a_"/></body>').replace(
+        "<mujoco>", '<mujoco><asset><model name="c" file="child.xml"/></asset>'
+    )
+    load(tmp_path, model)
+    assert f"{tmp_path / 'part.xml'}: MuJoCo warns: Attach conflict when attaching 'c'" in told.text
+    assert list(elsewhere.iterdir()) == []
+
+
+def test_shapes_for_their_looks_are_remarked(tmp_path: Path, told: pytest.LogCaptureFixture) -> None:
+    looks = PLATE.replace("400", "200").replace("/>", ' contype="0" conaffinity="0"/>')
+    scenario = load(tmp_path, world(f'<body name="b"><freejoint/>{PLATE}{looks}</body>'))
+    assert scenario.payload.inertia().mass == pytest.approx(1.5 * PLATE_MASS)
+    assert "6.4 kg of 19.2 kg, 33%, are of shapes that collide with nothing" in told.text
+
+
+def test_a_body_that_collides_with_nothing_is_not_remarked(tmp_path: Path, told: pytest.LogCaptureFixture) -> None:
+    looks = PLATE.replace("/>", ' contype="0" conaffinity="0"/>')
+    load(tmp_path, world(f'<body name="b"><freejoint/>{looks}</body>'))
+    assert told.text == ""
+
+
+@pytest.mark.parametrize("inertia", ["", ' inertia="exact"'])
+def test_meshes_that_are_not_filled_exactly_are_remarked(
+    inertia: str, tmp_path: Path, told: pytest.LogCaptureFixture
+) -> None:
+    ell = trimesh.util.concatenate(
+        [
+            trimesh.creation.box(bounds=[[0, 0, 0], [0.4, 0.1, 0.1]]),
+            trimesh.creation.box(bounds=[[0, 0.1, 0], [0.1, 0.4, 0.1]]),
+        ]
+    )
+    ell.export(tmp_path / "ell.obj")
+    body = world('<body name="b"><freejoint/><geom type="mesh" mesh="ell" density="1000"/></body>')
+    model = body.replace("<mujoco>", f'<mujoco><asset><mesh name="ell" file="ell.obj"{inertia}/></asset>')
+    mass = load(tmp_path, model).payload.inertia().mass
+    if inertia:
+        assert mass == pytest.approx(7.0, rel=1e-6)
+        assert told.text == ""
+    else:
+        assert mass > 8.0
+        assert "by a rule that is exact for convex ones only" in told.text
+        assert "there would be 7 kg" in told.text
+
+
+@pytest.mark.parametrize("size", [0.0004, 300.0])
+def test_other_units_are_refused(size: float, tmp_path: Path) -> None:
+    model = world(f'<body name="b"><geom type="box" size="{size} {size / 2} {size / 4}" mass="4"/></body>')
+    with pytest.raises(
+        ScenarioError, match=r"the body is .* m long, expected at (least|most) .*: lengths in models are"
+    ):
+        load(tmp_path, model)
