@@ -105,3 +105,60 @@ def moving_recording(rng: np.random.Generator, poses: tuple[Pose, ...], seconds:
         place = (rotations @ pose.translation + positions - home.translation) @ home.rotation
         robots[f"r{k + 1}"] = RobotRecord(time, pose=np.hstack([place, Rotation.from_matrix(own).as_quat()]))
     return Recording(robots, truth=Truth(poses, ((0.0, LOAD),)))
+
+
+HELD = Inertia(6.2, np.array([0.04, -0.03, 0.06]), np.diag([0.11, 0.24, 0.29]))
+HELD_GRASPS = (
+    Pose(rotation_exp(np.array([0.0, 0.0, 0.35])), np.array([-0.35, 0.0, 0.05])),
+    Pose(rotation_exp(np.array([0.17, 0.0, 2.9])), np.array([0.35, 0.1, 0.0])),
+    Pose(rotation_exp(np.array([0.0, 0.26, -1.6])), np.array([0.0, -0.25, 0.1])),
+)
+HELD_NOISE = (1e-4, 2e-4, 0.2, 0.02)
+"""Of positions [m], turns [rad], forces [N] and moments [N·m], per sample."""
+
+
+def held_recording(
+    seed: int, count: int = 3, seconds: float = 25.0, change: tuple[float, Inertia] | None = None
+) -> Recording:
+    """Poses and wrenches, with noise, of robots that swing a load and push against each other.
+
+    Args:
+        seed: Of noise, motion and pushes.
+        count: Of robots.
+        seconds: How long.
+        change: From when on another body is there, and which [s].
+    """
+    rng = np.random.default_rng(seed)
+    time = np.arange(int(seconds * RATE)) / RATE
+    rates, phases = rng.uniform(1.2, 3.0, (4, 3)), rng.uniform(0.0, 6.0, (4, 3))
+
+    def pose_at(t: Array) -> tuple[Rotation, Array]:
+        turn, shift, small = (np.sin(rates[k] * t[:, None] + phases[k]) for k in range(3))
+        return Rotation.from_euler("xyz", 0.25 * turn + 0.05 * small), 0.07 * shift
+
+    step = 1e-4
+    (before, behind), (now, place), (after, ahead) = (pose_at(time + k * step) for k in (-1, 0, 1))
+    (early, _), (late, _) = (pose_at(time + k * step) for k in (-2, 2))
+    w = (before.inv() * after).as_rotvec() / (2 * step)
+    alpha = ((now.inv() * late).as_rotvec() - (early.inv() * now).as_rotvec()) / (2 * step) ** 2
+    a = now.inv().apply((ahead - 2 * place + behind) / step**2 + [0.0, 0.0, 9.81])
+    total = HELD.wrench(w, a, alpha)
+    if change is not None:
+        total[time >= change[0]] = change[1].wrench(w, a, alpha)[time >= change[0]]
+    pushes = rng.normal(size=(count, 6)) * np.repeat([1.5, 0.15], 3)
+    shares = [total / count + (own - pushes.mean(axis=0)) * np.sin(1.1 * time[:, None]) for own in pushes]
+    robots = {}
+    for k, (grasp, share) in enumerate(zip(HELD_GRASPS[:count], shares, strict=True)):
+        yaw = Rotation.from_euler("z", 0.7 * k).inv()
+        own_place = yaw.apply(place + now.apply(grasp.translation) - [0.3 * k, 0.1, 0.0])
+        own_turn = yaw * now * Rotation.from_matrix(grasp.rotation)
+        sizes = (len(time), 3)
+        noise = [size * rng.normal(size=sizes) for size in HELD_NOISE]
+        own_turn = own_turn * Rotation.from_rotvec(noise[1])
+        wrench = share @ np.linalg.inv(grasp.adjoint()).T + np.hstack(noise[2:])
+        robots[f"r{k + 1}"] = RobotRecord(
+            time, pose=np.hstack([own_place + noise[0], own_turn.as_quat()]), wrench=wrench
+        )
+    first = HELD_GRASPS[0].inverse()
+    truth = Truth(tuple(first @ grasp for grasp in HELD_GRASPS[:count]), ((0.0, HELD.carried(first)),))
+    return Recording(robots, truth=truth)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import msgspec
 import numpy as np
 
 from coheft.estimation.batch.holds import orientations
-from coheft.estimation.batch.identification import Identification
+from coheft.estimation.batch.identification import HiddenError, Identification
+from coheft.estimation.batch.judge.verdict import Verdict
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.principal_axes import PrincipalInertia
 from coheft.estimation.batch.recording import Recording, Truth
@@ -116,6 +118,35 @@ class CalibrationReport(msgspec.Struct, frozen=True):
     seen: bool
 
 
+class VerdictReport(msgspec.Struct, frozen=True):
+    """Whether forces are those of one rigid body.
+
+    Attributes:
+        refuted: Whether they are not.
+        cause: Of it, if one cause explains it all, else "unknown"; empty if nothing is wrong.
+        robot: Whose; None of no one in particular.
+        value: What the cause's numbers are, see ``coheft.estimation.batch.judge.suspects``.
+        ratio: By how many times residuals are larger than noise explains.
+        margin: Twice the log likelihood ratio to the second best cause.
+        second: That cause.
+        hidden_std: Of ``(m, h, J packed as xx yy zz xy xz yz)``, what sensors may add that are off by less than the
+            recording shows; empty if refuted.
+        hidden_cause: By what, for each of these.
+        proposal: The load's mass with the cause estimated along, and its standard deviation [kg]; None if unknown.
+    """
+
+    refuted: bool
+    cause: str
+    robot: str | None
+    value: list[float]
+    ratio: float
+    margin: float
+    second: str
+    hidden_std: list[float]
+    hidden_cause: list[str]
+    proposal: list[float] | None
+
+
 class IdentifyReport(msgspec.Struct, frozen=True):
     """The report on a recording.
 
@@ -129,6 +160,7 @@ class IdentifyReport(msgspec.Struct, frozen=True):
         payload: Mass properties of what was held.
         not_observable: What the recording does not show, and what would show it.
         doubts: What speaks against all of it: then no number is to be trusted.
+        verdict: On the forces; None if they were not judged.
         remarks: What else should be known.
         loops: Loops of three pairs of robots; none where a method finds all poses at once.
         holds_s: Times from which to which the load was still, ``[from, to]`` each [s]; none where they are not used.
@@ -146,12 +178,28 @@ class IdentifyReport(msgspec.Struct, frozen=True):
     payload: PayloadReport
     not_observable: list[str]
     doubts: list[str]
+    verdict: VerdictReport | None
     remarks: list[str]
     loops: list[LoopReport]
     holds_s: list[list[float]]
     hold_orientations: int
     calibration: list[CalibrationReport]
     errors: Errors | None
+
+
+def _verdict(verdict: Verdict, hidden: Sequence[HiddenError]) -> VerdictReport:
+    return VerdictReport(
+        refuted=verdict.is_refuted,
+        cause=verdict.cause,
+        robot=verdict.robot,
+        value=list(verdict.value),
+        ratio=verdict.ratio,
+        margin=verdict.margin,
+        second=verdict.second,
+        hidden_std=[error.std for error in hidden],
+        hidden_cause=[error.cause for error in hidden],
+        proposal=None if verdict.mass is None else list(verdict.mass),
+    )
 
 
 def make_report(source: str, recording: Recording, found: Identification) -> IdentifyReport:
@@ -167,6 +215,7 @@ def make_report(source: str, recording: Recording, found: Identification) -> Ide
         payload=_payload(found.payload),
         not_observable=_not_observable(found),
         doubts=list(found.doubts),
+        verdict=None if found.verdict is None else _verdict(found.verdict, found.hidden),
         remarks=[*_loose_loops(recording, found), *found.remarks],
         loops=[
             LoopReport(

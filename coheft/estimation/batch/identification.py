@@ -8,6 +8,7 @@ import numpy as np
 
 from coheft.estimation.batch.doubts import doubts_about
 from coheft.estimation.batch.holds import Holds
+from coheft.estimation.batch.judge.verdict import Verdict
 from coheft.estimation.batch.loop_closure import LoopError
 from coheft.estimation.batch.payload import Payload
 from coheft.estimation.batch.team_poses import TeamPoses
@@ -40,6 +41,14 @@ class CalibrationFinding:
         return self.std < 0.5 * self.before
 
 
+@dataclass(frozen=True)
+class HiddenError:
+    """What a number may be off although all fits: the worst cause, and the standard deviation that it would have."""
+
+    cause: str
+    std: float
+
+
 @dataclass(frozen=True, eq=False)
 class Identification:
     """What a recording says.
@@ -54,6 +63,8 @@ class Identification:
         calibration: What may be wrong with the robots.
         remarks: What the reader should know, in words.
         suspicions: What in the method's own fit speaks against it, in words.
+        verdict: Of a judge who asks whether forces are those of one rigid body; None if it could not be asked.
+        hidden: For each of ``(m, h, J)``, what may be wrong without being seen; empty if not judged, or refuted.
         time: Of the residuals, shape (n,) [s].
         residual: Of the total wrench (force, torque), or of the torque alone, shape (n, 6) or (n, 3).
     """
@@ -67,10 +78,13 @@ class Identification:
     calibration: tuple[CalibrationFinding, ...] = ()
     remarks: tuple[str, ...] = ()
     suspicions: tuple[str, ...] = ()
+    verdict: Verdict | None = None
+    hidden: tuple[HiddenError, ...] = ()
     time: Array = field(default_factory=lambda: np.zeros(0))
     residual: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """What speaks against all of it, in words: then none of the numbers is to be trusted."""
-        return (*self.suspicions, *doubts_about(self.names, self.team, self.payload))
+        refuted = (self.verdict.words,) if self.verdict is not None and self.verdict.is_refuted else ()
+        return (*refuted, *self.suspicions, *doubts_about(self.names, self.team, self.payload))

@@ -23,7 +23,7 @@ from coheft.estimation.batch.calibration_findings import calibration_findings
 from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.hand_eye import HandEye, fit_hand_eye
 from coheft.estimation.batch.hand_eye_equations import ERRORS, GRASP, position_scale_rows, unknowns_of
-from coheft.estimation.batch.identification import Identification
+from coheft.estimation.batch.identification import HiddenError, Identification
 from coheft.estimation.batch.identify import (
     at_first_grasp,
     centre_of,
@@ -31,6 +31,7 @@ from coheft.estimation.batch.identify import (
     grasps_from_twists,
     parameters_fit,
 )
+from coheft.estimation.batch.judge.verdict import Verdict, judge_forces
 from coheft.estimation.batch.payload import make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
@@ -86,7 +87,51 @@ def identify_poses(
     else:
         found = _with_doubts(recording, grasps, tolerances, cutoff)
     suspicions = (*_suspicions(grasps), *unsettled(grasps.team, grasps.is_settled))
-    return replace(found, loops=tuple(loops), suspicions=suspicions)
+    verdict = None
+    if tolerances is None and not suspicions and not any(map(recording.has, ("twist", "dtwist", "acceleration"))):
+        verdict = _verdict(recording, signals, grasps.team, cutoff)
+        if verdict is not None and not verdict.is_refuted:
+            hidden = _hidden(verdict, found)
+            found = replace(found, hidden=hidden, remarks=(*found.remarks, _what_is_hidden(hidden)))
+    return replace(found, loops=tuple(loops), suspicions=suspicions, verdict=verdict)
+
+
+def _hidden(verdict: Verdict, found: Identification) -> tuple[HiddenError, ...]:
+    """What each of the ten numbers may be off by the worst of causes that the recording would not have shown."""
+    centre = centre_of(found.team.poses)
+    _, derivative = at_first_grasp(found.payload.inertia.carried(centre.inverse()), centre)
+    worst = [HiddenError("", 0.0)] * len(derivative)
+    for cause, covariance in verdict.hidden:
+        variances = np.diag(derivative @ covariance @ derivative.T)
+        for number, variance in enumerate(variances):
+            std = float(np.sqrt(max(variance, 0.0)))
+            if std > worst[number].std:
+                worst[number] = HiddenError(cause.value, std)
+    return tuple(worst)
+
+
+def _verdict(recording: Recording, signals: Signals, team: TeamPoses, cutoff: float) -> Verdict | None:
+    """Of forces, if poses are known: else nothing says what they should be."""
+    relative = [team.relative(0, other) for other in range(1, len(team.poses))]
+    if any(pose.unseen for pose in relative):
+        return None
+    centre = centre_of(team.poses)
+    turns = max(float(np.sqrt(np.linalg.eigvalsh(pose.covariance[:3, :3])[-1])) for pose in relative)
+    return judge_forces(recording, signals, [centre.inverse() @ pose for pose in team.poses], turns, cutoff)
+
+
+def _what_is_hidden(hidden: Sequence[HiddenError]) -> str:
+    """The worst of them, in words."""
+    mass, com, tensor = hidden[0], max(hidden[1:4], key=_std), max(hidden[4:], key=_std)
+    return (
+        f"This recording would not show sensors that are off by little, which may add standard deviations of "
+        f"{mass.std:.2g} kg ({mass.cause}) to the mass, {1e3 * com.std:.2g} mm ({com.cause}) to the centre of mass and "
+        f"{tensor.std:.2g} kg·m² ({tensor.cause}) to moments of inertia."
+    )
+
+
+def _std(error: HiddenError) -> float:
+    return error.std
 
 
 def _check_duration(recording: Recording, signals: Signals) -> None:

@@ -104,13 +104,18 @@ def rates(samples: Array, rate: float) -> Array:
 
 def smooth_poses(poses: Array, rate: float, cutoff: float = PAPER_CUTOFF) -> tuple[Array, Array]:
     """Filtered rotations (N, n, 3, 3) and positions (N, n, 3) of poses ``x y z qx qy qz qw``, shape (N, n, 7)."""
-    quaternions = poses[..., 3:].copy()
-    # Both signs are the same rotation: let none jump.
-    signs = np.sign(np.einsum("nki,nki->nk", quaternions[:, 1:], quaternions[:, :-1]))
-    quaternions[:, 1:] *= np.cumprod(np.where(signs == 0.0, 1.0, signs), axis=1)[..., None]
+    quaternions = without_jumps(poses[..., 3:])
     smooth = low_pass(quaternions, rate, cutoff, axis=1)
     rotations = Rotation.from_quat(smooth.reshape(-1, 4)).as_matrix()
     return rotations.reshape(*poses.shape[:2], 3, 3), low_pass(poses[..., :3], rate, cutoff, axis=1)
+
+
+def without_jumps(quaternions: Array) -> Array:
+    """The same rotations (N, n, 4), with signs such that none jumps: both signs are the same rotation."""
+    signs = np.sign(np.einsum("nki,nki->nk", quaternions[:, 1:], quaternions[:, :-1]))
+    continuous = quaternions.copy()
+    continuous[:, 1:] *= np.cumprod(np.where(signs == 0.0, 1.0, signs), axis=1)[..., None]
+    return continuous
 
 
 def body_rates(rotations: Array, rate: float) -> Array:

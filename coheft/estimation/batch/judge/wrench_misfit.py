@@ -1,0 +1,210 @@
+"""What is left of the total wrench when a rigid body has explained what it can, beside what noise leaves.
+
+Noise of forces, and noise of poses that went through the body's dynamics, are known from above the band. Residuals are
+whitened with it, and then fitted once more with whatever a suspect adds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.estimation.batch.body import body_motions, regressor, total_wrench
+from coheft.estimation.batch.judge.band import Band, white_level
+from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.signals import Signals, without_jumps
+from coheft.estimation.geometry.body_motion import BODY_A, BODY_V, BODY_W
+from coheft.estimation.geometry.spatial import Array, Pose, skew
+from coheft.estimation.rigid_body.mass_properties import unpack_symmetric
+
+_FINEST = 5e-5
+"""Share of the wrench below which no model of ours is exact: filters and differences."""
+_REWEIGHTINGS = 3
+_ROUNDING = 1e-11
+_SMALL = 0.1
+"""Share of the residuals' mean square up to which noise in columns is corrected for in the likelihood."""
+BODY_NUMBERS = 10
+Maps = Sequence[Array]
+"""By what a sensor's reading is multiplied, (6, 6) each, for every unknown that a suspect has."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fit of the total wrench.
+
+    Attributes:
+        misfit: -2 log likelihood.
+        solution: ``theta`` (10,), then what a suspect has.
+        covariance: Of all of it.
+        residual: Whitened, shape (K, 2, 3): forces, moments.
+        excess: By how many deviations it is more than noise, see ``Band.excess``.
+        inside: Its mean square where the load moves.
+        above: Its mean square above.
+    """
+
+    misfit: float
+    solution: Array
+    covariance: Array
+    residual: Array
+    excess: float
+    inside: float
+    above: float
+
+
+class WrenchMisfit:
+    """Of one recording, whose poses were found."""
+
+    def __init__(self, recording: Recording, signals: Signals, poses: Sequence[Pose], cutoff: float) -> None:
+        """Prepare what all fits share.
+
+        Args:
+            recording: With poses and wrenches.
+            signals: Of it, filtered.
+            poses: Of grasp frames in the body frame.
+            cutoff: Of the filter [Hz].
+
+        Raises:
+            ValueError: The recording's rate is too low to tell noise from motion.
+        """
+        assert signals.wrench is not None
+        self.signals, self.wrenches = signals, signals.wrench
+        self.adjoints = [pose.adjoint() for pose in poses]
+        self.poses = tuple(poses)
+        motion = body_motions(signals, poses).mean(axis=0)
+        self.motion = motion
+        self.band = Band.of(signals, cutoff, np.hstack([motion[:, BODY_W], motion[:, BODY_V]]))
+        self.regressor, self.total = regressor(motion), total_wrench(self.wrenches, poses)
+        per_coefficient = signals.rate / recording.rate
+        levels = [white_level(wrench, recording.rate, cutoff) for wrench in recording.stacked("wrench")]
+        poses_of_all = recording.stacked("pose")
+        poses_of_all = np.concatenate([poses_of_all[..., :3], without_jumps(poses_of_all[..., 3:])], axis=-1)
+        pose_levels = [white_level(pose, recording.rate, cutoff) for pose in poses_of_all]
+        self.noise = [np.diag(level**2) * per_coefficient for level in levels if level is not None]
+        """Of each robot's coefficients, (6, 6)."""
+        if len(self.noise) < len(levels):
+            raise ValueError("there are too few samples per second to tell noise from motion")
+        self._pose_noise = _of_body_pose([level for level in pose_levels if level is not None], poses) * per_coefficient
+        self._whitening = np.empty((len(self.band.frequency), 6, 6))
+        theta = np.zeros(10)
+        for _ in range(2):
+            self._whiten(theta)
+            self.plain = self.fit()
+            theta = self.plain.solution
+        self._whiten(theta)
+        self.plain = self.fit()
+
+    def _whiten(self, theta: Array) -> None:
+        """Set the inverse of a factor of the residuals' covariance at each frequency, for a body."""
+        mass, moment, about_origin = theta[0], theta[1:4], unpack_symmetric(theta[4:])
+        inertia = np.block([[-skew(moment), mass * np.eye(3)], [about_origin, skew(moment)]])
+        up = self.motion[:, BODY_A].mean(axis=0)
+        weight = np.zeros((6, 6))
+        weight[:3, :3], weight[3:, :3] = mass * skew(up), skew(moment) @ skew(up)
+        # A pose's noise (turn, shift) is differentiated twice, and turns the weight.
+        by_pose = -((2.0 * np.pi * self.band.frequency[:, None, None]) ** 2) * inertia - weight
+        squares = np.mean(self.total**2, axis=0)
+        force = float(squares[:3].mean())
+        sizes = np.repeat([force, float(squares[3:].mean()) + 0.01 * force], 3)
+        finest = _FINEST**2 * sizes * len(self.total) / len(self.band.frequency) + 1e-18
+        sensors = sum(
+            (to_body @ noise @ to_body.T for to_body, noise in zip(self.adjoints, self.noise, strict=True)),
+            start=np.diag(finest),
+        )
+        covariance = sensors + by_pose @ self._pose_noise @ by_pose.swapaxes(-1, -2)
+        self._whitening = np.linalg.inv(np.linalg.cholesky(covariance))
+
+    def _white(self, signals: Array) -> Array:
+        """Whitened coefficients (6 K, ...) of wrenches (n, 6) or of columns (n, 6, u)."""
+        coefficients = self.band.coefficients(signals)
+        if signals.ndim == 2:
+            return (self._whitening @ coefficients[..., None]).ravel()
+        columns: Array = (self._whitening @ coefficients).reshape(-1, signals.shape[-1])
+        return columns
+
+    def fit(
+        self,
+        columns: Array | None = None,
+        maps: Sequence[tuple[int, Maps]] = (),
+        total: Array | None = None,
+        regressor: Array | None = None,
+    ) -> Fit:
+        """Fit a body, and along with it what a suspect adds.
+
+        Args:
+            columns: What a unit of each of the suspect's unknowns adds to the total wrench, shape (n, 6, q).
+            maps: If that comes from readings, and so holds their noise: of which robots, multiplied by what.
+            total: Total wrench (n, 6), if it is another one.
+            regressor: Of the body (n, 6, 10), if it is another one.
+        """
+        design = self._white(self.regressor if regressor is None else regressor)
+        if columns is not None:
+            design = np.hstack([design, self._white(columns)])
+        output = self._white(self.total if total is None else total)
+        spectrum = np.ones(len(output))
+        best: Fit | None = None
+        for _ in range(_REWEIGHTINGS):
+            fit = self._weighted(design, output, np.sqrt(spectrum), maps)
+            if best is None or fit.misfit < best.misfit:
+                best = fit
+            spectrum = np.repeat(self.band.spread(fit.residual), 3, axis=1).ravel()
+        assert best is not None
+        return best
+
+    def _weighted(self, design: Array, output: Array, deviation: Array, maps: Sequence[tuple[int, Maps]]) -> Fit:
+        """Least squares; what the output's own noise does in columns is taken out of the normal equations."""
+        scaled, seen = design / deviation[:, None], output / deviation
+        size = np.linalg.norm(scaled, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        scaled = scaled / size
+        by_noise, by_output = self._of_own_noise(deviation, maps, design.shape[1])
+        information = scaled.T @ scaled - by_noise / np.outer(size, size)
+        values, vectors = np.linalg.eigh(information)
+        shown = values > _ROUNDING * values[-1]
+        inverse = (vectors[:, shown] / values[shown]) @ vectors[:, shown].T
+        normal = scaled.T @ seen - by_output / size
+        solution = inverse @ normal
+        solution += inverse @ (normal - information @ solution)
+        solution = solution / size
+        residual = (output - design @ solution).reshape(-1, 2, 3)
+        misfit = self.band.misfit(residual)
+        own = float(solution @ (2.0 * by_output - by_noise @ solution))
+        if abs(own) < _SMALL * residual.size:  # of large ones the unknown spectrum takes care
+            misfit += own
+        unknowns = round(int(np.count_nonzero(shown)) * self.band.moving / len(self.band.frequency))
+        excess, inside, above = self.band.excess(residual, unknowns)
+        return Fit(misfit, solution, inverse / np.outer(size, size), residual, excess, inside, above)
+
+    def _of_own_noise(self, deviation: Array, maps: Sequence[tuple[int, Maps]], unknowns: int) -> tuple[Array, Array]:
+        """What noise alone adds to columns times columns (u, u), and to columns times output (u,), on average."""
+        by_noise, by_output = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+        weighted = self._whitening / deviation.reshape(-1, 6, 1)
+        information = np.einsum("kij,kil->jl", weighted, weighted)
+        for robot, own in maps:
+            at_sensor = self.adjoints[robot].T @ information @ self.adjoints[robot]
+            for a, one in enumerate(own):
+                by_output[BODY_NUMBERS + a] += np.trace(one.T @ at_sensor @ self.noise[robot])
+                for b, other in enumerate(own):
+                    by_noise[BODY_NUMBERS + a, BODY_NUMBERS + b] += np.trace(
+                        one.T @ at_sensor @ other @ self.noise[robot]
+                    )
+        return by_noise, by_output
+
+    def share(self) -> float:
+        """What the body leaves beyond noise where it moves, as a share of what changes in the wrench there."""
+        changing = self._white(self.total - self.total.mean(axis=0)).reshape(-1, 6)[: self.band.moving]
+        left = self.plain.residual[: self.band.moving]
+        return float(np.sqrt(max(0.0, np.sum(left**2) - left.size) / max(float(np.sum(changing**2)), 1e-300)))
+
+
+def _of_body_pose(levels: Sequence[Array], poses: Sequence[Pose]) -> Array:
+    """Covariance (6, 6) of the body's pose (turn, shift), the team's mean, from deviations of ``x y z qx qy qz qw``."""
+    covariance = np.zeros((6, 6))
+    for level, pose in zip(levels, poses, strict=True):
+        turn = 4.0 * float(np.sum(level[3:] ** 2)) / 3.0
+        shift = float(np.mean(level[:3] ** 2))
+        to_body = np.eye(6)
+        to_body[3:, :3] = skew(pose.translation)
+        covariance += to_body @ np.diag(np.repeat([turn, shift], 3)) @ to_body.T / len(poses) ** 2
+    return covariance

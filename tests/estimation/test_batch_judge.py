@@ -1,0 +1,201 @@
+"""A judge of recordings: good ones are accepted, wrong ones refuted, with their cause, and what would mend them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from coheft.estimation.batch.identification import Identification
+from coheft.estimation.batch.identify_poses import identify_poses
+from coheft.estimation.batch.judge.band import white_level
+from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.recording import Recording, RobotRecord
+from coheft.estimation.batch.signals import low_pass
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import Inertia, combined
+from tests.estimation.batch_team import HELD, held_recording
+
+Fault = Callable[[Array, Array], tuple[Array, Array]]
+"""From pose (n, 7) and wrench (n, 6) of a robot to what it recorded."""
+SEED = 4
+
+
+def with_fault(recording: Recording, fault: Fault, *names: str) -> Recording:
+    """What was recorded if robots, the second one if none is named, had a fault."""
+    robots = dict(recording.robots)
+    for name in names or ("r2",):
+        pose, wrench = robots[name].pose, robots[name].wrench
+        assert pose is not None
+        assert wrench is not None
+        pose, wrench = fault(pose.copy(), wrench.copy())
+        robots[name] = RobotRecord(recording.time, pose=pose, wrench=wrench)
+    return replace(recording, robots=robots)
+
+
+def to_wrench(change: Callable[[Array], Array]) -> Fault:
+    return lambda pose, wrench: (pose, change(wrench))
+
+
+def lever(wrench: Array) -> Array:
+    return np.hstack([wrench[:, :3], wrench[:, 3:] + np.cross([0.02, 0.0, -0.03], wrench[:, :3])])
+
+
+def in_home_axes(pose: Array, wrench: Array) -> tuple[Array, Array]:
+    turn = Rotation.from_quat(pose[:, 3:])
+    return pose, np.hstack([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])])
+
+
+def home_turned(axis: Array) -> Fault:
+    turn = Rotation.from_rotvec(axis)
+
+    def fault(pose: Array, wrench: Array) -> tuple[Array, Array]:
+        return np.hstack([turn.apply(pose[:, :3]), (turn * Rotation.from_quat(pose[:, 3:])).as_quat()]), wrench
+
+    return fault
+
+
+def late(wrench: Array) -> Array:
+    """By three samples, 30 ms."""
+    return np.concatenate([np.repeat(wrench[:1], 3, axis=0), wrench[:-3]])
+
+
+def judged(recording: Recording) -> tuple[Identification, Verdict]:
+    found = identify_poses(recording)
+    assert found.verdict is not None
+    return found, found.verdict
+
+
+def deviations(recording: Recording, found: Identification) -> Array:
+    """Errors in standard deviations, what may be hidden counted in."""
+    assert recording.truth is not None
+    truth = recording.truth.loads[0][1].central()
+    hidden = np.array([error.std for error in found.hidden])
+    result: Array = np.abs(found.payload.inertia.central() - truth) / np.hypot(found.payload.std, hidden)
+    return result
+
+
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("seed", range(3))
+def test_good_recordings_are_accepted(seed: int, count: int) -> None:
+    recording = held_recording(seed, count)
+    found, verdict = judged(recording)
+    assert not verdict.is_refuted, verdict.words
+    assert found.doubts == ()
+    assert len(found.hidden) == 10
+    assert deviations(recording, found).max() < 5.0
+
+
+@pytest.mark.parametrize(
+    ("fault", "robots", "cause", "robot"),
+    [
+        (to_wrench(lambda wrench: wrench + [4.0, -3.0, 2.0, 0.0, 0.0, 0.0]), (), "offset", "r2"),
+        (to_wrench(lambda wrench: wrench - wrench[:20].mean(axis=0)), ("r1", "r2", "r3"), "offset", None),
+        (to_wrench(lever), (), "lever", "r2"),
+        (to_wrench(lever), ("r1", "r2", "r3"), "lever", None),
+        (to_wrench(lambda wrench: 1.1 * wrench), (), "scale", "r2"),
+        (to_wrench(lambda wrench: -wrench), (), "scale", "r2"),
+        (to_wrench(lambda wrench: wrench * [1, 1, 1, 1e3, 1e3, 1e3]), (), "moment scale", "r2"),
+        (to_wrench(lambda wrench: wrench * [1, 1, 1, 0.102, 0.102, 0.102]), ("r1", "r2", "r3"), "moment scale", None),
+        (in_home_axes, (), "base axes", "r2"),
+        (in_home_axes, ("r1", "r2", "r3"), "base axes", None),
+        (to_wrench(late), (), "clock", "r2"),
+        (to_wrench(late), ("r1", "r2", "r3"), "clock", None),
+        (home_turned(np.array([0.05, 0.0, 0.0])), (), "homes not level", "r2"),
+        (home_turned(np.array([np.pi / 2.0, 0.0, 0.0])), (), "homes not level", "r2"),
+    ],
+)
+def test_one_fault_is_named_and_mended(fault: Fault, robots: tuple[str, ...], cause: str, robot: str | None) -> None:
+    found, verdict = judged(with_fault(held_recording(SEED), fault, *robots))
+    assert verdict.is_refuted
+    assert (verdict.cause, verdict.robot) == (cause, robot), verdict.words
+    assert found.doubts[0] == verdict.words
+    assert verdict.mass is not None
+    mass, std = verdict.mass
+    assert abs(mass - HELD.mass) < 5.0 * std
+    assert f"the mass is {mass:.4g} kg" in verdict.words
+
+
+@pytest.mark.parametrize("columns", [slice(0, 6), slice(3, 6)])
+def test_a_sensor_that_repeats_itself_is_named(columns: slice) -> None:
+    def stuck(wrench: Array) -> Array:
+        wrench[1000:1200, columns] = wrench[1000, columns]
+        return wrench
+
+    _, verdict = judged(with_fault(held_recording(SEED), to_wrench(stuck)))
+    assert (verdict.cause, verdict.robot, verdict.value) == ("sensor dead", "r2", (10.0,))
+
+
+def test_a_tilted_cell_is_named() -> None:
+    """Home frames that are level with each other, but not with the floor."""
+    recording = held_recording(SEED)
+    for k, name in enumerate(recording.names):
+        yaw = Rotation.from_euler("z", 0.7 * k)
+        recording = with_fault(recording, home_turned((yaw.inv()).apply([0.1, 0.0, 0.0])), name)
+    _, verdict = judged(recording)
+    assert verdict.cause == "gravity"
+    assert "tilted, by 5.7" in verdict.words
+    assert verdict.mass is not None
+    assert abs(verdict.mass[0] - HELD.mass) < 5.0 * verdict.mass[1]
+
+
+def test_a_load_that_changes_is_named() -> None:
+    more = combined([HELD, Inertia(1.0, np.array([0.1, 0.1, 0.0]), 0.01 * np.eye(3))])
+    _, verdict = judged(held_recording(SEED, change=(12.0, more)))
+    assert verdict.cause == "load change"
+    assert verdict.value[-1] == pytest.approx(12.0, abs=0.2)
+
+
+def test_two_robots_do_not_tell_whose_scale_is_wrong() -> None:
+    _, verdict = judged(with_fault(held_recording(SEED, 2), to_wrench(lambda wrench: 1.1 * wrench)))
+    assert verdict.cause == "scale"
+    assert verdict.robot is None
+    assert verdict.mass is None
+    assert "which two robots cannot tell" in verdict.words
+
+
+def test_several_faults_are_no_single_cause() -> None:
+    recording = with_fault(held_recording(SEED), to_wrench(lambda wrench: lever(late(wrench)) + [5, 0, 0, 0, 0, 0]))
+    recording = with_fault(recording, in_home_axes, "r3")
+    found, verdict = judged(recording)
+    assert verdict.is_refuted
+    assert verdict.cause == "unknown"
+    assert verdict.mass is None
+    assert "no single cause explains it" in found.doubts[0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_too_small_to_be_seen_is_counted_in(seed: int) -> None:
+    """A scale that is off by little is many deviations of the noise alone, but not of what may be hidden."""
+    recording = with_fault(held_recording(seed), to_wrench(lambda wrench: 1.002 * wrench))
+    found, verdict = judged(recording)
+    if not verdict.is_refuted:
+        assert deviations(recording, found).max() < 5.0
+        assert found.hidden[0].std > 3.0 * found.payload.std[0]
+
+
+def test_a_sensors_own_filter_does_not_make_it_look_quiet() -> None:
+    recording = held_recording(SEED)
+    slow = with_fault(recording, to_wrench(lambda wrench: low_pass(wrench, recording.rate, 15.0)), *recording.names)
+    assert not judged(slow)[1].is_refuted
+
+
+def test_noise_is_measured_above_the_motion() -> None:
+    rng = np.random.default_rng(1)
+    time = np.arange(3000) / 100.0
+    samples = 0.3 * rng.normal(size=(3000, 2)) + 50.0 * np.sin(6.0 * time)[:, None]
+    np.testing.assert_allclose(white_level(samples, 100.0, 3.0), 0.3, rtol=0.15)
+    assert white_level(samples, 15.0, 3.0) is None
+
+
+def test_results_do_not_depend_on_who_is_first() -> None:
+    recording = with_fault(held_recording(SEED), to_wrench(lambda wrench: wrench + [4.0, -3.0, 2.0, 0.0, 0.0, 0.0]))
+    turned = replace(recording, robots=dict(reversed(recording.robots.items())), truth=None)
+    (_, one), (_, other) = judged(recording), judged(turned)
+    assert (one.cause, one.robot) == (other.cause, other.robot)
+    assert one.mass is not None
+    assert other.mass is not None
+    assert other.mass[0] == pytest.approx(one.mass[0], abs=0.2 * one.mass[1])
