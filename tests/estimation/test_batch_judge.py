@@ -129,6 +129,35 @@ def test_a_sensor_that_repeats_itself_is_named(columns: slice) -> None:
     assert (verdict.cause, verdict.robot, verdict.value) == ("sensor dead", "r2", (10.0,))
 
 
+def test_a_sensor_that_has_nothing_but_noise_is_named() -> None:
+    rng = np.random.default_rng(1)
+    noise = to_wrench(lambda wrench: np.hstack([0.2 * rng.normal(size=(len(wrench), 3)), 0.0 * wrench[:, 3:]]))
+    _, verdict = judged(with_fault(held_recording(SEED), noise))
+    assert (verdict.cause, verdict.robot) == ("sensor dead", "r2")
+    assert "nothing but noise" in verdict.words
+
+
+def test_hands_in_gimbals_have_no_moments() -> None:
+    """Robots that hold the load at one point each: their moments are zero all the time."""
+    recording = held_recording(SEED)
+    names = recording.names
+    assert recording.truth is not None
+    grasps = recording.truth.poses
+    wrenches = recording.stacked("wrench")
+    total = sum(own @ grasp.adjoint().T for own, grasp in zip(wrenches, grasps, strict=True))
+    # Forces at three points that make up the total wrench, the least of all.
+    to_first = np.hstack([grasp.adjoint()[:, :3] for grasp in grasps])
+    forces = total @ np.linalg.pinv(to_first).T
+    robots = {
+        name: replace(
+            recording.robots[name], wrench=np.hstack([forces[:, 3 * k : 3 * k + 3], 0.0 * wrenches[k][:, 3:]])
+        )
+        for k, name in enumerate(names)
+    }
+    _, verdict = judged(replace(recording, robots=robots))
+    assert verdict.cause != "sensor dead"
+
+
 def test_a_tilted_cell_is_named() -> None:
     """Home frames that are level with each other, but not with the floor."""
     recording = held_recording(SEED)

@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from coheft.estimation.batch.judge.band import white_level
 from coheft.estimation.batch.judge.suspects import Cause, Suspect, Suspects
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit, WrenchMisfit
 from coheft.estimation.batch.recording import Recording
@@ -46,6 +47,8 @@ _SURE = 6.0
 _TARED = 0.2
 """Sensors that were tared with the load in hand read nothing for so long from the beginning [s]."""
 _QUIET = 6.0
+_NOISE_ALONE = 1.5
+"""Mean square of readings, in that of their noise, below which there is nothing else in them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +107,7 @@ def judge_forces(
     Returns:
         None if samples are too few per second to tell noise from motion.
     """
-    dead = _dead(recording)
+    dead = _dead(recording, cutoff)
     if dead is not None:
         return dead
     try:
@@ -185,28 +188,38 @@ def _worst(misfit: WrenchMisfit) -> float:
     return float(misfit.signals.time[int(np.argmax(sizes))])
 
 
-def _dead(recording: Recording) -> Verdict | None:
-    """A sensor whose forces or moments are the same for more than a second: real ones have noise."""
+def _dead(recording: Recording, cutoff: float) -> Verdict | None:
+    """A sensor whose forces are noise alone, or whose readings are the same for more than a second.
+
+    Moments may be zero all the time: a hand in a gimbal has none.
+    """
     for name, robot in recording.robots.items():
-        if robot.wrench is None:
-            continue
-        for what, samples in (("forces", robot.wrench[:, :3]), ("moments", robot.wrench[:, 3:])):
+        assert robot.wrench is not None
+        forces, moments = robot.wrench[:, :3], robot.wrench[:, 3:]
+        noise = white_level(forces, recording.rate, cutoff)
+        if noise is not None and np.all(np.mean(forces**2, axis=0) < _NOISE_ALONE * noise**2):
+            return _dead_sensor(name, 0.0, f"forces of {name} are nothing but noise: its sensor does not work")
+        for what, samples in (("forces", forces), ("moments", moments)):
+            if what == "moments" and not samples.any():
+                continue
             same = np.all(np.diff(samples, axis=0) == 0.0, axis=1)
             changes = np.flatnonzero(np.concatenate([[True], ~same, [True]]))
             longest = int(np.argmax(np.diff(changes)))
             count = int(changes[longest + 1] - changes[longest])
             if count > recording.rate:
                 start = float(recording.time[changes[longest]])
-                return Verdict(
-                    is_refuted=True,
-                    cause="sensor dead",
-                    robot=name,
-                    value=(start,),
-                    words=f"{what} of {name} are exactly the same for {count / recording.rate:.1f} s from "
-                    f"{start:.1f} s on: its sensor does not work, or something repeats its last reading. --from and "
-                    f"--to choose a part without that",
+                return _dead_sensor(
+                    name,
+                    start,
+                    f"{what} of {name} are exactly the same for {count / recording.rate:.1f} s from {start:.1f} s on: "
+                    f"its sensor does not work, or something repeats its last reading. --from and --to choose a part "
+                    f"without that",
                 )
     return None
+
+
+def _dead_sensor(robot: str, start: float, words: str) -> Verdict:
+    return Verdict(is_refuted=True, cause="sensor dead", robot=robot, value=(start,), words=words)
 
 
 def _homes(signals: Signals, poses: Sequence[Pose]) -> Array:
