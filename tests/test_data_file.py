@@ -19,6 +19,7 @@ from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.data.checks import COLUMNS
 from coheft.wire.data.file import read_recording, write_recording
+from coheft.wire.process.log import LOG
 
 CHANNELS = tuple(COLUMNS)
 
@@ -153,7 +154,7 @@ def test_npz_files_that_cannot_be_used_are_refused(tmp_path: Path, changes: dict
         ("t,wx,wy\n0,1,2\n", "'twist' lacks columns wz, vx, vy, vz"),
         ("t,speed\n0,1\n", "column 'speed' is unknown"),
         ("t,ax,ay,az\n0,1,2\n", "line 2: found 3 values, expected 4"),
-        ("t,ax,ay,az\n0,1,2,three\n", "could not convert string to float"),
+        ("t,ax,ay,az\n0,1,2,three\n", "line 2, column 'az': found 'three'; expected a number such as 1.5"),
         ("t,ax,ay,az\n", "expected a line with the names of columns, then numbers"),
         ("ax,ay,az\n1,2,3\n", "'t' of r1 is missing"),
     ],
@@ -180,6 +181,48 @@ def test_csv_files_of_other_programs_are_refused_with_advice(tmp_path: Path, tex
     (tmp_path / "r1.csv").write_bytes(text)
     with pytest.raises(RecordingError, match=message):
         read_recording(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t,ax,ay,az\n\n0,1,2,3\n0.1,1,2,4\n\n",
+        "t,ax,ay,az,\n0,1,2,3,\n0.1,1,2,4,\n",
+        " t , ax, ay ,az\n 0 , 1,2, 3\n0.1,1,2,4 \n , , ,\n",
+        "t,ax,ay,az\n0,1,2,3,\n0.1,1,2,4\n",
+    ],
+    ids=["blank lines", "commas at the end", "spaces", "some commas at the end"],
+)
+@pytest.mark.parametrize("name", ["r1.csv", "r1.CSV"])
+def test_csv_files_as_people_write_them(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    (tmp_path / "r2.csv").write_text(text)
+    robot = read_recording(tmp_path).robots["r1"]
+    np.testing.assert_array_equal(robot.time, [0.0, 0.1])
+    np.testing.assert_array_equal(robot.acceleration, [[1.0, 2.0, 3.0], [1.0, 2.0, 4.0]])
+
+
+def test_lines_of_csv_files_are_counted_as_editors_do(tmp_path: Path) -> None:
+    (tmp_path / "r1.csv").write_text("\nt,ax,ay,az\n\n0,1,2,x\n")
+    with pytest.raises(RecordingError, match="line 4, column 'az': found 'x'"):
+        read_recording(tmp_path)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")])
+@pytest.mark.parametrize("rate", [10.0, 100.0, 1000.0])
+def test_times_may_be_in_other_units(
+    tmp_path: Path, factor: float, unit: str, rate: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    LOG.addHandler(caplog.handler)
+    try:
+        for name in ("r1", "r2"):
+            lines = [f"{round(factor * (5.0 + k / rate))},1,2,3" for k in range(5)]
+            (tmp_path / f"{name}.csv").write_text("\n".join(["t,ax,ay,az", *lines]))
+        recording = read_recording(tmp_path)
+    finally:
+        LOG.removeHandler(caplog.handler)
+    assert recording.rate == pytest.approx(rate)
+    assert f"taken for {unit}, which makes {rate:g} samples per second" in caplog.text
 
 
 def test_csv_files_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:

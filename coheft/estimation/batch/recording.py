@@ -140,8 +140,16 @@ def check_recording(recording: Recording) -> None:
         raise RecordingError(f"found {len(recording.robots)} robot, expected at least 2")
     first = recording.names[0]
     for name, robot in recording.robots.items():
-        if len(robot.time) < 2 or not np.all(np.diff(robot.time) > 0.0):
-            raise RecordingError(f"'t' of {name}: expected at least 2 times, growing")
+        if len(robot.time) < 2:
+            raise RecordingError(f"'t' of {name}: found {len(robot.time)} samples, expected at least 2")
+        falling = np.flatnonzero(np.diff(robot.time) <= 0.0)
+        if len(falling):
+            at = int(falling[0])
+            raise RecordingError(
+                f"'t' of {name}: sample {at + 2} is of {robot.time[at + 1]:.9g} s, the one before of "
+                f"{robot.time[at]:.9g} s (in all, {len(falling)} are not later than the one before); expected times "
+                f"that grow: sort the samples, and remove what is there twice"
+            )
         steps = np.diff(robot.time)
         if np.ptp(steps) > 2.0 * _TIME_TOLERANCE * steps.mean() + 1e-9:
             raise RecordingError(

@@ -11,6 +11,7 @@ from coheft.estimation.batch.recording import RobotRecord, Truth
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.wire.process.log import LOG
 
 TIME = "t"
 COLUMNS = {
@@ -22,6 +23,9 @@ COLUMNS = {
 }
 """Channels of a robot and the names of their columns in CSV files."""
 TRUTH = "truth"
+_UNITS = ((1e-3, "milliseconds"), (1e-6, "microseconds"), (1e-9, "nanoseconds"))
+_SLOWEST = 0.25
+"""Longest time from sample to sample from which motion could be told [s]."""
 
 
 def channels_of(robot: RobotRecord) -> dict[str, Array]:
@@ -50,7 +54,22 @@ def robot_of(name: str, table: Mapping[str, Array]) -> RobotRecord:
     channels = {channel: array for channel, array in table.items() if channel != TIME}
     if "wrench" in channels and channels["wrench"].ndim == 2:
         channels["wrench"] = _swapped(channels["wrench"])
-    return RobotRecord(table[TIME], **channels)
+    return RobotRecord(_in_seconds(name, table[TIME]), **channels)
+
+
+def _in_seconds(name: str, time: Array) -> Array:
+    """Times (n,), which may be in other units: in seconds, nothing would be sampled as slowly as that."""
+    if len(time) < 2:
+        return time
+    step = float(np.median(np.diff(time)))
+    for factor, unit in _UNITS:
+        if step * factor <= _SLOWEST < 1e3 * step * factor:
+            LOG.warning(
+                f"coheft: '{TIME}' of {name} grows by {step:g} from sample to sample: taken for {unit}, which makes "
+                f"{1.0 / (step * factor):.4g} samples per second"
+            )
+            return time * factor
+    return time
 
 
 def gravity_of(array: Array) -> Array:

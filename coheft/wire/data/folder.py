@@ -28,12 +28,17 @@ def read_folder(folder: Path) -> Recording:
         RecordingError: A file cannot be used; says which, and why.
         OSError: A file cannot be read.
     """
-    files = sorted(folder.glob("*.csv"))
+    files = _tables(folder)
     robots = {file.stem: _read_robot(file) for file in files if file.stem != _HOLDS}
     if not robots:
         raise RecordingError("no .csv files in this folder; expected one per robot")
-    holds = folder / f"{_HOLDS}.csv"
-    return Recording(robots=robots, holds=_read_holds(holds) if holds in files else None)
+    holds = [file for file in files if file.stem == _HOLDS]
+    return Recording(robots=robots, holds=_read_holds(holds[0]) if holds else None)
+
+
+def _tables(folder: Path) -> list[Path]:
+    """CSV files, whether their ending is written large or small."""
+    return sorted(file for file in folder.iterdir() if file.suffix.lower() == ".csv") if folder.is_dir() else []
 
 
 def write_folder(recording: Recording, folder: Path) -> None:
@@ -62,7 +67,7 @@ def check_folder(folder: Path) -> list[Path]:
         RecordingError: There are CSV files which would be read as part of the recording, but are none.
         OSError: A file cannot be read.
     """
-    old = sorted(folder.glob("*.csv"))
+    old = _tables(folder)
     others = [file.name for file in old if not _is_ours(file)]
     if others:
         raise RecordingError(
@@ -136,7 +141,8 @@ def _read_table(path: Path) -> dict[str, Array]:
     """The columns of a CSV file, by their names; each has shape (n,), and n may be 0."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            header, *rows = list(csv.reader(file)) or [[]]
+            reader = csv.reader(file)
+            lines = [(reader.line_num, row) for row in reader if any(map(str.strip, row))]
     except UnicodeDecodeError as error:
         raise RecordingError(
             f"{path.name}: not UTF-8 text ({error.reason} at byte {error.start}), but UTF-16 or Latin-1 perhaps, as "
@@ -144,7 +150,9 @@ def _read_table(path: Path) -> dict[str, Array]:
         ) from error
     except csv.Error as error:
         raise RecordingError(f"{path.name}: no table of numbers separated by commas: {error}") from error
-    header = [name.strip() for name in header]
+    header = [name.strip() for name in lines[0][1]] if lines else []
+    if header and not header[-1]:  # lines end with a comma
+        header.pop()
     if not header:
         raise RecordingError(f"{path.name}: expected a line with the names of columns, then numbers")
     if len(header) == 1 and any(other in header[0] for other in ";\t"):
@@ -158,14 +166,25 @@ def _read_table(path: Path) -> dict[str, Array]:
             f"{path.name}: column '{one_line(twice[0])}' is there {header.count(twice[0])} times, expected once: "
             f"remove or rename the others"
         )
-    numbers = np.empty((len(rows), len(header)))
-    for i, row in enumerate(rows):
-        if len(row) != len(header):
-            raise RecordingError(f"{path.name}: line {i + 2}: found {len(row)} values, expected {len(header)}")
+    numbers = np.empty((len(lines) - 1, len(header)))
+    for i, (line, row) in enumerate(lines[1:]):
+        values = row[:-1] if len(row) == len(header) + 1 and not row[-1].strip() else row
+        if len(values) != len(header):
+            raise RecordingError(f"{path.name}: line {line}: found {len(values)} values, expected {len(header)}")
         try:
-            numbers[i] = np.array(row, dtype=np.float64)
-        except ValueError as error:
+            numbers[i] = np.array(values, dtype=np.float64)
+        except ValueError:
+            column, value = next(pair for pair in zip(header, values, strict=True) if not _is_number(pair[1]))
             raise RecordingError(
-                f"{path.name}: line {i + 2}: {one_line(str(error))}; expected numbers such as 1.5"
-            ) from error
+                f"{path.name}: line {line}, column '{one_line(column)}': found '{one_line(value)}'; expected a number "
+                f"such as 1.5"
+            ) from None
     return dict(zip(header, numbers.T, strict=True))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
