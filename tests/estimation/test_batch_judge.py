@@ -119,6 +119,24 @@ def test_one_fault_is_named_and_mended(fault: Fault, robots: tuple[str, ...], ca
     assert f"the mass is {mass:.4g} kg" in verdict.words
 
 
+@pytest.mark.parametrize("with_wrench", [True, False])
+@pytest.mark.parametrize("robot", ["r1", "r2"])
+def test_a_clock_that_is_late_is_named(with_wrench: bool, robot: str) -> None:
+    recording = with_fault(
+        held_recording(SEED), lambda pose, wrench: (late(pose), late(wrench) if with_wrench else wrench), robot
+    )
+    _, verdict = judged(recording)
+    assert (verdict.cause, verdict.robot) == ("clock", robot)
+    assert verdict.value[0] == pytest.approx(0.03, abs=0.002)
+    assert "ms late against the others'" in verdict.words
+
+
+def test_of_two_robots_either_clock_may_be_wrong() -> None:
+    _, verdict = judged(with_fault(held_recording(SEED, 2), lambda pose, wrench: (late(pose), late(wrench))))
+    assert (verdict.cause, verdict.robot) == ("clock", None)
+    assert "(or those of the other robot, the other way round)" in verdict.words
+
+
 @pytest.mark.parametrize("columns", [slice(0, 6), slice(3, 6)])
 def test_a_sensor_that_repeats_itself_is_named(columns: slice) -> None:
     def stuck(wrench: Array) -> Array:

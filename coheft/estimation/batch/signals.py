@@ -24,7 +24,7 @@ CUTOFF = 3.0
 """Of the filter for unbiased methods: above, there is hardly any motion [Hz]."""
 EDGE = 2.0
 """Dropped at both ends [s]."""
-_OVERSAMPLING = 6.0
+OVERSAMPLING = 6.0
 """Samples that are kept per period of the cutoff."""
 _FEWEST = 50
 
@@ -175,7 +175,7 @@ def signals_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Signals:
     wrench = low_pass(recording.stacked("wrench"), rate, cutoff, axis=1)[:, inner] if recording.has("wrench") else None
     inner_time = (time >= recording.time[0] + EDGE) & (time <= recording.time[-1] - EDGE)
     # What is left has nothing above the cutoff: fewer samples say the same.
-    every = max(1, int(rate / (_OVERSAMPLING * cutoff)))
+    every = max(1, int(rate / (OVERSAMPLING * cutoff)))
     kept = np.flatnonzero(inner_time)[::every]
     if len(kept) < _FEWEST:
         needed = 2.0 * EDGE + _FEWEST * every / rate

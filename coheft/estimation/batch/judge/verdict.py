@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from coheft.estimation.batch.judge.band import white_level
+from coheft.estimation.batch.judge.clocks import clock_delays
 from coheft.estimation.batch.judge.suspects import Cause, Suspect, Suspects
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit, WrenchMisfit
 from coheft.estimation.batch.recording import Recording
@@ -44,6 +45,8 @@ _HIDING = (Cause.OFFSET, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.CLOC
 _LEVEL = 0.5
 """Home frames that differ by more are not level [degrees], if poses show it by ``_SURE`` of their deviations."""
 _SURE = 6.0
+_LATE = 1e-3
+"""Clocks that differ by less hardly matter [s]."""
 _TARED = 0.2
 """Sensors that were tared with the load in hand read nothing for so long from the beginning [s]."""
 _QUIET = 6.0
@@ -107,9 +110,9 @@ def judge_forces(
     Returns:
         None if samples are too few per second to tell noise from motion.
     """
-    dead = _dead(recording, cutoff)
-    if dead is not None:
-        return dead
+    at_first_sight = _stuck(recording) or _late(recording, signals, poses)
+    if at_first_sight is not None:
+        return at_first_sight
     try:
         misfit = WrenchMisfit(recording, signals, poses, cutoff)
     except ValueError:
@@ -133,7 +136,7 @@ def judge_forces(
     differs = f"forces differ from any rigid body's by {ratio:.2g} times what noise explains"
     margin = best.gain - second.gain
     if not sure or not is_mended:
-        return Verdict(
+        return _silent(recording, cutoff) or Verdict(
             is_refuted=True,
             cause="unknown",
             ratio=ratio,
@@ -188,18 +191,22 @@ def _worst(misfit: WrenchMisfit) -> float:
     return float(misfit.signals.time[int(np.argmax(sizes))])
 
 
-def _dead(recording: Recording, cutoff: float) -> Verdict | None:
-    """A sensor whose forces are noise alone, or whose readings are the same for more than a second.
+def _silent(recording: Recording, cutoff: float) -> Verdict | None:
+    """A sensor whose forces are noise alone."""
+    for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
+        noise = white_level(wrench[:, :3], recording.rate, cutoff)
+        if noise is not None and np.all(np.mean(wrench[:, :3] ** 2, axis=0) < _NOISE_ALONE * noise**2):
+            return _dead(name, 0.0, f"forces of {name} are nothing but noise: its sensor does not work")
+    return None
+
+
+def _stuck(recording: Recording) -> Verdict | None:
+    """A sensor whose readings are the same for more than a second: real ones have noise.
 
     Moments may be zero all the time: a hand in a gimbal has none.
     """
-    for name, robot in recording.robots.items():
-        assert robot.wrench is not None
-        forces, moments = robot.wrench[:, :3], robot.wrench[:, 3:]
-        noise = white_level(forces, recording.rate, cutoff)
-        if noise is not None and np.all(np.mean(forces**2, axis=0) < _NOISE_ALONE * noise**2):
-            return _dead_sensor(name, 0.0, f"forces of {name} are nothing but noise: its sensor does not work")
-        for what, samples in (("forces", forces), ("moments", moments)):
+    for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
+        for what, samples in (("forces", wrench[:, :3]), ("moments", wrench[:, 3:])):
             if what == "moments" and not samples.any():
                 continue
             same = np.all(np.diff(samples, axis=0) == 0.0, axis=1)
@@ -208,7 +215,7 @@ def _dead(recording: Recording, cutoff: float) -> Verdict | None:
             count = int(changes[longest + 1] - changes[longest])
             if count > recording.rate:
                 start = float(recording.time[changes[longest]])
-                return _dead_sensor(
+                return _dead(
                     name,
                     start,
                     f"{what} of {name} are exactly the same for {count / recording.rate:.1f} s from {start:.1f} s on: "
@@ -218,8 +225,30 @@ def _dead(recording: Recording, cutoff: float) -> Verdict | None:
     return None
 
 
-def _dead_sensor(robot: str, start: float, words: str) -> Verdict:
+def _dead(robot: str, start: float, words: str) -> Verdict:
     return Verdict(is_refuted=True, cause="sensor dead", robot=robot, value=(start,), words=words)
+
+
+def _late(recording: Recording, signals: Signals, poses: Sequence[Pose]) -> Verdict | None:
+    """A robot whose clock is not that of the others."""
+    delays, deviations = clock_delays(signals, poses)
+    sure = np.where(np.abs(delays) > np.maximum(_SURE * deviations, _LATE), np.abs(delays), 0.0)
+    if not sure.any():
+        return None
+    worst = int(np.argmax(sure))
+    delay, std = float(delays[worst]), float(deviations[worst])
+    name = recording.names[worst] if len(delays) > 2 else None
+    whose = (
+        f"{name} are" if name else f"{recording.names[worst]} are (or those of the other robot, the other way round)"
+    )
+    return Verdict(
+        is_refuted=True,
+        cause=Cause.CLOCK.value,
+        robot=name,
+        value=(delay,),
+        words=f"poses of {whose} {abs(1e3 * delay):.3g} ms {'late' if delay > 0.0 else 'early'} against the others' "
+        f"(std {1e3 * std:.2g} ms), and perhaps all else that is recorded of it: shift its samples in time",
+    )
 
 
 def _homes(signals: Signals, poses: Sequence[Pose]) -> Array:
