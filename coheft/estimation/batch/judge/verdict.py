@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from coheft.estimation.batch.judge.band import white_level
 from coheft.estimation.batch.judge.clocks import clock_delays
 from coheft.estimation.batch.judge.suspects import Cause, Suspect, Suspects
+from coheft.estimation.batch.judge.words import angle_deg, is_ambiguous, words_of
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit, WrenchMisfit
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import Signals
@@ -47,9 +48,6 @@ _LEVEL = 0.5
 _SURE = 6.0
 _LATE = 1e-3
 """Clocks that differ by less hardly matter [s]."""
-_TARED = 0.2
-"""Sensors that were tared with the load in hand read nothing for so long from the beginning [s]."""
-_QUIET = 6.0
 _NOISE_ALONE = 1.5
 """Mean square of readings, in that of their noise, below which there is nothing else in them."""
 
@@ -132,7 +130,7 @@ def judge_forces(
     best = sure[0] if sure else found[0]
     second = next(one for one in found if one.cause is not best.cause)
     is_mended = _mends(best, plain.excess)
-    robot, words = _words(best, recording, misfit)
+    robot, words = words_of(best, recording, misfit)
     differs = f"forces differ from any rigid body's by {ratio:.2g} times what noise explains"
     margin = best.gain - second.gain
     if not sure or not is_mended:
@@ -146,7 +144,7 @@ def judge_forces(
             f"{words}. Are the robots calibrated (--calibrate)? Did something happen meanwhile (--from and --to "
             f"choose a part)?",
         )
-    mass = None if _is_ambiguous(best, recording) else _mass_of(best.fit)
+    mass = None if is_ambiguous(best, recording) else _mass_of(best.fit)
     with_it = "" if mass is None else f". With it estimated along, the mass is {mass[0]:.4g} kg (std {mass[1]:.2g} kg)"
     rest = f"; the second best cause, {second.cause.value}, is hardly worse" if margin < 10.0 else ""
     return Verdict(
@@ -165,11 +163,6 @@ def judge_forces(
 def _mass_of(fit: Fit) -> tuple[float, float]:
     """Mass and its standard deviation [kg]."""
     return float(fit.solution[0]), float(np.sqrt(max(fit.covariance[0, 0], 0.0)))
-
-
-def _is_ambiguous(suspect: Suspect, recording: Recording) -> bool:
-    """Whether a factor might as well be another robot's: of two robots, one reads too much or the other too little."""
-    return len(recording.names) == 2 and suspect.cause in (Cause.SCALE, Cause.FORCE_SCALE) and suspect.value[0] > 0.0
 
 
 def _mends(suspect: Suspect, excess: float) -> bool:
@@ -261,7 +254,7 @@ def _homes(signals: Signals, poses: Sequence[Pose]) -> Array:
 def _level(homes: Array, recording: Recording, turns: float, suspects: Suspects, plain: Fit) -> Verdict | None:
     """Home frames whose gravity is not the same, and whose it is, by what forces say."""
     down = homes @ (recording.gravity / np.linalg.norm(recording.gravity))
-    apart = max(_degrees(one, other) for one in down for other in down)
+    apart = max(angle_deg(one, other) for one in down for other in down)
     if apart < _LEVEL + _SURE * np.degrees(turns):
         return None
     ratio = float(np.sqrt(plain.inside))
@@ -275,7 +268,7 @@ def _level(homes: Array, recording: Recording, turns: float, suspects: Suspects,
             f"in none of them: are poses those of grasp frames in the home frames, and not the other way round? Are "
             f"wrenches in the axes of the grasp frames?",
         )
-    off = [_degrees(one, by_forces.value) for one in down]
+    off = [angle_deg(one, by_forces.value) for one in down]
     wrong = [name for name, angle in zip(recording.names, off, strict=True) if angle > 0.2 * max(off)]
     who = ", ".join(wrong)
     mass, std = _mass_of(by_forces.fit)
@@ -289,71 +282,4 @@ def _level(homes: Array, recording: Recording, turns: float, suspects: Suspects,
         words=f"home frames are not level with each other, by {apart:.3g} degrees; by what forces say of gravity it is "
         f"{who}, turned by {max(off):.3g} degrees. With gravity where forces have it, the mass is {mass:.4g} kg (std "
         f"{std:.2g} kg). Turn the poses of {who} into a frame whose z axis points up",
-    )
-
-
-def _degrees(one: Array, other: Array) -> float:
-    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)))
-
-
-def _words(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tuple[str | None, str]:
-    """The robot's name, if it is one's, and what is wrong."""
-    names, value = recording.names, suspect.value
-    name = None if suspect.robot is None else names[suspect.robot]
-    whose = "all robots" if name is None else name
-    match suspect.cause:
-        case Cause.OFFSET:
-            return _offset_words(value, recording, misfit)
-        case Cause.LEVER:
-            x, y, z = 1000.0 * value
-            return name, (
-                f"moments of {whose} are about another point than the origin of the grasp frame, which lies at "
-                f"({x:.1f}, {y:.1f}, {z:.1f}) mm from that point"
-            )
-        case Cause.SCALE | Cause.FORCE_SCALE | Cause.MOMENT_SCALE:
-            what = {Cause.SCALE: "forces and moments", Cause.FORCE_SCALE: "forces"}.get(suspect.cause, "moments")
-            if value[0] < 0.0:
-                return name, f"{what} of {whose} have the opposite sign (a factor of {value[0]:.3g})"
-            factor = f"{what} of {whose} are {value[0]:.4g} times what they should be"
-            if _is_ambiguous(suspect, recording):
-                other = names[1 - (suspect.robot or 0)]
-                return None, f"{factor}, or those of {other} {1.0 / value[0]:.4g} times, which two robots cannot tell"
-            return name, f"{factor}: another unit, or calibration"
-        case Cause.BASE_AXES:
-            return name, f"the wrench of {whose} is in the axes of the home frame, not of the grasp frame"
-        case Cause.COMPENSATED:
-            return None, "forces do not hold the weight: a controller has taken it out of them"
-        case Cause.CLOCK:
-            late = "late" if value[0] > 0.0 else "early"
-            clocks = f"wrenches of {whose} are {abs(1000.0 * value[0]):.3g} ms {late} against poses"
-            return name, clocks if name else f"{clocks}, or poses of some robot are off in time"
-        case Cause.GRAVITY:
-            angle = _degrees(value, recording.gravity)
-            return None, f"home frames are all tilted, by {angle:.3g} degrees against gravity"
-        case Cause.LOAD_CHANGE:
-            return None, f"the load changed at {suspect.time:.1f} s; --from and --to choose a part"
-        case Cause.OFFSET_JUMP:
-            return (
-                None,
-                f"the zero of some sensor jumped, or a grasp slipped, at {suspect.time:.1f} s; --from and --to choose "
-                f"a part",
-            )
-
-
-def _offset_words(offset: Array, recording: Recording, misfit: WrenchMisfit) -> tuple[str | None, str]:
-    """A constant wrench is constant in the load, whoever has it: it is likeliest where it needs little moment."""
-    wrenches = recording.stacked("wrench")
-    first = wrenches[:, : max(5, int(_TARED * recording.rate))]
-    deviations = np.sqrt([np.diag(noise) * recording.rate / misfit.signals.rate for noise in misfit.noise])
-    level = _QUIET * deviations / np.sqrt(first.shape[1]) + 0.02 * np.sqrt(np.mean(wrenches**2, axis=1))
-    if np.all(np.abs(first.mean(axis=1)) < level):
-        return None, "all sensors read zero in the beginning: they were tared with the load in hand"
-    own = [np.linalg.inv(adjoint) @ offset for adjoint in misfit.adjoints]
-    arms = [float(np.linalg.norm(wrench[3:])) / max(float(np.linalg.norm(wrench[:3])), 1e-9) for wrench in own]
-    robot = int(np.argmin(arms))
-    f, t = own[robot][:3], own[robot][3:]
-    name = recording.names[robot]
-    return name, (
-        f"the wrench of {name} is off by ({f[0]:.2f}, {f[1]:.2f}, {f[2]:.2f}) N and ({t[0]:.3f}, {t[1]:.3f}, "
-        f"{t[2]:.3f}) N·m: was its sensor tared? (Another robot's could be off instead, with moments that go with it)"
     )

@@ -1,0 +1,87 @@
+"""What is said of a cause: whose it is, and what is wrong, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.estimation.batch.judge.suspects import Cause, Suspect
+from coheft.estimation.batch.judge.wrench_misfit import WrenchMisfit
+from coheft.estimation.batch.recording import Recording
+from coheft.estimation.geometry.spatial import Array
+
+_TARED = 0.2
+"""Sensors that were tared with the load in hand read nothing for so long from the beginning [s]."""
+_QUIET = 6.0
+
+
+def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tuple[str | None, str]:
+    """The robot's name, if it is one's, and what is wrong."""
+    names, value = recording.names, suspect.value
+    name = None if suspect.robot is None else names[suspect.robot]
+    whose = "all robots" if name is None else name
+    match suspect.cause:
+        case Cause.OFFSET:
+            return _offset_words(value, recording, misfit)
+        case Cause.LEVER:
+            x, y, z = 1000.0 * value
+            return name, (
+                f"moments of {whose} are about another point than the origin of the grasp frame, which lies at "
+                f"({x:.1f}, {y:.1f}, {z:.1f}) mm from that point"
+            )
+        case Cause.SCALE | Cause.FORCE_SCALE | Cause.MOMENT_SCALE:
+            what = {Cause.SCALE: "forces and moments", Cause.FORCE_SCALE: "forces"}.get(suspect.cause, "moments")
+            if value[0] < 0.0:
+                return name, f"{what} of {whose} have the opposite sign (a factor of {value[0]:.3g})"
+            factor = f"{what} of {whose} are {value[0]:.4g} times what they should be"
+            if is_ambiguous(suspect, recording):
+                other = names[1 - (suspect.robot or 0)]
+                return None, f"{factor}, or those of {other} {1.0 / value[0]:.4g} times, which two robots cannot tell"
+            return name, f"{factor}: another unit, or calibration"
+        case Cause.BASE_AXES:
+            return name, f"the wrench of {whose} is in the axes of the home frame, not of the grasp frame"
+        case Cause.COMPENSATED:
+            return None, "forces do not hold the weight: a controller has taken it out of them"
+        case Cause.CLOCK:
+            late = "late" if value[0] > 0.0 else "early"
+            clocks = f"wrenches of {whose} are {abs(1000.0 * value[0]):.3g} ms {late} against poses"
+            return name, clocks if name else f"{clocks}, or poses of some robot are off in time"
+        case Cause.GRAVITY:
+            angle = angle_deg(value, recording.gravity)
+            return None, f"home frames are all tilted, by {angle:.3g} degrees against gravity"
+        case Cause.LOAD_CHANGE:
+            return None, f"the load changed at {suspect.time:.1f} s; --from and --to choose a part"
+        case Cause.OFFSET_JUMP:
+            return (
+                None,
+                f"the zero of some sensor jumped, or a grasp slipped, at {suspect.time:.1f} s; --from and --to choose "
+                f"a part",
+            )
+
+
+def _offset_words(offset: Array, recording: Recording, misfit: WrenchMisfit) -> tuple[str | None, str]:
+    """A constant wrench is constant in the load, whoever has it: it is likeliest where it needs little moment."""
+    wrenches = recording.stacked("wrench")
+    first = wrenches[:, : max(5, int(_TARED * recording.rate))]
+    deviations = np.sqrt([np.diag(noise) * recording.rate / misfit.signals.rate for noise in misfit.noise])
+    level = _QUIET * deviations / np.sqrt(first.shape[1]) + 0.02 * np.sqrt(np.mean(wrenches**2, axis=1))
+    if np.all(np.abs(first.mean(axis=1)) < level):
+        return None, "all sensors read zero in the beginning: they were tared with the load in hand"
+    own = [np.linalg.inv(adjoint) @ offset for adjoint in misfit.adjoints]
+    arms = [float(np.linalg.norm(wrench[3:])) / max(float(np.linalg.norm(wrench[:3])), 1e-9) for wrench in own]
+    robot = int(np.argmin(arms))
+    f, t = own[robot][:3], own[robot][3:]
+    name = recording.names[robot]
+    return name, (
+        f"the wrench of {name} is off by ({f[0]:.2f}, {f[1]:.2f}, {f[2]:.2f}) N and ({t[0]:.3f}, {t[1]:.3f}, "
+        f"{t[2]:.3f}) N·m: was its sensor tared? (Another robot's could be off instead, with moments that go with it)"
+    )
+
+
+def is_ambiguous(suspect: Suspect, recording: Recording) -> bool:
+    """Whether a factor might as well be another robot's: of two robots, one reads too much or the other too little."""
+    return len(recording.names) == 2 and suspect.cause in (Cause.SCALE, Cause.FORCE_SCALE) and suspect.value[0] > 0.0
+
+
+def angle_deg(one: Array, other: Array) -> float:
+    """Between two vectors (3,) [degrees]."""
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)))
