@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,19 +12,10 @@ import trimesh
 from coheft.errors import ScenarioError
 from coheft.estimation.geometry.spatial import Pose, rotation_exp
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
-from coheft.wire.process.log import LOG
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.payload_mesh import filled, read_triangles
 
 EDGES = [0.4, 0.2, 0.1]
-
-
-@pytest.fixture(autouse=True)
-def told(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]:
-    """Lines of the log, also where another test has told it not to hand them on."""
-    LOG.addHandler(caplog.handler)
-    yield caplog
-    LOG.removeHandler(caplog.handler)
 
 
 def box(*middle: float, edges: list[float] | None = None, inside_out: bool = False) -> np.ndarray:
@@ -49,10 +39,10 @@ def assert_same(one: Inertia, other: Inertia, tolerance: float = 1e-9) -> None:
     [(0.0, 0.2, 0.1), (0.4, 0.2, 0.1), (0.4, 0.0, 0.0), (1.0, 0.0, 0.0), (0.2, 0.2, 0.1)],
     ids=["share an edge", "share a corner", "share a face", "are apart", "share half an edge"],
 )
-def test_shells_may_touch(middle: tuple[float, float, float], told: pytest.LogCaptureFixture) -> None:
+def test_shells_may_touch(middle: tuple[float, float, float], caplog: pytest.LogCaptureFixture) -> None:
     surface = np.concatenate([box(0.0, 0.0, 0.0), box(*middle)])
     assert_same(filled(surface, None, 500.0, "x"), as_boxes((0.0, 0.0, 0.0), middle))
-    assert told.text == ""
+    assert caplog.text == ""
 
 
 def test_vertices_are_the_same_if_a_file_rounds_them() -> None:
@@ -67,19 +57,19 @@ def test_the_frame_does_not_matter() -> None:
     assert_same(filled(moved, 8.0, None, "x"), filled(surface, 8.0, None, "x").carried(pose), 1e-7)
 
 
-def test_a_cavity_is_empty_and_what_lies_in_it_is_not(told: pytest.LogCaptureFixture) -> None:
+def test_a_cavity_is_empty_and_what_lies_in_it_is_not(caplog: pytest.LogCaptureFixture) -> None:
     cavity = box(0.0, 0.0, 0.0, edges=[0.3, 0.1, 0.05], inside_out=True)
     nut = box(0.0, 0.0, 0.0, edges=[0.2, 0.05, 0.02])
     surface = np.concatenate([box(0.0, 0.0, 0.0), cavity, nut])
     assert filled(surface, None, 1000.0, "x").mass == pytest.approx(8.0 - 1.5 + 0.2)
-    assert told.text == ""
+    assert caplog.text == ""
 
 
-def test_shells_that_overlap_are_remarked(told: pytest.LogCaptureFixture) -> None:
+def test_shells_that_overlap_are_remarked(caplog: pytest.LogCaptureFixture) -> None:
     surface = np.concatenate([box(0.0, 0.0, 0.0), box(0.2, 0.0, 0.0, edges=[0.2, 0.2, 0.2])])
     assert filled(surface, None, 500.0, "key 'payload.mesh'").mass == pytest.approx(8.0)
-    assert "key 'payload.mesh': shells of its surface overlap, around (0.15" in told.text
-    assert "about 12.5% of its volume is counted twice" in told.text
+    assert "key 'payload.mesh': shells of its surface overlap, around (0.15" in caplog.text
+    assert "about 12.5% of its volume is counted twice" in caplog.text
 
 
 @pytest.mark.parametrize("far", [0.0, 0.5], ids=["alone", "beside another shell"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import mujoco
@@ -11,7 +10,6 @@ import pytest
 import trimesh
 
 from coheft.errors import ScenarioError
-from coheft.wire.process.log import LOG
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import Scenario
 
@@ -21,14 +19,6 @@ PLATE_MASS = 12.8
 LINK = """<link name="beam"><inertial><origin xyz="0 0 0" rpy="0 0 1.57079632679"/><mass value="6.0"/>
 <inertia ixx="0.10" ixy="0" ixz="0" iyy="0.50" iyz="0" izz="0.55"/></inertial>
 <collision><geometry><box size="0.2 1.0 0.1"/></geometry></collision></link>"""
-
-
-@pytest.fixture(autouse=True)
-def told(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]:
-    """Lines of the log, also where another test has told it not to hand them on."""
-    LOG.addHandler(caplog.handler)
-    yield caplog
-    LOG.removeHandler(caplog.handler)
 
 
 def load(folder: Path, model: str, name: str = "part.xml", more: str = "") -> Scenario:
@@ -89,7 +79,7 @@ def test_pictures_may_be_missing(texture: str, tmp_path: Path) -> None:
 
 
 def test_mujocos_warnings_are_lines_of_ours(
-    tmp_path: Path, told: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -100,26 +90,26 @@ def test_mujocos_warnings_are_lines_of_ours(
         "<mujoco>", '<mujoco><asset><model name="c" file="child.xml"/></asset>'
     )
     load(tmp_path, model)
-    assert f"{tmp_path / 'part.xml'}: MuJoCo warns: Attach conflict when attaching 'c'" in told.text
+    assert f"{tmp_path / 'part.xml'}: MuJoCo warns: Attach conflict when attaching 'c'" in caplog.text
     assert list(elsewhere.iterdir()) == []
 
 
-def test_shapes_for_their_looks_are_remarked(tmp_path: Path, told: pytest.LogCaptureFixture) -> None:
+def test_shapes_for_their_looks_are_remarked(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     looks = PLATE.replace("400", "200").replace("/>", ' contype="0" conaffinity="0"/>')
     scenario = load(tmp_path, world(f'<body name="b"><freejoint/>{PLATE}{looks}</body>'))
     assert scenario.payload.inertia().mass == pytest.approx(1.5 * PLATE_MASS)
-    assert "6.4 kg of 19.2 kg, 33%, are of shapes that collide with nothing" in told.text
+    assert "6.4 kg of 19.2 kg, 33%, are of shapes that collide with nothing" in caplog.text
 
 
-def test_a_body_that_collides_with_nothing_is_not_remarked(tmp_path: Path, told: pytest.LogCaptureFixture) -> None:
+def test_a_body_that_collides_with_nothing_is_not_remarked(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     looks = PLATE.replace("/>", ' contype="0" conaffinity="0"/>')
     load(tmp_path, world(f'<body name="b"><freejoint/>{looks}</body>'))
-    assert told.text == ""
+    assert caplog.text == ""
 
 
 @pytest.mark.parametrize("inertia", ["", ' inertia="exact"'])
 def test_meshes_that_are_not_filled_exactly_are_remarked(
-    inertia: str, tmp_path: Path, told: pytest.LogCaptureFixture
+    inertia: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     ell = trimesh.util.concatenate(
         [
@@ -133,11 +123,11 @@ def test_meshes_that_are_not_filled_exactly_are_remarked(
     mass = load(tmp_path, model).payload.inertia().mass
     if inertia:
         assert mass == pytest.approx(7.0, rel=1e-6)
-        assert told.text == ""
+        assert caplog.text == ""
     else:
         assert mass > 8.0
-        assert "by a rule that is exact for convex ones only" in told.text
-        assert "there would be 7 kg" in told.text
+        assert "by a rule that is exact for convex ones only" in caplog.text
+        assert "there would be 7 kg" in caplog.text
 
 
 @pytest.mark.parametrize("size", [0.0004, 300.0])

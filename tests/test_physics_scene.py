@@ -12,7 +12,6 @@ import pytest
 from coheft.estimation.geometry.spatial import Pose
 from coheft.physics_server.scene import PAYLOAD_HOME, home_name
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.process.log import LOG
 from coheft.wire.scenario.file import available_scenarios, load_scenario
 from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.schema import Perimeter
@@ -95,11 +94,7 @@ def test_what_mujoco_warns_of_leaves_no_file(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     simulation = Simulation(scenario())
-    LOG.addHandler(caplog.handler)
-    try:
-        simulation.data.qvel[:] = np.inf
-        mujoco.mj_step(simulation.model, simulation.data)
-    finally:
-        LOG.removeHandler(caplog.handler)
+    simulation.data.qvel[:] = np.inf
+    mujoco.mj_step(simulation.model, simulation.data)
     assert "MuJoCo warns: " in caplog.text
     assert list(tmp_path.iterdir()) == []

@@ -113,7 +113,7 @@ def _hidden(verdict: Verdict, found: Identification) -> tuple[HiddenError, ...]:
 def _verdict(recording: Recording, signals: Signals, team: TeamPoses, cutoff: float) -> Verdict | None:
     """Of forces, if poses are known: else nothing says what they should be."""
     relative = [team.relative(0, other) for other in range(1, len(team.poses))]
-    if any(pose.unseen for pose in relative):
+    if any(pose.unseen for pose in relative) or not recording.gravity.any():  # nothing has a weight there
         return None
     centre = centre_of(team.poses)
     turns = max(float(np.sqrt(np.linalg.eigvalsh(pose.covariance[:3, :3])[-1])) for pose in relative)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterable
+from itertools import pairwise
 from pathlib import Path
 from typing import BinaryIO
 
@@ -29,6 +30,11 @@ def read_folder(folder: Path) -> Recording:
         OSError: A file cannot be read.
     """
     files = _tables(folder)
+    for one, other in pairwise(files):
+        if one.stem == other.stem:
+            raise RecordingError(
+                f"{one.name} and {other.name} are both of {one.stem}: expected one file, remove the other"
+            )
     robots = {file.stem: _read_robot(file) for file in files if file.stem != _HOLDS}
     if not robots:
         raise RecordingError("no .csv files in this folder; expected one per robot")
@@ -38,7 +44,11 @@ def read_folder(folder: Path) -> Recording:
 
 def _tables(folder: Path) -> list[Path]:
     """CSV files, whether their ending is written large or small."""
-    return sorted(file for file in folder.iterdir() if file.suffix.lower() == ".csv") if folder.is_dir() else []
+    if not folder.is_dir():
+        return []
+    return sorted(
+        (file for file in folder.iterdir() if file.suffix.lower() == ".csv"), key=lambda file: (file.stem, file.name)
+    )
 
 
 def write_folder(recording: Recording, folder: Path) -> None:

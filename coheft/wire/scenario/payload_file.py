@@ -41,7 +41,8 @@ def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
         body = HeldBody.find(model, payload.body, f"{origin}: key 'payload.body'")
         properties = body.mass_properties(place)
         extent = body.extent(properties)
-        extent.check_file_size(place, "the body", *["lengths in models are in metres"] * 2)
+        advice = "lengths in models are in metres"
+        extent.check_file_size(place, "the body", advice, advice)
         body.remark_doubts(place)
         if robots.sites:
             grasps = body.grasps(robots.sites, extent, f"{origin}: key 'robots.sites'")

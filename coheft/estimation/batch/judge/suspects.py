@@ -77,6 +77,10 @@ class Suspects:
         """
         self._misfit, self._homes, self._gravity = misfit, homes, gravity
         self._count = len(misfit.adjoints)
+        rotations = [self._body_rotations(robot) for robot in range(self._count)]
+        self._rotations = rotations[0]
+        self._supposed = np.mean([gravity @ own for own in rotations], axis=0)
+        """Gravity in the body frame (n, 3), as the motion has it: the mean of what robots take for it."""
         self._per_unknown = float(np.log(misfit.plain.residual.size))
         self._whose = 2.0 * float(np.log(self._count))
 
@@ -169,13 +173,8 @@ class Suspects:
     def _regressor(self, gravity: Array) -> Array:
         """Of the body (n, 6, 10), if gravity (3,) were this one in the first robot's home frame."""
         motion = self._misfit.motion.copy()
-        motion[:, BODY_A] += self._supposed() - gravity @ self._body_rotations(0)
+        motion[:, BODY_A] += self._supposed - gravity @ self._rotations
         return regressor(motion)
-
-    def _supposed(self) -> Array:
-        """Gravity in the body frame (n, 3), as the motion has it: the mean of what robots take for it."""
-        seen: Array = np.mean([self._gravity @ self._body_rotations(robot) for robot in range(self._count)], axis=0)
-        return seen
 
     def _body_rotations(self, robot: int) -> Array:
         """Of the body frame in a robot's home frame, (n, 3, 3)."""
@@ -196,11 +195,10 @@ class Suspects:
 
     def _turned(self, gravity: Array) -> tuple[Array, Fit]:
         """The direction nearby that fits best, by Gauss-Newton, and the fit with it."""
-        rotations = self._body_rotations(0)
         for _ in range(_TURNS):
             basis = np.linalg.svd(gravity[None])[2][1:]
             body = self._misfit.fit(regressor=self._regressor(gravity)).solution
-            pulls = np.stack([-np.cross(axis, gravity) @ rotations for axis in basis], axis=-1)
+            pulls = np.stack([-np.cross(axis, gravity) @ self._rotations for axis in basis], axis=-1)
             columns = np.concatenate([body[0] * pulls, np.cross(body[1:4], pulls, axisb=1, axisc=1)], axis=1)
             fit = self._misfit.fit(columns, regressor=self._regressor(gravity))
             turn = np.clip(fit.solution[BODY_NUMBERS:], -0.5, 0.5)

@@ -114,6 +114,7 @@ class WrenchMisfit:
         )
         covariance = sensors + by_pose @ self._pose_noise @ by_pose.swapaxes(-1, -2)
         self._whitening = np.linalg.inv(np.linalg.cholesky(covariance))
+        self._design, self._output = self._white(self.regressor), self._white(self.total)
 
     def _white(self, signals: Array) -> Array:
         """Whitened coefficients (6 K, ...) of wrenches (n, 6) or of columns (n, 6, u)."""
@@ -138,10 +139,10 @@ class WrenchMisfit:
             total: Total wrench (n, 6), if it is another one.
             regressor: Of the body (n, 6, 10), if it is another one.
         """
-        design = self._white(self.regressor if regressor is None else regressor)
+        design = self._design if regressor is None else self._white(regressor)
         if columns is not None:
             design = np.hstack([design, self._white(columns)])
-        output = self._white(self.total if total is None else total)
+        output = self._output if total is None else self._white(total)
         spectrum = np.ones(len(output))
         best: Fit | None = None
         for _ in range(_REWEIGHTINGS):
