@@ -135,7 +135,7 @@ class Knowledge:
         faded = math.expm1(place * settings.period / settings.memory)
         theta = estimate.body.unknowns.theta
         self._rows_before = round(settings.memory / settings.period)
-        self._chapter.end(estimate, self._guess, place, is_cut=False)
+        self._chapter.end(estimate, self._guess, place)
         if self._chapter.prior is not None:
             self._chapter.prior = self._chapter.prior.loosened(theta, faded * estimate.covariance[theta, theta])
         self._know(estimate)

@@ -55,7 +55,7 @@ class Sight:
         buffer.views[: buffer.count] = buffer.rows[: buffer.count] @ see.T
         self._older = np.zeros((VIEW_SIZE, VIEW_SIZE))
         if not buffer.keeps_whole_load:
-            summed = buffer.views[buffer.start : buffer.start + buffer.load_summed]
+            summed = buffer.summed_views()
             self._older = view_moments(body, of_load) - summed.T @ summed
         self._knows_load = chapter.knows_load and buffer.keeps_whole_load
         self._weights = Weights.of(body, load, chapter.said_before(body))

@@ -162,9 +162,9 @@ class Chapter:
             theta = np.arange(body.unknowns.size)[body.unknowns.theta]
             self.prior = replace(self.prior.without(theta, guess.limits), knows_load=False)
 
-    def end(self, estimate: Estimate, guess: Guess, place: int, is_cut: bool) -> None:
-        """All rows before this place become part of the prior; ``is_cut`` says that something has happened there."""
-        of_all, of_load = self.buffer.begin_chapter(place, is_cut)
+    def end(self, estimate: Estimate, guess: Guess, place: int) -> None:
+        """All rows before this place become part of the prior."""
+        of_all, of_load = self.buffer.begin_chapter(place)
         evidence = self.evidence(estimate.body, seen_moments(estimate.body, of_all, of_load))
         self._become(estimate, guess, evidence, self.prior is not None and self.prior.has_expectations)
 

@@ -47,7 +47,7 @@ def in_chapters(rows: Array, settings: FitSettings, places: Sequence[int]) -> Fi
     ends = [place + 2 for place in places]
     found = fit(rows[: ends[0]], settings)
     for first, end in pairwise([*ends, len(rows)]):
-        found.chapter.end(found.estimate, found.guess, found.chapter.buffer.count - 2, is_cut=False)
+        found.chapter.end(found.estimate, found.guess, found.chapter.buffer.count - 2)
         add_rows(found.chapter.buffer, rows[first:end], first)
         found = fit_from(found.estimate.state, found.chapter, settings)
     return found

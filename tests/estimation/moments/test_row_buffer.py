@@ -96,7 +96,7 @@ def test_moments_are_sums_over_rows_whatever_happens(operations: list[tuple[str,
                 last.sums(SIZE - 1), gram(list(map(row, naive.begin_load(place))))[-1], atol=1e-9
             )
         elif what == "chapter" and count:
-            found_gone, expected_gone = buffer.begin_chapter(place, share > 0.5), naive.begin_chapter(place)
+            found_gone, expected_gone = buffer.begin_chapter(place), naive.begin_chapter(place)
             for one, other in zip(found_gone, expected_gone, strict=True):
                 assert isinstance(one, RowMoments)
                 np.testing.assert_allclose(one.matrix, gram(list(map(row, other))), atol=1e-9)
@@ -146,7 +146,7 @@ def test_a_row_from_before_the_load_or_the_chapter_comes_late() -> None:
     assert buffer.add(2, row(2)) == (2, False)
     assert (buffer.start, buffer.load_rows) == (5, 3)
     assert_moments(buffer, gram([row(n) for n in (0, 1, 2, 3, 4, 5, 7, 8)]), gram([row(n) for n in (5, 7, 8)]))
-    buffer.begin_chapter(6, True)
+    buffer.begin_chapter(6)
     assert buffer.add(6, row(6)) == (0, False)
     assert_moments(buffer, gram([row(n) for n in (7, 8)]), gram([row(n) for n in (7, 8)]))
     assert buffer.load_rows == 2

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from coheft.estimation.moments.moments import RowMoments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from tests.estimation.moments.moving_team import PERIOD
-from tests.estimation.moments.numbered_rows import SIZE, assert_moments, central, extended, moving, row
+from tests.estimation.moments.numbered_rows import SIZE, WIDTH, assert_moments, central, extended, gram, moving, row
 
 pytestmark = pytest.mark.usefixtures("few_rows_are_kept")
 
@@ -27,6 +27,7 @@ def test_a_new_row_has_the_rate_from_the_row_before_it() -> None:
     buffer = moving(range(4))
     np.testing.assert_allclose(buffer.extended(4, row(4)), extended(4, 3, 4), rtol=1e-12)
     assert not buffer.extended(6, row(6))[SIZE:].any()
+    buffer.add(6, buffer.extended(6, row(6)))
     np.testing.assert_allclose(buffer.extended(7, row(7)), extended(7, 6, 7), rtol=1e-12)
 
 
@@ -66,7 +67,7 @@ def test_rates_within_a_window_are_its_own() -> None:
 @pytest.mark.parametrize("kept", [2, 3, 5])
 def test_a_page_that_keeps_two_rows_loses_no_rate(kept: int) -> None:
     buffer = moving(range(10))
-    everything, load = buffer.begin_chapter(10 - kept, is_cut=False)
+    everything, load = buffer.begin_chapter(10 - kept)
     assert isinstance(everything, RowMoments)
     assert isinstance(load, RowMoments)
     np.testing.assert_allclose(everything.matrix, central(*range(1, 10 - kept)), atol=1e-5)
@@ -77,19 +78,7 @@ def test_a_page_that_keeps_two_rows_loses_no_rate(kept: int) -> None:
     assert_moments(buffer, expected, expected)
 
 
-@pytest.mark.parametrize("place", [4, 8, 9, 10])
-def test_no_rate_spans_a_cut_between_chapters(place: int) -> None:
-    buffer = moving(range(10))
-    everything, _ = buffer.begin_chapter(place, is_cut=True)
-    assert isinstance(everything, RowMoments)
-    np.testing.assert_allclose(everything.matrix, central(*range(1, place - 2)), atol=1e-5)
-    for number in range(10, 14):
-        buffer.add(number, buffer.extended(number, row(number)))
-    expected = central(*range(place + 1, 13))
-    assert_moments(buffer, expected, expected)
-
-
-@given(st.lists(st.tuples(st.sampled_from(["rows", "load", "chapter", "page"]), st.integers(0, 9)), max_size=12))
+@given(st.lists(st.tuples(st.sampled_from(["rows", "load", "page"]), st.integers(0, 9)), max_size=12))
 def test_rows_with_rates_whatever_happens(operations: list[tuple[str, int]]) -> None:
     buffer, newest, begin, start = moving(range(5)), 4, 1, 0
     former: set[int] = set()
@@ -101,16 +90,45 @@ def test_rows_with_rates_whatever_happens(operations: list[tuple[str, int]]) -> 
             newest += 1 + size
         elif what == "page" and newest - size >= max(start + 3, first):
             place = newest - max(1, size)
-            buffer.begin_chapter(place - first, is_cut=False)
+            buffer.begin_chapter(place - first)
             former, begin, start = set(), place, place
-        elif what in ("load", "chapter") and newest - size >= max(start, first) + 4:
-            cut = newest - size
-            if what == "load":
-                buffer.begin_load(cut - first)
-                former |= set(range(begin, cut - 2))
-            else:
-                buffer.begin_chapter(cut - first, is_cut=True)
-                former = set()
-            begin, start = cut + 1, cut
+        elif what == "load" and newest - size >= max(start, first) + 4:
+            start = newest - size
+            buffer.begin_load(start - first)
+            former |= set(range(begin, start - 2))
+            begin = start + 1
         load = central(*range(begin, newest))
         assert_moments(buffer, load + central(*sorted(former)), load)
+
+
+OPERATIONS = ["next", "next", "next", "gap", "late", "load", "back"]
+
+
+@given(st.lists(st.tuples(st.sampled_from(OPERATIONS), st.floats(0.0, 1.0)), min_size=5, max_size=40))
+def test_rows_that_are_late_or_missing_or_taken_back(operations: list[tuple[str, float]]) -> None:
+    buffer, newest, missing, changed = RowBuffer(SIZE, True, PERIOD), -1, list[int](), {-1}
+    for what, share in operations[:12]:  # so many rows are kept
+        before = buffer.count
+        if what in ("next", "gap"):
+            missing += range(newest + 1, newest + 2 * (what == "gap"))
+            newest += 1 + (what == "gap")
+            buffer.add(newest, buffer.extended(newest, row(newest)))
+        elif what == "late" and missing:
+            number = missing.pop(round(share * (len(missing) - 1)))
+            buffer.add(number, buffer.extended(number, row(number)))
+        elif what == "load" and before:
+            place = buffer.start + round(share * (before - buffer.start))
+            changed.add(int(buffer.numbers[place] if place < before else buffer.numbers[place - 1] + 1))
+            buffer.begin_load(place)
+        elif what == "back" and before:
+            buffer.take_back(int(buffer.numbers[round(share * (before - 1))]))
+            there = set(buffer.numbers[: buffer.count].tolist())
+            missing = [number for number in range(newest + 1) if number not in there]
+        buffer.moments()
+        can = np.flatnonzero(buffer.has_rates[: buffer.count])
+        expected = {int(place): extended(int(buffer.numbers[place])) for place in can}
+        for place, each in expected.items():
+            np.testing.assert_allclose(buffer.rows[place], each, rtol=1e-9, err_msg="a rate that is not central")
+            assert buffer.numbers[place] not in changed | {number - 1 for number in changed}, "a rate spans a change"
+        of_load = gram([each for place, each in expected.items() if place >= buffer.start], WIDTH)
+        assert_moments(buffer, gram(list(expected.values()), WIDTH), of_load)
