@@ -11,6 +11,7 @@ from coheft.estimation.geometry.spatial import Pose, quaternion_from_rotation, r
 from coheft.physics_server.arms.impedance import add_arm
 from coheft.physics_server.arms.model import add_seven_joint_arm, add_wrist_sensors, hand_name
 from coheft.physics_server.loads import add_slots
+from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.physics_server.sensors import add_sensors
 from coheft.wire.scenario.payload import Payload
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
@@ -26,8 +27,14 @@ def home_name(robot: str) -> str:
     return f"{robot}_home"
 
 
-def build_model(scenario: Scenario, grasps: Sequence[Pose]) -> mujoco.MjModel:
-    """Compile the scene. Nothing in it collides, and nothing but welds is constrained."""
+def build_model(scenario: Scenario, grasps: Sequence[Pose], errors: SensorErrors) -> mujoco.MjModel:
+    """Compile the scene. Nothing in it collides, and nothing but welds is constrained.
+
+    Args:
+        scenario: What to simulate.
+        grasps: Pose of each robot's grasp in the payload's frame.
+        errors: Of sensors: they say where sensors are.
+    """
     spec = mujoco.MjSpec()
     spec.modelname = scenario.name
     spec.option.timestep = 1.0 / PHYSICS_RATE
@@ -44,15 +51,16 @@ def build_model(scenario: Scenario, grasps: Sequence[Pose]) -> mujoco.MjModel:
         spec.option.disableflags |= disable.mjDSBL_CONSTRAINT
     payload = _add_payload(spec, scenario.payload)
     add_slots(payload, scenario.payload.load_slots)
-    for robot, grasp in zip(scenario.robot_names, grasps, strict=True):
+    for number, (robot, grasp) in enumerate(zip(scenario.robot_names, grasps, strict=True)):
+        places = {"velocity": errors.velocity_places[number], "acceleration": errors.acceleration_places[number]}
         _add_site(payload, robot, grasp)
         _add_site(spec.worldbody, home_name(robot), PAYLOAD_HOME @ grasp)
         if has_joints:
             add_seven_joint_arm(spec, robot, PAYLOAD_HOME @ grasp)
-            add_sensors(spec, hand_name(robot))
+            add_sensors(spec, hand_name(robot), places)
         else:
             add_arm(spec, robot, home_name(robot), scenario.robots.stiffness, scenario.robots.damping)
-            add_sensors(spec, robot)
+            add_sensors(spec, robot, places)
     if has_joints:
         for robot in scenario.robot_names:
             add_wrist_sensors(spec, robot)

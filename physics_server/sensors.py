@@ -1,15 +1,15 @@
-"""The robots' sensors: exact readings of the engine, plus white noise and constant errors."""
+"""The robots' sensors: exact readings of the engine, late or turned or scaled, plus constant errors and white noise."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import mujoco
 import numpy as np
 
-from coheft.estimation.geometry.spatial import Array, rotation_exp
-from coheft.estimation.measurement import SAMPLE_SIZE
-from coheft.estimation.tolerance import SENSORS, SHAPES, SensorTolerance
+from coheft.estimation.geometry.spatial import Array, rotation_from_quaternion
+from coheft.estimation.measurement import KINEMATICS, SAMPLE_SIZE, WRENCH
+from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.wire.scenario.schema import Scenario
 
 # Exactly w, v and the proper acceleration a of the grasp frame in its own axes; the order of a sample's columns.
@@ -22,10 +22,16 @@ READINGS = 3 * len(_KINDS)
 """Numbers that the engine's sensors read per robot."""
 
 
-def add_sensors(spec: mujoco.MjSpec, site: str) -> None:
-    """Add one robot's gyro, velocity sensor and accelerometer at its grasp site."""
+def add_sensors(spec: mujoco.MjSpec, site: str, places: Mapping[str, Array]) -> None:
+    """Add one robot's gyro, velocity sensor and accelerometer at its grasp site, or at places (3,) [m] in its frame."""
+    at_grasp = spec.site(site)
     for name, kind in _KINDS.items():
-        spec.add_sensor(name=f"{site}_{name}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site)
+        where, place = site, places.get(name, np.zeros(3))
+        if place.any():
+            where = f"{site}_at_{name}"
+            position = at_grasp.pos + rotation_from_quaternion(at_grasp.quat) @ place
+            at_grasp.parent.add_site(name=where, pos=position, quat=at_grasp.quat)
+        spec.add_sensor(name=f"{site}_{name}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=where)
 
 
 class Sensors:
@@ -34,23 +40,19 @@ class Sensors:
     Each robot draws from a random stream of its own, so what it reads does not depend on how many others there are
     nor on how many samples travel in a block.
 
-    Attributes:
-        offsets: Constant errors of each robot, shape (N, 15), columns as in ``MeasurementBlock``.
-        matrices: What each sensor makes of what it should read, shape (N, 5, 3, 3).
+    Args:
+        scenario: With the noise and the rate of samples.
+        errors: True errors of the robots' sensors.
     """
 
-    offsets: Array
-    matrices: Array
-
-    def __init__(self, scenario: Scenario, robots: Sequence[str]) -> None:
-        seeds = np.random.SeedSequence(scenario.seed).spawn(len(robots))
+    def __init__(self, scenario: Scenario, errors: SensorErrors) -> None:
+        seeds = np.random.SeedSequence(scenario.seed).spawn(len(errors.offsets))
         self._streams = [np.random.default_rng(seed) for seed in seeds]
         for stream in self._streams:
             stream.random(SAMPLE_SIZE)  # former releases drew errors here: so a seed still has the noise that it had
-        errors, of_errors = scenario.sensor_errors, [np.random.default_rng(seed.spawn(1)[0]) for seed in seeds]
-        self.offsets = errors.offsets() * np.array([stream.standard_normal(SAMPLE_SIZE) for stream in of_errors])
-        self.matrices = np.array([_drawn_matrices(errors, stream) for stream in of_errors])
-        self._deviation = scenario.noise.per_column()
+        self._errors, self._deviation = errors, scenario.noise.per_column()
+        self._late = errors.delays * scenario.sensors.rate  # in samples
+        self._past: Array | None = None  # so many of the newest exact samples as readings may be late
 
     def measure(self, kinematics: Array, wrenches: Array) -> Array:
         """One block of measurements; draws the noise of the robots' next B samples.
@@ -67,18 +69,26 @@ class Sensors:
         for stream, rows in zip(self._streams, measured, strict=True):
             stream.standard_normal(out=rows)
         measured *= self._deviation
-        measured += self.offsets[:, None]
-        exact = np.concatenate([kinematics, wrenches], axis=2).swapaxes(0, 1).reshape(count, samples, -1, 3, 1)
-        measured += (self.matrices[:, None] @ exact).reshape(measured.shape)
+        measured += self._errors.offsets[:, None]
+        exact = self._delayed(np.concatenate([kinematics, wrenches], axis=2).swapaxes(0, 1))
+        exact = exact.reshape(count, samples, -1, 3, 1)
+        measured += (self._errors.matrices[:, None] @ exact).reshape(measured.shape)
         return measured
 
-
-def _drawn_matrices(errors: SensorTolerance, stream: np.random.Generator) -> Array:
-    """One robot's true matrices, shape (5, 3, 3), sensors in the order of ``SENSORS``."""
-    result = []
-    for sensor in SENSORS:
-        drawn = {shape: errors.of(sensor, shape) * stream.standard_normal(len(each)) for shape, each in SHAPES.items()}
-        mounting = rotation_exp(drawn.pop("mounting"))
-        own = sum(np.tensordot(values, SHAPES[shape], axes=1) for shape, values in drawn.items())
-        result.append((np.eye(3) + own) @ mounting)
-    return np.array(result)
+    def _delayed(self, exact: Array) -> Array:
+        """What there was when late sensors read, shape (N, B, 15), on straight lines between samples."""
+        if not self._late.any():
+            return exact
+        kept = int(np.ceil(self._late.max()))
+        past = np.repeat(exact[:, :1], kept, axis=1) if self._past is None else self._past
+        known, samples = np.concatenate([past, exact], axis=1), exact.shape[1]
+        self._past = known[:, samples:]
+        result = np.empty_like(exact)
+        for robot, late in enumerate(self._late):
+            for columns, each in zip((KINEMATICS, WRENCH), late, strict=True):
+                whole = int(each)
+                first, share = kept - whole, each - whole
+                now = known[robot, first : first + samples, columns]
+                before = known[robot, max(first - 1, 0) : max(first - 1, 0) + samples, columns]
+                result[robot, :, columns] = (1.0 - share) * now + share * before
+        return result

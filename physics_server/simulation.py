@@ -19,6 +19,7 @@ from coheft.physics_server.arms.torque_control import TorqueArms
 from coheft.physics_server.load_schedule import LoadSchedule
 from coheft.physics_server.loads import Loads
 from coheft.physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name
+from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.physics_server.sensors import READINGS, Sensors
 from coheft.wire.messages.structs import BoxShape, LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
 from coheft.wire.process.log import LOG
@@ -113,7 +114,8 @@ class Simulation:
         self.block = 0
         if mujoco.get_mju_user_warning() is None:  # it would write a file into the folder where the user happens to be
             mujoco.set_mju_user_warning(_warn)
-        self.model = build_model(scenario, grasps)
+        errors = SensorErrors.drawn(scenario, len(names))
+        self.model = build_model(scenario, grasps, errors)
         self.data = mujoco.MjData(self.model)
         arms = TorqueArms if scenario.robots.arms == "seven-joint" else Arms
         self._arms = arms(scenario, names, grasps, self.model)
@@ -126,7 +128,7 @@ class Simulation:
         # What the sensors of an arm read that waits at its home, (w, v, a) of each robot.
         self._at_rest = np.zeros((len(names), READINGS))
         self._at_rest[:, ACCELERATION] = -self.model.opt.gravity @ self._home_rotations
-        self._sensors = Sensors(scenario, names)
+        self._sensors = Sensors(scenario, errors)
         self._encoders = _encoders_of(scenario, names)
         payload_body = self.model.body(PAYLOAD).id
         self._loads = Loads(

@@ -10,6 +10,7 @@ from scipy import stats
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.tolerance import SENSORS, SHAPES, SensorTolerance
+from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario.schema import Scenario
 from tests.physics_run import excitation, run, samples, scenario
@@ -119,6 +120,49 @@ def test_errors_that_are_proportional_are_as_large_as_told(sensor: str, shape: s
     assert low < np.square(drawn / told).sum() < high
     rest = found - np.tensordot(drawn, SHAPES[shape], axes=1)
     assert np.abs(rest).max() < 20.0 * told**2
+
+
+@pytest.mark.parametrize("rate", [1000, 100])
+def test_late_sensors_read_what_there_was(rate: int):
+    exact = scenario("ring12", rate=rate, block=4)
+    told = SensorTolerance(clock=0.004, wrench_delay=0.002)
+    truth, read = measured(exact, 200), measured(with_errors(exact, errors=told), 200)
+    late = SensorErrors.drawn(with_errors(exact, errors=told), 12).delays
+    assert late.min() == 0.0
+    spread = late - late.mean(axis=0)
+    for drawn, size in ((spread[:, 0], told.clock), (late[:, 1] - late[:, 0], told.wrench_delay)):
+        low, high = stats.chi2.ppf([UNLIKELY / 2, 1 - UNLIKELY / 2], 11)
+        assert low < np.square((drawn - drawn.mean()) / size).sum() < high
+    times = np.arange(200) / rate
+    for robot in range(12):
+        for columns, delay in ((slice(0, 9), late[robot, 0]), (slice(9, 15), late[robot, 1])):
+            for column in range(*columns.indices(15)):
+                then = np.interp(times - delay, times, truth[robot, :, column])
+                np.testing.assert_allclose(read[robot, :, column], then, atol=1e-9)
+
+
+def test_delays_do_not_depend_on_the_block():
+    errors = SensorTolerance(clock=0.004, wrench_delay=0.002)
+    small, large = (with_errors(scenario(block=block), errors=errors) for block in (4, 20))
+    np.testing.assert_allclose(measured(small, 80)[:, :20], measured(large, 80)[:, :20], atol=1e-9)
+
+
+@pytest.mark.parametrize("arms", ["impedance", "seven-joint"])
+def test_sensors_read_at_their_places(arms: str):
+    exact = scenario("arms4" if arms == "seven-joint" else "ring3")
+    moved = with_errors(exact, errors=SensorTolerance(velocity_place=0.05, acceleration_place=0.05))
+    truth, read = measured(exact, 200), measured(moved, 200)
+    drawn = SensorErrors.drawn(moved, len(exact.robot_names))
+    for robot, (at_velocity, at_acceleration) in enumerate(
+        zip(drawn.velocity_places, drawn.acceleration_places, strict=True)
+    ):
+        w = truth[robot, :, :3]
+        alpha = np.gradient(w, 1e-3, axis=0)
+        np.testing.assert_allclose(read[robot, :, 3:6], truth[robot, :, 3:6] + np.cross(w, at_velocity), atol=1e-9)
+        there = truth[robot, :, 6:9] + np.cross(alpha, at_acceleration) + np.cross(w, np.cross(w, at_acceleration))
+        np.testing.assert_allclose(read[robot, 100:-2, 6:9], there[100:-2], atol=0.02)
+        assert np.abs(read[robot, :, 6:9] - truth[robot, :, 6:9]).max() > 0.04
+    np.testing.assert_array_equal(read[..., [0, 1, 2, *range(9, 15)]], truth[..., [0, 1, 2, *range(9, 15)]])
 
 
 def test_true_errors_may_be_others_than_told_or_none():

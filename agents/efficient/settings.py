@@ -17,7 +17,13 @@ def fit_settings(config: AgentConfig, count: int) -> FitSettings:
     """What a robot's fits take for granted in a team of so many."""
     told, row = config.tolerance, RowTimes.of_team(count, config.block, config.rate).row
     kinds = {f"{sensor}_{shape}": told.of(sensor, shape) for shape in SHAPES for sensor in SENSORS}
-    kinds["acceleration_bias"] = told.acceleration_offset
+    kinds |= {
+        "acceleration_bias": told.acceleration_offset,
+        "velocity_place": told.velocity_place,
+        "acceleration_place": told.acceleration_place,
+        "clock": told.clock,
+        "wrench_delay": told.wrench_delay,
+    }
     return FitSettings(
         RowNoise.of_samples(config.noise, row, config.rate),
         row / config.rate,

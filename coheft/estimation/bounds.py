@@ -21,8 +21,9 @@ other.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -38,11 +39,11 @@ from coheft.estimation.geometry.body_motion import (
     relative_pose_derivative,
 )
 from coheft.estimation.geometry.spatial import Array, Pose, skew
-from coheft.estimation.measurement import KINEMATICS, WRENCH, SensorNoise
+from coheft.estimation.measurement import ACCELERATION, GYRO, KINEMATICS, VELOCITY, WRENCH, SensorNoise
 from coheft.estimation.rigid_body.derivatives import barycentric_derivative, seen_inertia_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia, inertia_operator, unpack_symmetric
 from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
-from coheft.estimation.tolerance import SensorTolerance
+from coheft.estimation.tolerance import Proportional, SensorTolerance
 
 _CHUNK = 256
 _NO_PRIOR = 1e-6
@@ -112,6 +113,7 @@ class JointInformation:
         wrenches: Array,
         noise: SensorNoise,
         tolerance: SensorTolerance | None = None,
+        rates: tuple[Array, Array] | None = None,
     ) -> JointInformation:
         """Information of samples, at the truth.
 
@@ -122,22 +124,34 @@ class JointInformation:
             wrenches: True wrench of every robot, each in its own frame, shape (n, N, 6).
             noise: Of every robot's sensors.
             tolerance: How far they may be off; None: not at all.
+            rates: How fast motion and wrenches change, of their shapes, if clocks or wrenches may be late.
 
         Raises:
-            ValueError: Shapes do not fit each other.
+            ValueError: Shapes do not fit each other, or rates are needed and missing.
         """
         poses = tuple(poses_in_reference)
         if motion.shape[1:] != (MOTION_SIZE,) or wrenches.shape != (len(motion), len(poses), 6):
             raise ValueError(f"{motion.shape=} and {wrenches.shape=} but expected (n, 12) and (n, {len(poses)}, 6)")
-        errors = _errors(len(poses), SensorTolerance() if tolerance is None else tolerance)
+        tolerance = SensorTolerance() if tolerance is None else tolerance
+        if rates is None:
+            if tolerance.clock or tolerance.wrench_delay:
+                raise ValueError(
+                    "what delays do depends on how fast motion and wrenches change: expected rates, found None"
+                )
+            rates = np.zeros_like(motion), np.zeros_like(wrenches)
+        errors = _errors(len(poses), tolerance)
         all_sensors, kinematics = np.zeros((2, *(6 * len(poses) + len(errors) + INERTIA_SIZE,) * 2))
         for start in range(0, len(motion), _CHUNK):
             rows = slice(start, start + _CHUNK)
-            chunk = _information_of_chunk(poses, inertia_in_reference, motion[rows], wrenches[rows], noise, errors)
+            readings = [
+                _Readings.at(pose, *(each[rows] for each in (motion, wrenches[:, i], rates[0], rates[1][:, i])))
+                for i, pose in enumerate(poses)
+            ]
+            chunk = _information_of_chunk(poses, inertia_in_reference, motion[rows], readings, noise, errors)
             all_sensors += chunk[0]
             kinematics += chunk[1]
         deviations = np.array([error.deviation for error in errors])
-        of_wrenches = sum(error.columns.start >= WRENCH.start for error in errors)
+        of_wrenches = sum(error.is_of_wrench for error in errors)
         return JointInformation(poses, inertia_in_reference, all_sensors, kinematics, deviations, of_wrenches)
 
     def __add__(self, other: JointInformation) -> JointInformation:
@@ -194,31 +208,81 @@ class JointInformation:
         return JointBound(self.poses, self.inertia, result)
 
 
+class _Readings(NamedTuple):
+    """What the exact sensors of one robot read, shape (n, 15), how fast that changes, and ``alpha`` there, (n, 3)."""
+
+    exact: Array
+    rates: Array
+    alpha: Array
+
+    @staticmethod
+    def at(pose: Pose, motion: Array, wrenches: Array, motion_rates: Array, wrench_rates: Array) -> _Readings:
+        kinematics = grasp_measurements(pose, motion)
+        rates = (grasp_derivatives(pose, motion)[1] @ motion_rates[..., None])[..., 0]
+        alpha = motion[:, BODY_ALPHA] @ pose.rotation
+        return _Readings(np.hstack([kinematics, wrenches]), np.hstack([rates, wrench_rates]), alpha)
+
+
 class _Error(NamedTuple):
-    """One unknown constant error of a robot's sensor, in these columns: an offset, or proportional to what is read."""
+    """One unknown constant error of a robot's sensors, and what a unit of it adds to what they read, shape (n, 15)."""
 
     robot: int
-    columns: slice
-    matrix: Array | None
     deviation: float
-
-    def effect(self, exact: Array) -> Array:
-        """What a unit of it adds to what the sensor reads, shape (n, c), where it should read ``exact`` (n, c)."""
-        return np.ones_like(exact) if self.matrix is None else exact @ self.matrix.T
+    is_of_wrench: bool
+    effect: Callable[[_Readings], Array]
 
 
 def _errors(count: int, tolerance: SensorTolerance) -> list[_Error]:
     """All that may be there, those of kinematics first."""
-    offsets = [(slice(k, k + 1), None, deviation) for k, deviation in enumerate(tolerance.offsets()) if deviation > 0.0]
-    errors = [_Error(i, *each) for i in range(count) for each in (*offsets, *tolerance.proportional())]
-    return sorted(errors, key=lambda error: error.columns.start >= WRENCH.start)
+    kinds: list[tuple[float, bool, Callable[[_Readings], Array]]] = []
+    for column, deviation in enumerate(tolerance.offsets()):
+        kinds.append((deviation, column >= WRENCH.start, partial(_offset, column)))
+    for each in tolerance.proportional():
+        kinds.append((each.deviation, each.columns.start >= WRENCH.start, partial(_proportional, each)))
+    for axis in np.eye(3):
+        kinds.append((tolerance.velocity_place, False, partial(_velocity_elsewhere, axis)))
+        kinds.append((tolerance.acceleration_place, False, partial(_acceleration_elsewhere, axis)))
+    kinds.append((tolerance.clock, False, partial(_late, slice(None))))
+    kinds.append((tolerance.wrench_delay, True, partial(_late, WRENCH)))
+    errors = [_Error(i, *kind) for i in range(count) for kind in kinds if kind[0] > 0.0]
+    return sorted(errors, key=lambda error: error.is_of_wrench)
+
+
+def _offset(column: int, readings: _Readings) -> Array:
+    result = np.zeros_like(readings.exact)
+    result[:, column] = 1.0
+    return result
+
+
+def _proportional(error: Proportional, readings: _Readings) -> Array:
+    result = np.zeros_like(readings.exact)
+    result[:, error.columns] = readings.exact[:, error.columns] @ error.matrix.T
+    return result
+
+
+def _velocity_elsewhere(place: Array, readings: _Readings) -> Array:
+    result = np.zeros_like(readings.exact)
+    result[:, VELOCITY] = np.cross(readings.exact[:, GYRO], place)
+    return result
+
+
+def _acceleration_elsewhere(place: Array, readings: _Readings) -> Array:
+    w, result = readings.exact[:, GYRO], np.zeros_like(readings.exact)
+    result[:, ACCELERATION] = np.cross(readings.alpha, place) + np.cross(w, np.cross(w, place))
+    return result
+
+
+def _late(columns: slice, readings: _Readings) -> Array:
+    result = np.zeros_like(readings.exact)
+    result[:, columns] = -readings.rates[:, columns]
+    return result
 
 
 def _information_of_chunk(
     poses: tuple[Pose, ...],
     inertia: Inertia,
     motion: Array,
-    wrenches: Array,
+    readings: Sequence[_Readings],
     noise: SensorNoise,
     errors: Sequence[_Error],
 ) -> tuple[Array, Array]:
@@ -234,18 +298,13 @@ def _information_of_chunk(
         pose_part, motion_part = grasp_derivatives(pose, motion)
         by_parameters[:, rows, columns] = pose_part / deviation[KINEMATICS, None]
         by_motion[:, rows] = motion_part / deviation[KINEMATICS, None]
-        by_parameters[:, -6:, columns] = -carried_wrench_derivative(pose, wrenches[:, i])
+        by_parameters[:, -6:, columns] = -carried_wrench_derivative(pose, readings[i].exact[:, WRENCH])
         scaled_adjoint = pose.adjoint() * deviation[WRENCH]
         total_covariance += scaled_adjoint @ scaled_adjoint.T
     for column, error in enumerate(errors, start=6 * count):
-        pose, columns = poses[error.robot], error.columns
-        if columns.start < WRENCH.start:
-            effect = error.effect(grasp_measurements(pose, motion)[:, columns]) / deviation[columns]
-            by_parameters[:, 9 * error.robot + columns.start : 9 * error.robot + columns.stop, column] = effect
-            continue
-        axes, own = slice(columns.start - WRENCH.start, columns.stop - WRENCH.start), np.zeros((n, 6))
-        own[:, axes] = error.effect(wrenches[:, error.robot, axes])
-        by_parameters[:, -6:, column] = -own @ pose.adjoint().T
+        effect, own = error.effect(readings[error.robot]), slice(9 * error.robot, 9 * error.robot + 9)
+        by_parameters[:, own, column] = effect[:, KINEMATICS] / deviation[KINEMATICS]
+        by_parameters[:, -6:, column] = -effect[:, WRENCH] @ poses[error.robot].adjoint().T
     by_parameters[:, -6:, -INERTIA_SIZE:] = wrench_regressor(motion) @ barycentric_derivative(inertia)
     by_motion[:, -6:] = wrench_derivative(inertia, motion)
     whitening = np.linalg.inv(np.linalg.cholesky(total_covariance))

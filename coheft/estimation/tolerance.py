@@ -1,7 +1,9 @@
 """How far a robot's sensors may be off, for as long as a run lasts: what a data sheet says.
 
-The model is ``measured = (1 + gain + scale + cross-talk) R(mounting) exact + offset + noise`` for each sensor of three
-axes. The grasp frame is the frame of the force and torque sensor, so this one has no mounting of its own.
+The model is ``measured(t) = (1 + gain + scale + cross-talk) R(mounting) exact(t - delay) + offset + noise`` for each
+sensor of three axes, where ``exact`` is what there is at the sensor's place. The grasp frame is the frame of the force
+and torque sensor, so this one has no mounting and no place of its own. A robot's sensors are all late by what its clock
+is off, and those of its wrench by a delay of their own besides.
 """
 
 from __future__ import annotations
@@ -65,6 +67,10 @@ class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
         acceleration_cross_talk: Likewise.
         force_cross_talk: Likewise.
         torque_cross_talk: Likewise.
+        velocity_place: Where the velocity is sensed, from the origin of the force and torque sensor, each axis [m].
+        acceleration_place: Where the accelerometer is, likewise [m].
+        clock: How far a robot's clock is off against others [s].
+        wrench_delay: How much later than a robot's other sensors its force and torque are [s].
     """
 
     gyro_offset: Deviation = 0.0
@@ -87,6 +93,10 @@ class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     acceleration_cross_talk: Deviation = 0.0
     force_cross_talk: Deviation = 0.0
     torque_cross_talk: Deviation = 0.0
+    velocity_place: Deviation = 0.0
+    acceleration_place: Deviation = 0.0
+    clock: Deviation = 0.0
+    wrench_delay: Deviation = 0.0
 
     def offsets(self) -> Array:
         """Of each column of a sample, shape (15,)."""

@@ -192,6 +192,57 @@ def test_errors_of_sensors_are_unknowns_with_a_prior(
     )
 
 
+def test_places_and_delays_of_sensors_are_unknowns_with_a_prior(small: tuple[Team, FullProblem, Array]) -> None:
+    team, problem, jacobian = small
+    told = SensorTolerance(velocity_place=0.01, acceleration_place=0.003, clock=1e-3, wrench_delay=2e-3)
+    rng, wrenches = np.random.default_rng(4), team.exact[:, :, 9:]
+    motion_rates, wrench_rates = rng.normal(size=team.motion.shape), 20.0 * rng.normal(size=wrenches.shape)
+    bound = JointInformation.of(
+        team.poses, team.inertia, team.motion, wrenches, team.noise, told, (motion_rates, wrench_rates)
+    ).full_bound()
+    columns, deviations, h = [], [], 1e-5
+    for robot, pose in enumerate(team.poses):
+
+        def effect(change: Array, robot: int = robot) -> None:
+            error = np.zeros_like(team.exact)
+            error[:, robot] = change
+            columns.append((error / team.noise.per_column()).ravel())
+
+        at_grasp = grasp_measurements(pose, team.motion)
+        for deviation, part in ((told.velocity_place, slice(3, 6)), (told.acceleration_place, slice(6, 9))):
+            for axis in h * pose.rotation.T:
+                there = grasp_measurements(Pose(pose.rotation, pose.translation + axis), team.motion)
+                change = np.zeros((len(there), 15))
+                change[:, part] = (there - at_grasp)[:, part] / h
+                effect(change)
+                deviations.append(deviation)
+        later = grasp_measurements(pose, team.motion + h * motion_rates) - at_grasp
+        late_wrench = np.hstack([np.zeros((len(at_grasp), 9)), -wrench_rates[:, robot]])
+        effect(np.hstack([-later / h, -wrench_rates[:, robot]]))
+        effect(late_wrench)
+        deviations += [told.clock, told.wrench_delay]
+    extended = np.block(
+        [
+            [jacobian, np.array(columns).T],
+            [np.zeros((len(columns), problem.size)), np.diag(1.0 / np.array(deviations))],
+        ]
+    )
+    full = np.linalg.inv(np.linalg.qr(extended, mode="r"))
+    expected = (full @ full.T)[: problem.parameters, : problem.parameters]
+    scale = 1.0 / np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        bound.covariance[6:, 6:] * np.outer(scale, scale), expected * np.outer(scale, scale), atol=3e-4
+    )
+
+
+def test_delays_without_rates_are_refused(small: tuple[Team, FullProblem, Array]) -> None:
+    team = small[0]
+    with pytest.raises(ValueError, match="expected rates, found None"):
+        JointInformation.of(
+            team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise, SensorTolerance(clock=1e-3)
+        )
+
+
 def test_maximum_likelihood_reaches_the_bound(small: tuple[Team, FullProblem, Array]) -> None:
     team, problem, jacobian = small
     bound = JointInformation.of(team.poses, team.inertia, team.motion, team.exact[:, :, 9:], team.noise).full_bound()

@@ -54,8 +54,10 @@ class ExactRun:
         in_payload = [self._judge.pose_payload_in[name].inverse() for name in exact.scene.robots]
         self._poses = [in_payload[0].inverse() @ pose for pose in in_payload]
         first = exact.samples[:, 0, KINEMATICS]  # the body frame is the first robot's
-        slopes = np.gradient(first[:, :3], 1.0 / scenario.sensors.rate, axis=0)
+        rate = scenario.sensors.rate
+        slopes = np.gradient(first[:, :3], 1.0 / rate, axis=0)
         self._motion = np.hstack([first, slopes])
+        self._rates = tuple(np.gradient(each, 1.0 / rate, axis=0) for each in (self._motion, self._wrenches))
         self._step = max(1, scenario.sensors.rate // samples_per_second)
 
     def information(self, first: int, end: int) -> JointInformation:
@@ -66,7 +68,10 @@ class ExactRun:
         noise = self._scenario.noise.scaled(step**-0.5)
         payload = self._judge.payload(names[0], end - 1)
         motion, wrenches, tolerance = self._motion[chosen], self._wrenches[chosen], self._scenario.sensors.tolerance
-        return JointInformation.of(self._poses, payload, motion, wrenches, noise, tolerance)
+        motion_rates, wrench_rates = (each[chosen] for each in self._rates)
+        return JointInformation.of(
+            self._poses, payload, motion, wrenches, noise, tolerance, (motion_rates, wrench_rates)
+        )
 
     def seen(self, bound: JointBound) -> Bounds:
         """A bound as all robots see it."""

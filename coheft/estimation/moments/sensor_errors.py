@@ -15,8 +15,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.rows import PRODUCTS, ROW_SIZE, WRENCH, A
+from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array
+from coheft.estimation.moments.rows import PRODUCTS, ROW_SIZE, SLOPE, WRENCH, A, V, W
 from coheft.estimation.tolerance import SENSORS, SHAPES
 
 ONE, RATES = ROW_SIZE, ROW_SIZE + 1
@@ -28,11 +28,13 @@ _PLACE_OF_PRODUCT = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]]) + PRODUCTS.start
 KINDS = (
     "acceleration_bias",
     *(f"{sensor}_{what}" for what in SHAPES for sensor in _FIRST),
+    "velocity_place",
+    "acceleration_place",
     "clock",
     "wrench_delay",
 )
 """Kinds of errors: a bias [m/s²]; a gain of all axes and a scale of each, relative; a small rotation of the mount
-[rad]; cross-talk, relative; delays [s]."""
+[rad]; cross-talk, relative; places [m]; delays [s]."""
 
 Entry = tuple[int, int, float]
 
@@ -92,8 +94,30 @@ def _generators(kind: str) -> list[list[Entry]]:
     if kind in ("clock", "wrench_delay"):
         delayed = range(ROW_SIZE) if kind == "clock" else range(WRENCH.start, WRENCH.stop)
         return [[(place, RATES + place, 1.0) for place in delayed]]
+    if kind in ("velocity_place", "acceleration_place"):
+        of_axis = _velocity_at if kind == "velocity_place" else _acceleration_at
+        return [of_axis(axis) for axis in range(3)]
     sensor, _, shape = kind.partition("_")
     return [_of_matrix(_FIRST[sensor], matrix) for matrix in SHAPES[shape]]
+
+
+def _velocity_at(axis: int) -> list[Entry]:
+    """``w x r`` for the unit vector ``r`` along an axis."""
+    return [(V.start + to, W.start + of, float(CROSS_OF_AXES[of, to, axis])) for to, of in _others(axis)]
+
+
+def _acceleration_at(axis: int) -> list[Entry]:
+    """``alpha x r + w x (w x r)``, which is ``alpha x r + w w_axis - r |w|^2``."""
+    turning = [(A.start + to, SLOPE.start + of, float(CROSS_OF_AXES[of, to, axis])) for to, of in _others(axis)]
+    towards = [(A.start + to, int(_PLACE_OF_PRODUCT[to, axis]), 1.0) for to, _ in _others(axis)]
+    away = [(A.start + axis, int(_PLACE_OF_PRODUCT[of, of]), -1.0) for of, _ in _others(axis)]
+    return turning + towards + away
+
+
+def _others(axis: int) -> list[tuple[int, int]]:
+    """The two other axes, each with the one that is left."""
+    one, other = (axis + 1) % 3, (axis + 2) % 3
+    return [(one, other), (other, one)]
 
 
 def _of_matrix(first: int, matrix: Array) -> list[Entry]:

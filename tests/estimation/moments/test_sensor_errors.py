@@ -37,6 +37,14 @@ def corrected(x: Array, kind: str, eta: Array) -> Array:
         result[:ROW_SIZE] += eta[0] * x[RATES:]
     elif kind == "wrench_delay":
         result[12:18] += eta[0] * x[RATES + 12 : RATES + 18]
+    elif kind.endswith("_place"):
+        for first in (0, RATES) if len(x) > RATES else (0,):
+            own, changed = x[first : first + 24], result[first : first + 24]
+            if kind == "velocity_place":
+                changed[V] += np.cross(own[W], eta)
+            else:
+                products = own[PRODUCTS][[0, 3, 4, 3, 1, 5, 4, 5, 2]].reshape(3, 3)
+                changed[A] += np.cross(own[SLOPE], eta) + products @ eta - np.trace(products) * eta
     else:
         sensor, _, what = kind.partition("_")
         if what == "gain":
