@@ -24,6 +24,7 @@ WINDOW = 64
 _LATE = 4
 """A row is handed on for so many blocks longer than it needs where nothing is lost."""
 _LABELS, _ROWS = "labels", "rows"
+_ONE = np.ones(1)
 _TEAMS = 2**32
 """Numbers of teams are smaller."""
 
@@ -36,8 +37,8 @@ class RowMessage:
         team: Number of the team that it takes part in, see ``Gossip.membership``.
         changed_at: Number of the first row with the present load, as far as it knows; -1 if it never changed.
         labels: Of each row the robot's place in the team and the row's number, shape (k, 2).
-        rows: Shape (k, 24), in single precision: rounding is far below the noise, and is done once, by the robot that
-            measured.
+        rows: Shape (k, 24), or (k, 48) with rates, in single precision: rounding is far below the noise, and is done
+            once, by the robot that measured.
     """
 
     team: int
@@ -56,7 +57,7 @@ class RowMessage:
         labels, rows = channels.get(_LABELS), channels.get(_ROWS)
         if labels is None or rows is None or labels.dtype != np.int32 or rows.dtype != np.float32:
             return None
-        if rows.shape[1:] != (ROW_SIZE,) or labels.shape != (len(rows) + 1, 2):
+        if rows.shape[1:] not in ((ROW_SIZE,), (2 * ROW_SIZE,)) or labels.shape != (len(rows) + 1, 2):
             return None
         team, changed_at = labels[0].tolist()
         return RowMessage(team % _TEAMS, changed_at, labels[1:], rows)
@@ -71,38 +72,39 @@ class Exchange:
         own: Place of this one among them.
         hops: Diameter of the graph.
         times: Of rows.
+        size: Numbers of one robot's row: 24, or 48 with rates.
 
     Attributes:
         changed_at: Number of the newest first row of a new load that any robot has told of, -1 if none.
         disputed: Of robots of which two different rows for one time have come, the block in which that was last so.
     """
 
-    def __init__(self, team: int, count: int, own: int, hops: int, times: RowTimes) -> None:
+    def __init__(self, team: int, count: int, own: int, hops: int, times: RowTimes, size: int = ROW_SIZE) -> None:
         self.team, self.changed_at = team, -1
         self.disputed: dict[int, int] = {}
         self._count, self._own, self._hops, self._times = count, own, hops, times
         self._window = max(WINDOW, 2 * hops)
         places = times.complete(self._window) + 1
-        self._rows = np.ones((places, ROW_SIZE * count + 1))
+        self._rows = np.zeros((places, count, size))
         # Of each place in the table the number of its rows, and whose they are, a bit for each robot.
         self._numbers, self._whose, self._all = [-1] * places, [0] * places, (1 << count) - 1
         self._news: list[tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]] = []
         self._told_once: list[tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]] = []
 
     def enter(self, number: int, row: Array) -> None:
-        """The robot's own row of this number, shape (24,)."""
+        """The robot's own row of this number, shape (24,) or (48,)."""
         if self._is_new(self._own, number):
             rounded = row.astype(np.float32)
-            self._by_robot()[number % len(self._numbers), self._own] = rounded
+            self._rows[number % len(self._numbers), self._own] = rounded
             self._news.append((np.array([[self._own, number]], dtype=np.int32), rounded[None]))
 
     def hear(self, message: RowMessage, block: int) -> None:
         """Take in what a neighbour told before this block."""
-        if message.team != self.team:
+        if message.team != self.team or message.rows.shape[1] != self._rows.shape[2]:
             return
         if self.changed_at < message.changed_at < self._times.begun_from(block):
             self.changed_at = message.changed_at
-        news, again, by_robot = [], [], self._by_robot()
+        news, again, by_robot = [], [], self._rows
         numbers, whose, places = self._numbers, self._whose, len(self._numbers)
         for k, (robot, number) in enumerate(message.labels.tolist()):
             place = number % places
@@ -126,27 +128,27 @@ class Exchange:
         told = self._told_once + self._news
         self._told_once, self._news = self._news, []
         labels = [labels for labels, _ in told] or [np.zeros((0, 2), dtype=np.int32)]
-        rows = [rows for _, rows in told] or [np.zeros((0, ROW_SIZE), dtype=np.float32)]
+        rows = [rows for _, rows in told] or [np.zeros((0, self._rows.shape[2]), dtype=np.float32)]
         return RowMessage(self.team, changed_at, np.concatenate(labels), np.concatenate(rows))
 
     def complete(self, number: int) -> Array | None:
-        """The team's row of this number with the constant 1, shape (24 N + 1,); None while a robot's is missing.
+        """The team's row of this number: of all robots, the constant 1, and rates if there are any.
 
-        It is overwritten when its place is needed again.
+        Returns:
+            Shape (24 N + 1,) or (48 N + 1,); None while a robot's is missing.
         """
         place = number % len(self._numbers)
         is_complete = self._numbers[place] == number and self._whose[place] == self._all
-        return self._rows[place] if is_complete else None
+        if not is_complete:
+            return None
+        rows = self._rows[place]
+        return np.concatenate([rows[:, :ROW_SIZE].ravel(), _ONE, rows[:, ROW_SIZE:].ravel()])
 
     def missing(self, number: int) -> list[int]:
         """Places of the robots whose row of this number has not come."""
         place = number % len(self._numbers)
         whose = self._whose[place] if self._numbers[place] == number else 0
         return [robot for robot in range(self._count) if not whose >> robot & 1]
-
-    def _by_robot(self) -> Array:
-        """A view of the table, shape (places, N, 24)."""
-        return self._rows[:, :-1].reshape(len(self._rows), self._count, ROW_SIZE)
 
     def _is_new(self, robot: int, number: int) -> bool:
         """Whether a robot's row was missing; from now on it is not."""

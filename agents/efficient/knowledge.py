@@ -52,9 +52,9 @@ class Knowledge:
         self._count, self._anchor, self._settings = count, anchor, settings
         self._growth = guards.growth_of_many if settings.errors.count or count > MANY else guards.growth
         self.least = max(4, round(guards.first_rows / settings.period))
-        memory, size = settings.memory, ROW_SIZE * count + 1
+        memory, size = settings.memory, ROW_SIZE * count * (1 + settings.errors.is_moving) + 1
         self._page = 0 if memory is None else max(4, round(memory / _PAGES_IN_MEMORY / settings.period))
-        self.buffer = RowBuffer(size, settings.errors.is_moving, settings.period, count > _EXACT_UP_TO)
+        self.buffer = RowBuffer(size, count > _EXACT_UP_TO)
         self._chapter = Chapter(self.buffer, settings, prior)
         self.estimate: Estimate | None = None
         self._next_fit, self._level, self._rows_before = 2 * self.least, 1.0, 0

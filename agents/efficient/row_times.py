@@ -1,6 +1,6 @@
 """How one robot's blocks of samples become rows: several of each, or one of several.
 
-row n holds the samples from n L up to (n + 1) L,    L = samples of a row
+row n holds the samples from n L up to (n + 1) L,    L = samples of a row; with rates it is a sample earlier
 """
 
 from __future__ import annotations
@@ -12,10 +12,14 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SAMPLE_SIZE
-from coheft.estimation.moments.rows import LONGEST, row_of_samples, rows_per_block
+from coheft.estimation.moments.rows import LONGEST, row_of_samples, row_with_rates, rows_per_block
 
 MANY, _MOST_TIMES = 32, 5
 """In teams of more robots than these rows are longer, in proportion to the team and at most so many times."""
+
+
+_BEFORE = 2
+"""Samples before a row that its rates need."""
 
 
 @dataclass(frozen=True)
@@ -67,10 +71,12 @@ class OwnRows:
         times: Of rows.
         gyro_variance: Of one sample [rad²/s²].
         rate: Samples per second.
+        with_rates: Whether rows are followed by their rates.
     """
 
-    def __init__(self, times: RowTimes, gyro_variance: float, rate: float) -> None:
+    def __init__(self, times: RowTimes, gyro_variance: float, rate: float, with_rates: bool = False) -> None:
         self._times, self._gyro_variance, self._rate = times, gyro_variance, rate
+        self._row, self._before = (row_with_rates, _BEFORE) if with_rates else (row_of_samples, 0)
         self._kept, self._end = np.zeros((0, SAMPLE_SIZE)), 0
 
     def add(self, index: int, samples: Array) -> list[tuple[int, Array]]:
@@ -79,9 +85,11 @@ class OwnRows:
         has_gap = self._end != index * block
         kept = samples if has_gap or not len(self._kept) else np.concatenate([self._kept, samples])
         self._end = (index + 1) * block
-        start, end = self._end - len(kept), self._end // size
-        self._kept = kept[max(0, end * size - start) :]
+        start, end, before = self._end - len(kept), self._end // size, self._before
+        self._kept = kept[max(0, end * size - before - start) :]
+        first = -(-(start + before) // size)
+        begins = [(number, number * size - before - start) for number in range(first, end)]
         return [
-            (number, row_of_samples(kept[number * size - start :][:size], self._gyro_variance, self._rate))
-            for number in range(-(-start // size), end)
+            (number, self._row(kept[begin : begin + before + size], self._gyro_variance, self._rate))
+            for number, begin in begins
         ]

@@ -136,9 +136,8 @@ class Session:
             self._told_of, self._look_until = first, number + self._turn
 
     def take(self, number: int, row: Array) -> None:
-        """One more row of the whole team, shape (24 N + 1,); any may be missing or late."""
+        """One more row of the whole team, shape (24 N + 1,) or (48 N + 1,); any may be missing or late."""
         known, buffer, guards = self._known, self._known.buffer, self._guards
-        row = buffer.extended(number, row)
         if number > self._newest + 1 + self._waits:
             self._unconfirmed = self._confirming
         self._newest = max(self._newest, number)

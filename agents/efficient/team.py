@@ -17,6 +17,7 @@ from coheft.agents.estimator import Channels
 from coheft.consensus.graph import diameter
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.chapter import Prior
+from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.unknowns import Unknowns
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.size import MOST_TOLD
@@ -59,10 +60,11 @@ class Team:
         self.names = [name for name, _, _ in lives]
         self.own, hops = self.names.index(config.name), diameter(graph)
         self.times = times = RowTimes.of_team(len(lives), config.block, config.rate)
-        self._own_rows = OwnRows(times, config.noise.gyro**2, config.rate)
-        self._waits = hops + max(2, config.blocks(guards.waiting)) + times.spanned - 1
-        self.exchange = Exchange(membership, len(lives), self.own, hops, times)
         self._settings, self._guards = fit_settings(config, len(lives)), guards
+        with_rates = self._settings.errors.is_moving
+        self._own_rows = OwnRows(times, config.noise.gyro**2, config.rate, with_rates)
+        self._waits = hops + max(2, config.blocks(guards.waiting)) + times.spanned - 1
+        self.exchange = Exchange(membership, len(lives), self.own, hops, times, ROW_SIZE * (1 + with_rates))
         self._prior: tuple[Prior, int] | None = None
         self._newcomers = dict[str, int]()
         self.session = Session(len(lives), self.own, self._settings, guards)

@@ -111,6 +111,11 @@ class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
         value: float = getattr(self, f"{sensor}_{shape}", 0.0)
         return value
 
+    @property
+    def is_any_late(self) -> bool:
+        """Whether clocks or wrenches may be late."""
+        return max(self.clock, self.wrench_delay) > 0.0
+
     def proportional(self) -> list[Proportional]:
         """All errors that are proportional to what is read, and not exactly 0."""
         found = []

@@ -23,4 +23,5 @@ def test_every_error_that_is_told_is_an_unknown_with_a_prior(key: str) -> None:
     else:
         assert not any(offsets)
         assert settings.errors.count in (1, 3)
-        assert settings.errors.deviations == pytest.approx(0.01 * (0.0174533 if "mounting" in key else 1.0), rel=1e-4)
+        size = 0.01 * (0.0174533 if "mounting" in key else 2.0**0.5 if key == "clock" else 1.0)
+        assert settings.errors.deviations == pytest.approx(size, rel=1e-4)

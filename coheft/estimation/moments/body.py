@@ -95,10 +95,9 @@ class BodyModel:
         state: Poses of all robots, and their sensors' errors.
         noise: Of rows.
         unknowns: Their places.
-        period: Of rows [s].
 
     Attributes:
-        state, unknowns, noise, period: As given.
+        state, unknowns, noise: As given.
         count: Robots.
         is_moving: Whether rows are extended by their rates.
         features: Numbers of ``psi``: 19, or 38 with rates.
@@ -112,18 +111,26 @@ class BodyModel:
         wrench: Takes extended rows to the total wrench, shape (6, X).
         adjoints: ``Ad(g_i)``, shape (N, 6, 6).
         motion_noise: Covariance of the noise of ``psi``, shape (features, features).
+        residual_noise: Covariance of what motion sensors read less their prediction with ``psi``, shape
+            (N, 12, features); None where it is zero, as without rates.
         wrench_variance: Of each wrench sensor that is there, else 0, shape (N, 6).
+        rate_variance: Of the rates of each wrench, shape (N, 6).
         wrench_noise: Covariance of the total wrench, lever arms included, shape (6, 6).
     """
 
-    def __init__(self, state: State, noise: RowNoise, unknowns: Unknowns, period: float) -> None:
-        self.state, self.noise, self.unknowns, self.period = state, noise, unknowns, period
+    def __init__(self, state: State, noise: RowNoise, unknowns: Unknowns) -> None:
+        self.state, self.noise, self.unknowns = state, noise, unknowns
         self.count, self.is_moving = len(state.poses), unknowns.errors.is_moving
         self.features = MOTION_SIZE * (1 + self.is_moving)
         self.rotations = np.array([pose.rotation for pose in state.poses])
         self.places = np.array([pose.translation for pose in state.poses])
-        self.weight = np.broadcast_to(noise.kinematics**-2.0, (self.count, KINEMATICS_SIZE))
+        by_rates = (
+            np.square(self._late(rows.KINEMATICS))
+            @ self._variance_of_rates(noise.kinematics, rows.KINEMATICS)[..., None]
+        )
+        self.weight = 1.0 / (noise.kinematics**2.0 + by_rates[..., 0])
         self.shares = self.weight[:, 0] / self.weight[:, 0].sum()
+        self.residual_noise: Array | None = None
         self._set_motion()
         self._set_wrench()
 
@@ -152,14 +159,40 @@ class BodyModel:
         find[ACCELERATIONS] -= centripetal @ find[PRODUCTS]
         self.see = self._of_extended(find)
         if self.is_moving and self.state.calibration is not None:
-            # A rate is the difference of the rows before and after, over twice the period.
-            self.motion_noise[MOTION_SIZE:, MOTION_SIZE:] = self.motion_noise[:MOTION_SIZE, :MOTION_SIZE] / (
-                2.0 * self.period**2
-            )
+            self._set_noise_of_rates()
             moving = np.zeros_like(self.see)
             rates = of_rows.swapaxes(0, 1) @ self.state.calibration[:, RATES:, RATES:]
             moving[:, find.shape[1] :] = rates.swapaxes(0, 1).reshape(MOTION_SIZE, -1)
             self.see = np.vstack([self.see, moving])
+
+    def _variance_of_rates(self, deviations: Array, part: slice) -> Array:
+        """Of a part of all rows, for the noise (N or 1, k) of its numbers, shape (N, k)."""
+        variance = np.where(np.isfinite(deviations), deviations, 0.0) ** 2.0 * self.noise.rates[part] ** 2.0
+        return np.broadcast_to(variance, (self.count, variance.shape[1]))
+
+    def _late(self, part: slice) -> Array:
+        """By how much a part of each row is corrected per rate, shape (N, k, k)."""
+        calibration = self.state.calibration
+        size = part.stop - part.start
+        if not self.is_moving or calibration is None:
+            return np.zeros((self.count, size, size))
+        return calibration[:, part, RATES + part.start : RATES + part.stop]
+
+    def _set_noise_of_rates(self) -> None:
+        """Late sensors' numbers are corrected by their rates, which the rates of ``psi`` are found from as well."""
+        late, noise = self._late(rows.KINEMATICS), self.motion_noise
+        variance = self._variance_of_rates(self.noise.kinematics, rows.KINEMATICS)
+        self.residual_noise = np.zeros((self.count, KINEMATICS_SIZE, self.features))
+        for fusion in (self.twist, self.accelerations):
+            gain, of_rates = fusion.gain, variance[:, None, fusion.sensors]
+            own = (late[:, fusion.sensors, fusion.sensors] * of_rates) @ gain.swapaxes(1, 2)
+            both, rates = (
+                (gain @ own).sum(axis=0),
+                slice(*(MOTION_SIZE + np.array([fusion.part.start, fusion.part.stop]))),
+            )
+            noise[rates, rates] = (gain * of_rates @ gain.swapaxes(1, 2)).sum(axis=0)
+            noise[fusion.part, rates], noise[rates, fusion.part] = both, both.T
+            self.residual_noise[:, fusion.sensors, rates] = own - self.predict[:, fusion.sensors, fusion.part] @ both
 
     def _take_out_gyro_offset(self, find: Array) -> None:
         """What the gyros read in excess is in the angular velocity and in its products."""
@@ -176,7 +209,9 @@ class BodyModel:
         wrench = np.zeros((6, ROW_SIZE * count + 1))
         wrench[:, :-1].reshape(6, count, ROW_SIZE)[:, :, rows.WRENCH] = self.adjoints.transpose(1, 0, 2)
         self.wrench = self._of_extended(wrench)
-        variance = np.broadcast_to(self.noise.wrench**2.0, (count, 6))
+        self.rate_variance = self._variance_of_rates(self.noise.wrench, rows.WRENCH)
+        by_rates = np.square(self._late(rows.WRENCH)) @ self.rate_variance[..., None]
+        variance = self.noise.wrench**2.0 + by_rates[..., 0]
         is_there = np.isfinite(variance)
         self.wrench_variance = np.where(is_there, variance, 0.0)
         in_total = np.where(is_there, variance, _NO_SENSOR**2)

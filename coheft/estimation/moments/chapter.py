@@ -134,8 +134,7 @@ class Chapter:
         """
         of_all, of_load = self.buffer.moments()
         if before is not None:
-            spanned = 2 * self._settings.errors.is_moving  # rows whose rates may span the change
-            newest = self.buffer.moments_since(max(0, before - spanned))
+            newest = self.buffer.moments_since(before)
             is_only_load = of_all is of_load
             of_load = of_load - newest
             if not keeps_motion:

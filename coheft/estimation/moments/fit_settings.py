@@ -94,7 +94,7 @@ class FitSettings:
 
     def body(self, state: State, level: float = 1.0) -> BodyModel:
         """The matrices at a state, for noise of wrenches of this level."""
-        return BodyModel(state, self.noise.at_level(level), Unknowns(len(state.poses), self.errors), self.period)
+        return BodyModel(state, self.noise.at_level(level), Unknowns(len(state.poses), self.errors))
 
     def limits(self, count: int, guess: Guess) -> Array:
         """Standard deviations (u,) beyond which an unknown is hidden, for so many robots."""

@@ -18,6 +18,8 @@ from coheft.estimation.moments.body import PRODUCTS, REGRESSOR, BodyModel, resid
 from coheft.estimation.moments.derivatives import MotionDerivatives, WrenchDerivatives, forcing_features
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.moments import MotionMoments, WrenchMoments
+from coheft.estimation.moments.rows import WRENCH_SIZE
+from coheft.estimation.moments.sensor_errors import RATES
 from coheft.estimation.moments.unknowns import LOAD_SIZE, Indices
 
 
@@ -44,6 +46,8 @@ def motion_evidence(
     means = of_motion[0] / max(number, 1.0)
     residual = moments.with_motion - body.predict @ of_motion[: body.predict.shape[2]]
     residual[:, rows.TWIST] -= residual[:, rows.TWIST, :1] * means
+    if body.residual_noise is not None:
+        residual -= number * body.residual_noise
     weighted = body.weight[:, :, None] * residual
     score = np.zeros(unknowns.size)
     score[: count * own] = (derivatives.own.reshape(count, own, -1) @ weighted.reshape(count, -1, 1)).ravel()
@@ -123,10 +127,9 @@ def wrench_evidence(
     derivatives = WrenchDerivatives.at(body, motion, load, root)
     local, common = derivatives.local, derivatives.common
     of_robots, size = count * own, local.shape[-1]
-    of_noise, variance = number * body.motion_noise, _wrench_variance(body, size)
+    of_noise, robots = number * body.motion_noise, range(count)
     of_wrenches, of_motion = moments.of_wrenches.copy(), moments.of_motion - of_noise
-    diagonal = np.arange(count * size)
-    of_wrenches[diagonal, diagonal] -= number * variance.ravel()
+    of_wrenches.reshape(count, size, count, size)[robots, :, robots] -= number * _wrench_covariance(body, size)
 
     with_wrenches = derivatives.of_wrenches @ of_wrenches + derivatives.of_motion @ moments.with_motion.T
     with_motion = derivatives.of_wrenches @ moments.with_motion + derivatives.of_motion @ of_motion
@@ -152,10 +155,16 @@ def wrench_evidence(
     return Evidence.of_rows(score, information, noise, number, is_fitted)
 
 
-def _wrench_variance(body: BodyModel, size: int) -> Array:
-    """Variance of each robot's wrench and of its rates, shape (N, w)."""
-    variance: Array = np.hstack([body.wrench_variance, body.wrench_variance / (2.0 * body.period**2)])[:, :size]
-    return variance
+def _wrench_covariance(body: BodyModel, size: int) -> Array:
+    """Of the noise of each robot's calibrated wrench and, if sensors may be late, of its rates, shape (N, w, w)."""
+    result = np.zeros((body.count, size, size))
+    result[:, range(WRENCH_SIZE), range(WRENCH_SIZE)] = body.wrench_variance
+    if size > WRENCH_SIZE and body.state.calibration is not None:
+        late = body.state.calibration[:, rows.WRENCH, RATES:][..., rows.WRENCH]
+        result[:, range(WRENCH_SIZE, size), range(WRENCH_SIZE, size)] = body.rate_variance
+        across = late * body.rate_variance[:, None]
+        result[:, :WRENCH_SIZE, WRENCH_SIZE:], result[:, WRENCH_SIZE:, :WRENCH_SIZE] = across, across.swapaxes(1, 2)
+    return result
 
 
 def _wrench_noise(body: BodyModel, derivatives: WrenchDerivatives, number: float, is_fitted: bool) -> Array:
@@ -163,15 +172,15 @@ def _wrench_noise(body: BodyModel, derivatives: WrenchDerivatives, number: float
     unknowns, count, own = body.unknowns, body.count, body.unknowns.own
     local, common, used = derivatives.local, derivatives.common, forcing_features(body.features)
     of_robots, size, of_noise = count * own, local.shape[-1], number * body.motion_noise
-    variance = number * _wrench_variance(body, size)
+    covariance = number * _wrench_covariance(body, size)
     noise = _summed_product(common, of_noise, common, used)
-    weighted = (local * variance[:, None, None]).reshape(count, own, -1)
+    weighted = (local @ covariance[:, None]).reshape(count, own, -1)
     by_own = weighted @ local.reshape(count, own, -1).swapaxes(1, 2)
     noise[:of_robots, :of_robots].reshape(count, own, count, own)[range(count), :, range(count)] += by_own
     if is_fitted:  # what the level of all noise together would explain is taken out of the score exactly
         together = common.reshape(unknowns.size, -1) @ (derivatives.of_motion @ of_noise).ravel()
-        on_wrenches = (derivatives.of_wrenches * variance.ravel()).reshape(6, count, size)
-        by_robot = on_wrenches.transpose(1, 0, 2).reshape(count, -1, 1)
+        on_wrenches = derivatives.of_wrenches.reshape(6, count, size).swapaxes(0, 1) @ covariance
+        by_robot = on_wrenches.reshape(count, -1, 1)
         together[:of_robots] += (local.reshape(count, own, -1) @ by_robot).ravel()
         noise -= np.outer(together, together) / (6.0 * max(number, 1.0))
     symmetric: Array = 0.5 * (noise + noise.T)

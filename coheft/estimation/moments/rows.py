@@ -8,6 +8,10 @@ loses how signals change within its time, a share ``(pi f T)^2 / 3`` of the info
 [Hz]: 0.3 % at 1.6 Hz and ``T`` = 20 ms. Its noise is smaller by the root of the number of samples, so the bias that
 noise in regressors causes almost disappears.
 
+Where sensors may be late, a row is followed by its rates: how much it would change per second if it were made of
+samples a moment later. For means these are the changes from the beginning of the row to its end, so they are right even
+where something jumps in between. Their noise is independent of that of the row.
+
 The slope of the gyro, a least-squares line through the block, is the angular acceleration up to a share
 ``(2 pi f T)^2 / 60``. Its noise is independent of that of the mean.
 """
@@ -15,7 +19,8 @@ The slope of the gyro, a least-squares line through the block, is the angular ac
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -63,10 +68,12 @@ class RowNoise:
     Attributes:
         kinematics: Of ``(w, v, a, slope)``, shape (N, 12), or (1, 12) if all robots are alike.
         wrench: Of ``(f, t)``, shape (N, 6) or (1, 6).
+        rates: Of the rates of each of these 18 numbers in standard deviations of the number itself, shape (18,) [1/s].
     """
 
     kinematics: Array
     wrench: Array
+    rates: Array = field(default_factory=lambda: np.zeros(WRENCH.stop))
 
     @staticmethod
     def of_samples(noise: SensorNoise, samples: int, rate: float) -> RowNoise:
@@ -78,11 +85,14 @@ class RowNoise:
         by_shape = _TIMES * _FAST_TURNING * (2.0 * math.pi * _FASTEST * samples / rate) ** 2 / 60.0
         slope = math.hypot(by_gyro, by_shape)
         mean = noise.per_column() / math.sqrt(samples)
-        return RowNoise(np.concatenate([mean[_SAMPLES[0]], np.full(3, slope)])[None], mean[None, _SAMPLES[1]])
+        rates = np.full(WRENCH.stop, rate / math.sqrt(samples))
+        change = 0.5 * rate * np.convolve(_line(samples, rate), [1.0, 0.0, -1.0])
+        rates[SLOPE] = np.linalg.norm(change) * noise.gyro / slope
+        return RowNoise(np.concatenate([mean[_SAMPLES[0]], np.full(3, slope)])[None], mean[None, _SAMPLES[1]], rates)
 
     def at_level(self, level: float) -> RowNoise:
         """The same with the variance of wrenches ``level`` times as large."""
-        return self if level == 1.0 else RowNoise(self.kinematics, math.sqrt(level) * self.wrench)
+        return self if level == 1.0 else replace(self, wrench=math.sqrt(level) * self.wrench)
 
 
 def row_of_samples(samples: Array, gyro_variance: float, rate: float) -> Array:
@@ -100,8 +110,31 @@ def row_of_samples(samples: Array, gyro_variance: float, rate: float) -> Array:
     row = np.empty(ROW_SIZE)
     w, mean = samples[:, W], np.add.reduce(samples, axis=0) / count
     row[:9], row[WRENCH] = mean[_SAMPLES[0]], mean[_SAMPLES[1]]
-    times = np.arange(count) - 0.5 * (count - 1)
-    row[SLOPE] = times @ w * (12.0 * rate / (count * (count**2 - 1)))
+    row[SLOPE] = _line(count, rate) @ w
     row[PRODUCTS] = (w.T @ w).take(_FLAT_PRODUCTS) / count
     row[18:21] -= gyro_variance
     return row
+
+
+def row_with_rates(samples: Array, gyro_variance: float, rate: float) -> Array:
+    """The row of all samples but the first and the last, and its rates.
+
+    Args:
+        samples: See ``row_of_samples``, shape (B + 2, 15).
+        gyro_variance: Of one sample [rad²/s²].
+        rate: Samples per second.
+
+    Returns:
+        Shape (48,).
+    """
+    before, now, after = (
+        row_of_samples(samples[first : len(samples) - 2 + first], gyro_variance, rate) for first in range(3)
+    )
+    return np.concatenate([now, 0.5 * rate * (after - before)])
+
+
+@cache
+def _line(count: int, rate: float) -> Array:
+    """Weights (B,) of samples in the slope of their least-squares line."""
+    times = np.arange(count) - 0.5 * (count - 1)
+    return times * (12.0 * rate / (count * (count**2 - 1)))

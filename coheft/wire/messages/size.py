@@ -25,22 +25,29 @@ PER_MESSAGE = 32
 """Of what all robots tell each other, so many lines at most travel in a message."""
 MOST_TOLD = 450
 """With more unknowns than these a robot that is new is not told what is known: it would take megabytes."""
-_NUMBER, _ROW = 8, 104
+_NUMBER, _ROW, _ROW_WITH_RATES = 8, 104, 200
 """A number of the consensus; a row with its label [B]."""
 _PER_LINE = 4096
 """For a robot's line in gossip and in the tables that are handed on [B]."""
 _PER_NAME = 40
 """For a neighbour's name in such a line [B]."""
 _REST = 65536
-_MOST_ERRORS = 5
-"""Errors of a robot's sensors that are estimated along: three of the accelerometer, two gains."""
 
 
 def _of_rows(scenario: Scenario) -> int:
     """Rows of all robots that are told twice, as many again that come late, and what a newcomer is told [B]."""
     rows = rows_per_block(scenario.sensors.block, scenario.sensors.rate)  # as many or, in large teams, fewer
-    unknowns = min((6 + _MOST_ERRORS) * scenario.robot_count + 19, MOST_TOLD)
-    return 4 * scenario.robot_count * rows * _ROW + _NUMBER * (unknowns**2 + 8 * unknowns)
+    told = scenario.sensors.tolerance
+    of_axes = (told.acceleration_offset, told.velocity_place, told.acceleration_place)
+    errors = (
+        len(told.proportional())
+        + sum(3 * (each > 0.0) for each in of_axes)
+        + (told.clock > 0)
+        + (told.wrench_delay > 0)
+    )
+    unknowns = min((6 + errors) * scenario.robot_count + 19, MOST_TOLD)
+    row = _ROW_WITH_RATES if told.is_any_late else _ROW
+    return 4 * scenario.robot_count * rows * row + _NUMBER * (unknowns**2 + 8 * unknowns)
 
 
 def _of_consensus(scenario: Scenario) -> int:

@@ -15,7 +15,7 @@ from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.start import first_load, first_poses
 from coheft.estimation.moments.unknowns import State, Unknowns
 from coheft.estimation.rigid_body.mass_properties import PACKED_COLUMNS, PACKED_ROWS
-from tests.estimation.moments.moving_team import NOISE, PERIOD, Team, misread, with_rates
+from tests.estimation.moments.moving_team import NOISE, PERIOD, Team, misread, noisy_for
 
 IDEAL = FitSettings(NOISE, PERIOD)
 
@@ -35,16 +35,16 @@ class Fitted:
 
 
 def buffer_of(rows: Array, settings: FitSettings, count: int, is_projected: bool = False) -> RowBuffer:
-    buffer = RowBuffer(rows.shape[1], settings.errors.is_moving, settings.period, is_projected)
+    buffer = RowBuffer(rows.shape[1], is_projected)
     add_rows(buffer, rows)
-    assert count * 24 + 1 == rows.shape[1]
+    assert count * 24 * (1 + settings.errors.is_moving) + 1 == rows.shape[1]
     return buffer
 
 
 def add_rows(buffer: RowBuffer, rows: Array, first: int = 0) -> None:
     """Rows with consecutive numbers."""
     for number, row in enumerate(rows, first):
-        buffer.add(number, buffer.extended(number, row))
+        buffer.add(number, row)
 
 
 def poses_of(chapter: Chapter, settings: FitSettings, count: int, anchor: int = 0) -> State:
@@ -66,8 +66,8 @@ def fit_from(state: State, chapter: Chapter, settings: FitSettings, anchor: int 
 
 
 def fit(rows: Array, settings: FitSettings = IDEAL, anchor: int = 0, is_projected: bool = False) -> Fitted:
-    """Of rows (n, 24 N + 1)."""
-    count = rows.shape[1] // 24
+    """Of rows (n, 24 N + 1), or (n, 48 N + 1) with rates."""
+    count = rows.shape[1] // (24 * (1 + settings.errors.is_moving))
     chapter = Chapter(buffer_of(rows, settings, count, is_projected), settings)
     state = poses_of(chapter, settings, count, anchor)
     if is_projected:
@@ -94,12 +94,9 @@ def erring(team: Team, settings: FitSettings, rng: np.random.Generator) -> tuple
     offsets = rng.normal(size=(count, 6)) * np.repeat([settings.force_offset, settings.torque_offset], 3)
     step[unknowns.gyros] = np.mean([pose.rotation @ each for pose, each in zip(team.poses, gyros, strict=True)], axis=0)
     step[unknowns.offset] = np.sum([p.adjoint() @ each for p, each in zip(team.poses, offsets, strict=True)], axis=0)
-    state, noisy, exact = state.moved(step, unknowns, 6.0), team.noisy(rng), team.rows
-    if errors.is_moving:
-        rows = misread(with_rates(exact), state)[:, : exact.shape[1]] + (noisy - exact)[1:-1]
-    else:
-        rows = misread(noisy, state)
-    own = rows[:, :-1].reshape(len(rows), count, ROW_SIZE)
+    state = state.moved(step, unknowns, 6.0)
+    rows = misread(noisy_for(errors, team, rng), state)
+    own = rows[:, : ROW_SIZE * count].reshape(len(rows), count, ROW_SIZE)
     own[..., 12:18] += offsets
     excess, w = gyros[None], own[..., :3].copy()
     own[..., :3] += excess

@@ -155,6 +155,19 @@ def with_rates(rows: Array) -> Array:
     return np.hstack([rows[1:-1], (rows[2:, :-1] - rows[:-2, :-1]) / (2.0 * PERIOD)])
 
 
+def noisy_for(errors: SensorErrors, team: Team, rng: np.random.Generator, noise: RowNoise = NOISE) -> Array:
+    """Rows with noise, and with rates of independent noise if these errors need them."""
+    rows = team.noisy(rng, noise)
+    if not errors.is_moving:
+        return rows
+    extended = with_rates(team.rows)
+    extended[:, : rows.shape[1]] = rows[1:-1]
+    own = extended[:, rows.shape[1] :].reshape(len(extended), team.count, ROW_SIZE)
+    deviations = noise.rates * np.hstack([noise.kinematics, noise.wrench])
+    own[..., :18] += rng.normal(size=own[..., :18].shape) * deviations
+    return extended
+
+
 def by_robot(extended: Array, count: int) -> Array:
     """Extended rows of each robot, shape (n, N, 25 or 49)."""
     one, number = ROW_SIZE * count, len(extended)
@@ -179,7 +192,7 @@ def misread(extended: Array, state: State) -> Array:
 
 
 def body_at(state: State, errors: SensorErrors = EXACT, noise: RowNoise = NOISE) -> BodyModel:
-    return BodyModel(state, noise, Unknowns(len(state.poses), errors), PERIOD)
+    return BodyModel(state, noise, Unknowns(len(state.poses), errors))
 
 
 def extended_for(errors: SensorErrors, rows: Array) -> Array:
@@ -198,6 +211,6 @@ def with_errors(team: Team, errors: SensorErrors, rng: np.random.Generator, gyro
 
 
 def uneven_noise(count: int) -> RowNoise:
-    """Of robots of which each has other sensors."""
+    """Of robots of which each has other sensors; that of rates is left out."""
     factors = np.linspace(0.5, 2.0, count)[:, None]
     return RowNoise(factors * NOISE.kinematics, factors[::-1] * NOISE.wrench)

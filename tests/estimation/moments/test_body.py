@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -25,15 +27,14 @@ from tests.estimation.moments.moving_team import (
     EXACT,
     LATE,
     NOISE,
-    PERIOD,
     Team,
     body_at,
     by_robot,
     extended_for,
     make_team,
+    noisy_for,
     uneven_noise,
     with_errors,
-    with_rates,
 )
 
 COUNTS = pytest.mark.parametrize("count", [1, 2, 3, 6])
@@ -188,12 +189,10 @@ def test_a_wrench_sensor_that_is_not_there_makes_its_wrench_unknown() -> None:
 @EVERY
 def test_noise_of_the_motion_is_as_claimed(errors: SensorErrors) -> None:
     team, rng = make_team(seed=16, number=2000, turning=0.0, moving=0.0), np.random.default_rng(17)
-    noise, state = uneven_noise(team.count), team.state(errors)
-    rows = team.noisy(rng, noise)
-    if errors.is_moving:
-        rows = with_rates(rows)[::4]  # no two of them share a row
+    noise, state = replace(uneven_noise(team.count), rates=NOISE.rates), team.state(errors)
+    rows = noisy_for(errors, team, rng, noise)
     body = body_at(state, errors, noise)
-    psi = (rows - extended_for(errors, team.rows)[: len(rows)]) @ body.see.T
+    psi = (rows - extended_for(errors, team.rows)) @ body.see.T
     for part in (TWIST, ACCELERATIONS):
         found = np.cov(psi[:, part].T)
         white = np.linalg.solve(body.motion_noise[part, part], found)
@@ -203,7 +202,35 @@ def test_noise_of_the_motion_is_as_claimed(errors: SensorErrors) -> None:
             rates = slice(MOTION_SIZE + part.start, MOTION_SIZE + part.stop)
             white = np.linalg.solve(body.motion_noise[rates, rates], np.cov(psi[:, rates].T))
             assert np.trace(white) / 6.0 == pytest.approx(1.0, abs=5.0 / np.sqrt(3.0 * len(rows)))
-    assert body.period == PERIOD
+
+
+def test_noise_of_rates_is_in_what_late_sensors_read() -> None:
+    team, rng, number = make_team(seed=20, number=20_002, turning=0.0, moving=0.0), np.random.default_rng(21), 20_000
+    noise, (state, exact) = replace(uneven_noise(3), rates=NOISE.rates), with_errors(team, LATE, rng, gyros=0.0)
+    body = body_at(state, LATE, noise)
+    rows = exact + noisy_for(LATE, team, rng, noise) - extended_for(LATE, team.rows)
+    rows[:, 18:24] = rows[:, 42:48] = rows[:, 66:72] = 0.0  # products of noise are not what this is about
+    exact[:, 18:24] = exact[:, 42:48] = exact[:, 66:72] = 0.0
+    motion, expected = rows @ body.see.T, exact @ body.see.T
+    psi = motion - expected
+    residual = body.residuals(rows, motion[:, :MOTION_SIZE]) - body.residuals(exact, expected[:, :MOTION_SIZE])
+    deviations = np.sqrt(np.maximum(body.motion_noise.diagonal(), 1e-30))
+    for one in (TWIST, ACCELERATIONS):
+        late = slice(MOTION_SIZE + one.start, MOTION_SIZE + one.stop)
+        for other in (one, late):
+            found = psi[:, one].T @ psi[:, other] / number
+            scale = np.outer(deviations[one], deviations[other])
+            np.testing.assert_allclose(found / scale, body.motion_noise[one, other] / scale, atol=5.0 / number**0.5)
+        own = slice(0, 6) if one is TWIST else slice(6, 12)
+        read = residual.reshape(number, -1, 12)[:, :, own].reshape(number, -1)
+        assert body.residual_noise is not None
+        claimed = (np.sqrt(body.weight)[..., None] * body.residual_noise)[:, own].reshape(read.shape[1], -1)
+        scale = deviations[late]
+        np.testing.assert_allclose(
+            read.T @ psi[:, late] / number / scale, claimed[:, late] / scale, atol=5.0 / number**0.5
+        )
+        assert np.abs(claimed[:, late] / scale).max() > 0.05
+        np.testing.assert_allclose(read.T @ psi[:, one] / number / deviations[one], 0.0, atol=5.0 / number**0.5)
 
 
 def test_noise_of_the_wrench_is_as_claimed() -> None:

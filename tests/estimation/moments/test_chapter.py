@@ -18,7 +18,7 @@ from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.start import first_poses
 from coheft.estimation.moments.unknowns import THETA, State
 from tests.estimation.moments.fitting import IDEAL, Fitted, add_rows, buffer_of, erring, fit, fit_from, normalised_error
-from tests.estimation.moments.moving_team import NOISE, PERIOD, Team, make_team
+from tests.estimation.moments.moving_team import NOISE, PERIOD, Team, make_team, noisy_for
 
 SETTINGS = {
     "ideal": IDEAL,
@@ -116,15 +116,16 @@ def test_poses_that_are_not_known_take_nothing_over_from_wrenches() -> None:
 
 
 def test_a_look_may_leave_out_the_newest_rows() -> None:
-    rows = make_team(seed=6).noisy(np.random.default_rng(7))
-    for settings, spanned in ((IDEAL, 0), (SETTINGS["delays"], 2)):
+    team = make_team(seed=6)
+    for settings in (IDEAL, SETTINGS["delays"]):
+        rows = noisy_for(settings.errors, team, np.random.default_rng(7))
         chapter = Chapter(buffer_of(rows, settings, 3), settings)
         body = fit(rows, settings).estimate.body
-        fewer = Chapter(buffer_of(rows[: 60 - spanned + settings.errors.is_moving], settings, 3), settings)
+        fewer = Chapter(buffer_of(rows[:60], settings, 3), settings)
         seen, expected = chapter.look(before=60)(body), fewer.look()(body)
         np.testing.assert_allclose(seen.motion.of_motion, expected.motion.of_motion, rtol=1e-6, atol=1e-5)
         np.testing.assert_allclose(seen.wrench.of_wrenches, expected.wrench.of_wrenches, rtol=1e-6, atol=1e-3)
-        assert seen.wrench.number == pytest.approx(60 - spanned - settings.errors.is_moving)
+        assert seen.wrench.number == pytest.approx(60.0)
 
 
 def test_a_look_leaves_out_rows_of_the_load_but_not_former_ones() -> None:

@@ -18,7 +18,7 @@ from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State, Unknowns
 from tests.estimation.moments.fitting import IDEAL, Fitted, buffer_of, erring, fit, fit_from, normalised_error
-from tests.estimation.moments.moving_team import NOISE, PERIOD, Team, make_team, with_rates
+from tests.estimation.moments.moving_team import NOISE, PERIOD, Team, make_team, noisy_for
 
 SENSORS = SensorErrors({"acceleration_bias": 0.05, "force_gain": 0.01, "velocity_gain": 0.01, "gyro_gain": 0.005})
 DELAYS = SensorErrors({"acceleration_bias": 0.05, "clock": 0.0005, "wrench_delay": 0.0005})
@@ -155,8 +155,7 @@ def test_moments_as_seen_from_one_state_give_nearly_the_same(settings: FitSettin
 @pytest.mark.parametrize("kind", ["ideal", "delays"])
 def test_the_level_of_noise_is_the_mean_square_of_residuals(kind: str) -> None:
     settings, team = SETTINGS[kind], make_team(seed=12, number=100)
-    rows = team.noisy(np.random.default_rng(13))
-    rows = with_rates(rows) if settings.errors.is_moving else rows
+    rows = noisy_for(settings.errors, team, np.random.default_rng(13))
     state = team.state(settings.errors)
     body = settings.body(state)
     moments = RowMoments.of(rows)

@@ -19,7 +19,6 @@ from tests.estimation.moments.moving_team import (
     EXACT,
     LATE,
     NOISE,
-    PERIOD,
     Team,
     body_at,
     carried_load,
@@ -56,7 +55,8 @@ def expected_moments(team: Team, errors: SensorErrors) -> RowMoments:
     """What noise of rows makes of their moments on the average."""
     rows = extended_for(errors, team.rows)
     variance = np.tile(np.concatenate([NOISE.kinematics[0] ** 2, NOISE.wrench[0] ** 2, np.zeros(6)]), team.count)
-    parts = [variance, [0.0]] + ([variance / (2.0 * PERIOD**2)] if errors.is_moving else [])
+    factors = np.tile(np.concatenate([NOISE.rates**2, np.zeros(6)]), team.count)
+    parts = [variance, [0.0]] + ([variance * factors] if errors.is_moving else [])
     return RowMoments(rows.T @ rows + len(rows) * np.diag(np.concatenate(parts)))
 
 

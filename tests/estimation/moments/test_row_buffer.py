@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from coheft.estimation.moments.moments import RowMoments, seen_moments
 from coheft.estimation.moments.projected import ProjectedMoments
 from coheft.estimation.moments.row_buffer import RowBuffer
-from tests.estimation.moments.moving_team import LATE, PERIOD, body_at, make_team, with_rates
+from tests.estimation.moments.moving_team import LATE, body_at, make_team, with_rates
 from tests.estimation.moments.numbered_rows import SIZE, assert_moments, gram, row
 
 KEPT = 6
@@ -73,7 +73,7 @@ OPERATIONS = st.lists(
 
 @given(OPERATIONS)
 def test_moments_are_sums_over_rows_whatever_happens(operations: list[tuple[str, float]]) -> None:
-    buffer, naive, newest, missing = RowBuffer(SIZE, False, PERIOD), Naive(), 2, [0, 1, 2]
+    buffer, naive, newest, missing = RowBuffer(SIZE), Naive(), 2, [0, 1, 2]
     for what, share in operations:
         start, count = naive.place_of_load(), len(naive.kept)
         place = start + round(share * (count - start))
@@ -86,7 +86,7 @@ def test_moments_are_sums_over_rows_whatever_happens(operations: list[tuple[str,
                 missing += range(newest + 1, number)
             newest = max(newest, number)
             is_full = count == 2 * KEPT
-            found, had_to_drop = buffer.add(number, buffer.extended(number, row(number)))
+            found, had_to_drop = buffer.add(number, row(number))
             naive.add(number)
             assert had_to_drop == is_full
             assert found == naive.kept.index(number)
@@ -122,7 +122,7 @@ def test_moments_are_sums_over_rows_whatever_happens(operations: list[tuple[str,
 
 @given(st.permutations(range(10)), st.integers(0, 10))
 def test_the_order_in_which_rows_come_does_not_matter(numbers: list[int], changed: int) -> None:
-    buffer = RowBuffer(SIZE, False, PERIOD)
+    buffer = RowBuffer(SIZE)
     for number in (100, 101):
         buffer.add(number, row(number))
     buffer.moments()
@@ -139,7 +139,7 @@ def test_the_order_in_which_rows_come_does_not_matter(numbers: list[int], change
 
 
 def test_a_row_from_before_the_load_or_the_chapter_comes_late() -> None:
-    buffer = RowBuffer(SIZE, False, PERIOD)
+    buffer = RowBuffer(SIZE)
     for number in (0, 1, 3, 4, 5, 7, 8):
         buffer.add(number, row(number))
     buffer.begin_load(4)
@@ -154,10 +154,11 @@ def test_a_row_from_before_the_load_or_the_chapter_comes_late() -> None:
 
 def test_moments_of_large_teams_are_kept_as_seen_from_one_state() -> None:
     team = make_team(seed=1, number=40)
+    rows = with_rates(team.rows)
     body, far = body_at(team.state(LATE), LATE), body_at(make_team(seed=2).state(LATE), LATE)
-    buffer = RowBuffer(team.rows.shape[1], True, PERIOD, is_projected=True)
-    for number, each in enumerate(team.rows):
-        buffer.add(number, buffer.extended(number, each))
+    buffer = RowBuffer(rows.shape[1], is_projected=True)
+    for number, each in enumerate(rows):
+        buffer.add(number, each)
         if number == 2:
             buffer.see_from(far)  # too few rows, so poses are not known yet
             assert isinstance(buffer.moments()[0], RowMoments)
@@ -167,7 +168,7 @@ def test_moments_of_large_teams_are_kept_as_seen_from_one_state() -> None:
     assert isinstance(found, ProjectedMoments)
     assert found.body is body
     assert found is of_load
-    seen, exact = seen_moments(body, found, of_load), RowMoments.of(with_rates(team.rows))
+    seen, exact = seen_moments(body, found, of_load), RowMoments.of(rows)
     expected = seen_moments(body, exact, exact)
     for kind in ("motion", "wrench"):
         for name, value in vars(getattr(expected, kind)).items():
@@ -176,7 +177,7 @@ def test_moments_of_large_teams_are_kept_as_seen_from_one_state() -> None:
 
 def test_moments_of_small_teams_are_those_of_rows() -> None:
     team = make_team(seed=1, number=10)
-    buffer = RowBuffer(team.rows.shape[1], False, PERIOD)
+    buffer = RowBuffer(team.rows.shape[1])
     for number, each in enumerate(team.rows):
         buffer.add(number, each)
     buffer.see_from(body_at(team.state()))
