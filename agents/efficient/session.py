@@ -87,7 +87,7 @@ class Session:
         self._settled: Settled | None = None  # the load before the last change, while that is undecided
         self._surprises, self._look_until, self._pause = 0, -1, -1
         self._unconfirmed = 0  # so many rows must still fit what was known
-        self._doubted_at = self._contradicted_at = -1
+        self._doubted_at, self._contradicted_at = -1, -self._confirming
         self._forgot_at = -self._calm
 
     @property
@@ -173,6 +173,11 @@ class Session:
             return True
         found = self._monitor.add(residuals)
         if found is not None:
+            is_first = self.suspect is None and number > self._contradicted_at + self._confirming
+            if is_first and found.rows == 1:  # a sample that is wrong, or a jump that a late sensor saw a row later
+                self._contradicted_at = number
+                self._monitor.forget()
+                return False
             if self.suspect is None or number > self._contradicted_at + self._confirming:
                 self._doubted_at = number
             if self.suspect is None:

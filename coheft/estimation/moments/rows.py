@@ -136,5 +136,6 @@ def row_with_rates(samples: Array, gyro_variance: float, rate: float) -> Array:
 @cache
 def _line(count: int, rate: float) -> Array:
     """Weights (B,) of samples in the slope of their least-squares line."""
-    times = np.arange(count) - 0.5 * (count - 1)
-    return times * (12.0 * rate / (count * (count**2 - 1)))
+    times = np.arange(count, dtype=np.float64) - 0.5 * (count - 1)
+    weights: Array = times * (12.0 * rate / (count * (count**2 - 1)))
+    return weights
