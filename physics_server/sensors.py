@@ -1,4 +1,4 @@
-"""The robots' sensors: exact readings of the engine, late or turned or scaled, plus constant errors and white noise."""
+"""The robots' sensors: exact readings of the engine, late, turned or scaled, plus wandering errors and white noise."""
 
 from __future__ import annotations
 
@@ -51,6 +51,9 @@ class Sensors:
         for stream in self._streams:
             stream.random(SAMPLE_SIZE)  # former releases drew errors here: so a seed still has the noise that it had
         self._errors, self._deviation = errors, scenario.noise.per_column()
+        self._wander = scenario.sensor_drift.per_column() / np.sqrt(60.0 * scenario.sensors.rate)
+        self._wanders = [np.random.default_rng(seed.spawn(2)[1]) for seed in seeds] if self._wander.any() else []
+        self._wandered = np.zeros((len(seeds), SAMPLE_SIZE))
         self._late = errors.delays * scenario.sensors.rate  # in samples
         self._past: Array | None = None  # so many of the newest exact samples as readings may be late
 
@@ -70,6 +73,10 @@ class Sensors:
             stream.standard_normal(out=rows)
         measured *= self._deviation
         measured += self._errors.offsets[:, None]
+        for stream, rows, wandered in zip(self._wanders, measured, self._wandered, strict=False):
+            walk = wandered + np.cumsum(self._wander * stream.standard_normal((samples, SAMPLE_SIZE)), axis=0)
+            rows += walk
+            wandered[:] = walk[-1]
         exact = self._delayed(np.concatenate([kinematics, wrenches], axis=2).swapaxes(0, 1))
         exact = exact.reshape(count, samples, -1, 3, 1)
         measured += (self._errors.matrices[:, None] @ exact).reshape(measured.shape)

@@ -23,6 +23,8 @@ from coheft.estimation.moments.unknowns import Flags, State
 
 _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
 """A memory that fades does so in so many steps; each leaves the newest rows to go on from."""
+_PAGE_OF_DRIFT, _LONGEST_OF_DRIFT = 2.0, 10.0
+"""Sensors drift in steps of this time; fits are as frequent as if rows were not kept for longer than that [s]."""
 _EXACT_UP_TO = 12
 """Robots of a team whose moments are kept exactly: beyond, what is seen from one state is faster."""
 
@@ -53,7 +55,9 @@ class Knowledge:
         self._growth = guards.growth_of_many if settings.errors.count or count > MANY else guards.growth
         self.least = max(4, round(guards.first_rows / settings.period))
         memory, size = settings.memory, ROW_SIZE * count * (1 + settings.errors.is_moving) + 1
-        self._page = 0 if memory is None else max(4, round(memory / _PAGES_IN_MEMORY / settings.period))
+        pages = [memory / _PAGES_IN_MEMORY] if memory is not None else []
+        pages += [_PAGE_OF_DRIFT] if settings.drift.is_any else []
+        self._page = max(4, round(min(pages) / settings.period)) if pages else 0
         self.buffer = RowBuffer(size, count > _EXACT_UP_TO)
         self._chapter = Chapter(self.buffer, settings, prior)
         self.estimate: Estimate | None = None
@@ -127,17 +131,21 @@ class Knowledge:
         self._next_fit = least
 
     def fade(self) -> None:
-        """The memory fades: what was learned of the load counts less, as if it had drifted meanwhile."""
-        estimate, settings, buffer = self.estimate, self._settings, self.buffer
-        if settings.memory is None or estimate is None or estimate.misses_poses or buffer.load_rows < self._page:
+        """What drifts has done so meanwhile: sensors' offsets, and the load if the memory of it fades."""
+        estimate, settings, buffer, chapter = self.estimate, self._settings, self.buffer, self._chapter
+        if not self._page or estimate is None or estimate.misses_poses or buffer.load_rows < self._page:
             return
         place = max(0, buffer.count - _KEPT_ON_PAGE)
-        faded = math.expm1(place * settings.period / settings.memory)
-        theta = estimate.body.unknowns.theta
-        self._rows_before = round(settings.memory / settings.period)
-        self._chapter.end(estimate, self._guess, place)
-        if self._chapter.prior is not None:
-            self._chapter.prior = self._chapter.prior.loosened(theta, faded * estimate.covariance[theta, theta])
+        seconds, theta = place * settings.period, estimate.body.unknowns.theta
+        chapter.end(estimate, self._guess, place)
+        assert chapter.prior is not None  # it is what has ended
+        if settings.memory is not None:
+            faded = math.expm1(seconds / settings.memory)
+            chapter.prior = chapter.prior.loosened(theta, faded * estimate.covariance[theta, theta])
+        if settings.drift.is_any:
+            chapter.prior = chapter.prior.loosened(*settings.drifted(estimate.body, seconds))
+        longest = _LONGEST_OF_DRIFT if settings.memory is None else settings.memory
+        self._rows_before = min(self._rows_before + place, round(longest / settings.period))
         self._know(estimate)
         self._next_fit = buffer.load_rows + max(3, round((self._growth - 1.0) * self._rows_before))
 

@@ -15,10 +15,10 @@ from coheft.wire.config import AgentConfig
 
 def fit_settings(config: AgentConfig, count: int) -> FitSettings:
     """What a robot's fits take for granted in a team of so many."""
-    told, row = config.tolerance, RowTimes.of_team(count, config.block, config.rate).row
+    told, drift, row = config.tolerance, config.drift, RowTimes.of_team(count, config.block, config.rate).row
     kinds = {f"{sensor}_{shape}": told.of(sensor, shape) for shape in SHAPES for sensor in SENSORS}
     kinds |= {
-        "acceleration_bias": told.acceleration_offset,
+        "acceleration_bias": max(told.acceleration_offset, drift.acceleration),
         "velocity_place": told.velocity_place,
         "acceleration_place": told.acceleration_place,
         "clock": told.clock,
@@ -28,9 +28,10 @@ def fit_settings(config: AgentConfig, count: int) -> FitSettings:
         RowNoise.of_samples(config.noise, row, config.rate),
         row / config.rate,
         SensorErrors(kinds),
-        force_offset=told.force_offset,
-        torque_offset=told.torque_offset,
-        gyro_offset=told.gyro_offset,
+        force_offset=max(told.force_offset, drift.force),
+        torque_offset=max(told.torque_offset, drift.torque),
+        gyro_offset=max(told.gyro_offset, drift.gyro),
+        drift=drift,
         memory=None if config.efficient.memory == "window" else config.efficient.memory,
     )
 

@@ -127,6 +127,31 @@ class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
         return found
 
 
+class SensorDrift(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How far constant errors wander, as random walks: the standard deviation of the change within a minute.
+
+    Attributes:
+        gyro: Of what the gyro reads too much, each axis [rad/s].
+        acceleration: Of the accelerometer's, each axis [m/s²].
+        force: Of the force sensor's, each axis [N].
+        torque: Of the torque sensor's, each axis [N·m].
+    """
+
+    gyro: Deviation = 0.0
+    acceleration: Deviation = 0.0
+    force: Deviation = 0.0
+    torque: Deviation = 0.0
+
+    @property
+    def is_any(self) -> bool:
+        """Whether anything wanders."""
+        return max(self.gyro, self.acceleration, self.force, self.torque) > 0.0
+
+    def per_column(self) -> Array:
+        """Of each column of a sample, shape (15,)."""
+        return np.repeat([self.gyro, 0.0, self.acceleration, self.force, self.torque], 3)
+
+
 INDUSTRIAL = SensorTolerance(
     gyro_offset=0.005,
     gyro_scale=0.005,

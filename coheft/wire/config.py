@@ -7,7 +7,7 @@ from typing import Any, Literal
 import msgspec
 
 from coheft.estimation.measurement import SensorNoise
-from coheft.estimation.tolerance import SensorTolerance
+from coheft.estimation.tolerance import SensorDrift, SensorTolerance
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.process.log import LogLevel
 from coheft.wire.scenario.carry import Carry
@@ -32,6 +32,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         neighbours: Those it can talk with.
         noise: Of its own sensors; its neighbours' are taken to be alike.
         tolerance: How far its sensors may be off; its neighbours' are taken to be alike.
+        drift: How far their constant errors wander.
         rate: Its sensors' samples per second.
         block: Samples per block.
         lag: Blocks from a measurement to the reference that answers it.
@@ -51,6 +52,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     neighbours: tuple[str, ...]
     noise: SensorNoise
     tolerance: SensorTolerance
+    drift: SensorDrift
     rate: int
     block: int
     lag: int
@@ -144,6 +146,7 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         neighbours=neighbours,
         noise=scenario.noise,
         tolerance=scenario.sensors.tolerance,
+        drift=scenario.sensors.drift,
         rate=scenario.sensors.rate,
         block=scenario.sensors.block,
         lag=scenario.lookahead,

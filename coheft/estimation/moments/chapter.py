@@ -162,10 +162,12 @@ class Chapter:
             self.prior = replace(self.prior.without(theta, guess.limits), knows_load=False)
 
     def end(self, estimate: Estimate, guess: Guess, place: int) -> None:
-        """All rows before this place become part of the prior."""
+        """All rows before this place, and what was expected of sensors' errors, become part of the prior."""
         of_all, of_load = self.buffer.begin_chapter(place)
         evidence = self.evidence(estimate.body, seen_moments(estimate.body, of_all, of_load))
-        self._become(estimate, guess, evidence, self.prior is not None and self.prior.has_expectations)
+        if self.prior is None or not self.prior.has_expectations:
+            evidence += self._settings.expected(estimate.body)
+        self._become(estimate, guess, evidence, True)
 
     def summed_up(self, estimate: Estimate, guess: Guess) -> Prior:
         """All that is known, for another robot or another team."""

@@ -20,6 +20,7 @@ from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import OFFSET, Indices, State, Unknowns
 from coheft.estimation.rigid_body.mass_properties import unit_point
 from coheft.estimation.rigid_body.unseen import middle_and_size
+from coheft.estimation.tolerance import SensorDrift
 
 POSE_LIMITS: Array = np.repeat([np.radians(5.0), 0.1], 3)
 """A pose is hidden in directions in which its standard deviation is larger [rad, m]: so far steps are nearly linear."""
@@ -74,6 +75,7 @@ class FitSettings:
         force_offset, torque_offset: Standard deviations of the constant offsets of one robot's sensors, per axis
             [N, N·m]; 0 if they have none.
         gyro_offset: And of its gyro [rad/s].
+        drift: How far such offsets, and those of accelerometers, wander.
         is_level_fitted: Whether the level of the noise of wrenches is estimated.
         memory: Time constant over which the load is forgotten [s]; None: never.
     """
@@ -84,6 +86,7 @@ class FitSettings:
     force_offset: float = 0.0
     torque_offset: float = 0.0
     gyro_offset: float = 0.0
+    drift: SensorDrift = field(default_factory=SensorDrift)
     is_level_fitted: bool = False
     memory: float | None = None
 
@@ -130,8 +133,29 @@ class FitSettings:
         return total
 
     def offset_covariance(self, body: BodyModel) -> Array:
-        """Prior covariance (6, 6) of the total wrench's offset: each robot's is carried to the body frame."""
-        deviations = np.maximum([self.force_offset, self.torque_offset], _EXACT)
-        spread = np.repeat(np.square(deviations), 3)
-        covariance: Array = (body.adjoints * spread @ body.adjoints.swapaxes(1, 2)).sum(axis=0)
-        return covariance
+        """Prior covariance (6, 6) of the total wrench's offset."""
+        return _of_total(body, max(self.force_offset, _EXACT), max(self.torque_offset, _EXACT))
+
+    def drifted(self, body: BodyModel, seconds: float) -> tuple[Indices, Array]:
+        """Places (k,) of what wanders, and the covariance (k, k) of how far it does so in a time [s]."""
+        unknowns, drift, minutes = body.unknowns, self.drift, seconds / 60.0
+        is_bias = [name == "acceleration_bias" for name in self.errors.names]
+        parts = [
+            (np.arange(unknowns.size)[unknowns.offset], _of_total(body, drift.force, drift.torque)),
+            (np.arange(unknowns.size)[unknowns.gyros], drift.gyro**2 / unknowns.count * np.eye(3)),
+            (unknowns.eta[:, is_bias].ravel(), drift.acceleration**2 * np.eye(unknowns.count * sum(is_bias))),
+        ]
+        parts = [(places, covariance) for places, covariance in parts if covariance.any()]
+        size = sum(len(places) for places, _ in parts)
+        result, first = np.zeros((size, size)), 0
+        for places, covariance in parts:
+            own = slice(first, first + len(places))
+            result[own, own], first = minutes * covariance + _EXACT**2 * np.eye(len(places)), own.stop
+        return np.concatenate([places for places, _ in parts]), result
+
+
+def _of_total(body: BodyModel, force: float, torque: float) -> Array:
+    """Covariance (6, 6) of the total wrench for such deviations of each robot's: each is carried to the body frame."""
+    spread = np.repeat([force**2, torque**2], 3)
+    covariance: Array = (body.adjoints * spread @ body.adjoints.swapaxes(1, 2)).sum(axis=0)
+    return covariance

@@ -8,7 +8,7 @@ from msgspec import Meta, field
 
 from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.measurement import Positive, SensorNoise
-from coheft.estimation.tolerance import INDUSTRIAL, SensorTolerance
+from coheft.estimation.tolerance import INDUSTRIAL, SensorDrift, SensorTolerance
 from coheft.wire.scenario.carry import Carry
 from coheft.wire.scenario.encoders import EncoderErrors
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, SeedSettings
@@ -110,8 +110,9 @@ class Sensors(Section, frozen=True):
         noise_scale: Multiplies all of ``noise``. Not 0: estimators weigh samples by their noise.
         tolerance: How far sensors may be off, as the robots are told, who estimate what is not 0 along. A scenario that
             says nothing has sensors of a good industrial arm; ``{}`` has exact ones.
-        errors: How far they are off: ``drawn`` from the tolerance, ``none``, or drawn from standard deviations of their
-            own, of which no robot is told.
+        drift: How far constant errors wander within a minute, as the robots are told.
+        errors: How far they are off: ``drawn`` from the tolerance and the drift, ``none``, or drawn from standard
+            deviations of their own, of which no robot is told; then they do not drift.
         encoders: How exactly recordings tell the wrists' poses and forces. Without it they hold the sensors' samples.
     """
 
@@ -120,6 +121,7 @@ class Sensors(Section, frozen=True):
     noise: SensorNoise = SensorNoise()
     noise_scale: Positive = 1.0
     tolerance: SensorTolerance = INDUSTRIAL
+    drift: SensorDrift = SensorDrift()
     errors: Literal["drawn", "none"] | SensorTolerance = "drawn"
     encoders: EncoderErrors | None = None
 
@@ -235,6 +237,11 @@ class Scenario(Section, frozen=True):
                 return SensorTolerance()
             case told:
                 return told
+
+    @property
+    def sensor_drift(self) -> SensorDrift:
+        """How far the sensors' errors really wander."""
+        return self.sensors.drift if self.sensors.errors == "drawn" else SensorDrift()
 
     @property
     def robot_count(self) -> int:
