@@ -54,6 +54,9 @@ class Sensors:
         self._wander = scenario.sensor_drift.per_column() / np.sqrt(60.0 * scenario.sensors.rate)
         self._wanders = [np.random.default_rng(seed.spawn(2)[1]) for seed in seeds] if self._wander.any() else []
         self._wandered = np.zeros((len(seeds), SAMPLE_SIZE))
+        correlation = scenario.sensors.noise_correlation
+        self._alike = np.exp(-1.0 / (correlation * scenario.sensors.rate)) if correlation else 0.0
+        self._noise_before: Array | None = None
         self._late = errors.delays * scenario.sensors.rate  # in samples
         self._past: Array | None = None  # so many of the newest exact samples as readings may be late
 
@@ -71,6 +74,8 @@ class Sensors:
         measured = np.empty((count, samples, SAMPLE_SIZE))
         for stream, rows in zip(self._streams, measured, strict=True):
             stream.standard_normal(out=rows)
+        if self._alike:
+            self._correlate(measured)
         measured *= self._deviation
         measured += self._errors.offsets[:, None]
         for stream, rows, wandered in zip(self._wanders, measured, self._wandered, strict=False):
@@ -81,6 +86,15 @@ class Sensors:
         exact = exact.reshape(count, samples, -1, 3, 1)
         measured += (self._errors.matrices[:, None] @ exact).reshape(measured.shape)
         return measured
+
+    def _correlate(self, white: Array) -> None:
+        """Make white noise of variance 1, shape (N, B, 15), the same with a memory: a first-order process."""
+        first = self._noise_before is None
+        before = white[:, 0] if self._noise_before is None else self._noise_before
+        fresh = np.sqrt(1.0 - self._alike**2)
+        for sample in range(int(first), white.shape[1]):
+            white[:, sample] = before = self._alike * before + fresh * white[:, sample]
+        self._noise_before = before
 
     def _delayed(self, exact: Array) -> Array:
         """What there was when late sensors read, shape (N, B, 15), on straight lines between samples."""

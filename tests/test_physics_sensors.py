@@ -9,7 +9,7 @@ from scipy import stats
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import SensorNoise
-from coheft.estimation.tolerance import SENSORS, SHAPES, SensorTolerance
+from coheft.estimation.tolerance import SENSORS, SHAPES, SensorDrift, SensorTolerance
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario.schema import Scenario
@@ -47,6 +47,34 @@ def test_noise_is_white_and_independent_of_axis_and_robot():
     assert np.abs(between - np.diag(np.diag(between))).max() < bound
     lagged = columns[1:].T @ columns[:-1] / count
     assert np.abs(lagged).max() < bound
+
+
+@pytest.mark.parametrize("block", [4, 20])
+def test_correlated_noise_has_its_standard_deviation_and_its_memory(block: int):
+    chosen = scenario(block=block, noise_scale=1.0)
+    exact, sensors = scenario(block=block), msgspec.structs.replace(chosen.sensors, noise_correlation=0.01)
+    slow = msgspec.structs.replace(chosen, sensors=sensors)
+    drawn = (measured(slow, 8000) - measured(exact, 8000)) / slow.noise.per_column()
+    assert np.square(drawn).mean() == pytest.approx(1.0, abs=0.05)
+    for apart in (1, 10):
+        alike = (drawn[:, apart:] * drawn[:, :-apart]).mean() / np.square(drawn).mean()
+        assert alike == pytest.approx(np.exp(-apart / 10.0), abs=0.03)
+
+
+@pytest.mark.parametrize("block", [4, 20])
+def test_errors_wander_as_far_as_told(block: int):
+    chosen = scenario("ring12", block=block)
+    told = SensorDrift(gyro=0.01, acceleration=0.02, force=0.3, torque=0.04)
+    sensors = msgspec.structs.replace(chosen.sensors, drift=told, errors="drawn", tolerance=SensorTolerance())
+    wandered = measured(msgspec.structs.replace(chosen, sensors=sensors), 2000) - measured(chosen, 2000)
+    steps = wandered[:, 400::400] - wandered[:, :-400:400]
+    expected = np.repeat([0.01, 0.0, 0.02, 0.3, 0.04], 3) * np.sqrt(0.4 / 60.0)
+    np.testing.assert_allclose(
+        steps.std(axis=(0, 1))[[0, 1, 2, *range(6, 15)]], expected[[0, 1, 2, *range(6, 15)]], rtol=0.4
+    )
+    assert not wandered[..., 3:6].any()
+    still = msgspec.structs.replace(chosen, sensors=msgspec.structs.replace(sensors, errors="none"))
+    np.testing.assert_array_equal(measured(still, 20), measured(chosen, 20))
 
 
 def test_columns_have_the_noise_of_their_sensors():

@@ -25,7 +25,7 @@ def fit_settings(config: AgentConfig, count: int) -> FitSettings:
         "wrench_delay": told.wrench_delay,
     }
     return FitSettings(
-        RowNoise.of_samples(config.noise, row, config.rate),
+        RowNoise.of_samples(config.noise, row, config.rate, config.noise_correlation),
         row / config.rate,
         SensorErrors(kinds),
         force_offset=max(told.force_offset, drift.force),

@@ -31,6 +31,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         name: Its own name.
         neighbours: Those it can talk with.
         noise: Of its own sensors; its neighbours' are taken to be alike.
+        noise_correlation: Time over which noise is alike [s].
         tolerance: How far its sensors may be off; its neighbours' are taken to be alike.
         drift: How far their constant errors wander.
         rate: Its sensors' samples per second.
@@ -51,6 +52,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     name: str
     neighbours: tuple[str, ...]
     noise: SensorNoise
+    noise_correlation: float
     tolerance: SensorTolerance
     drift: SensorDrift
     rate: int
@@ -145,6 +147,7 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         name=name,
         neighbours=neighbours,
         noise=scenario.noise,
+        noise_correlation=scenario.sensors.noise_correlation,
         tolerance=scenario.sensors.tolerance,
         drift=scenario.sensors.drift,
         rate=scenario.sensors.rate,

@@ -65,7 +65,7 @@ class ExactRun:
         block, step, names = self._scenario.sensors.block, self._step, self._judge.scene.robots
         chosen = np.arange(first * block + step // 2, end * block, step)
         # Every sample that was chosen stands for ``step`` of them.
-        noise = self._scenario.noise.scaled(step**-0.5)
+        noise = self._scenario.noise.scaled((_as_much_as_white(self._scenario) / step) ** 0.5)
         payload = self._judge.payload(names[0], end - 1)
         motion, wrenches, tolerance = self._motion[chosen], self._wrenches[chosen], self._scenario.sensors.tolerance
         motion_rates, wrench_rates = (each[chosen] for each in self._rates)
@@ -80,3 +80,11 @@ class ExactRun:
             poses=np.array([bound.relative_pose(names.index(i), names.index(j)) for i, j in self._edges]),
             payload=np.array([bound.inertia_seen_from(k) for k in range(len(names))]),
         )
+
+
+def _as_much_as_white(scenario: Scenario) -> float:
+    """How many times the variance of white noise correlated noise is worth, over times that are much longer."""
+    sensors = scenario.sensors
+    if sensors.noise_correlation == 0.0:
+        return 1.0
+    return 1.0 / float(np.tanh(0.5 / (sensors.noise_correlation * sensors.rate)))

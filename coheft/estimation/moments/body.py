@@ -110,12 +110,12 @@ class BodyModel:
         see: Takes extended rows to ``psi``, shape (features, X).
         wrench: Takes extended rows to the total wrench, shape (6, X).
         adjoints: ``Ad(g_i)``, shape (N, 6, 6).
-        motion_noise: Covariance of the noise of ``psi``, shape (features, features).
+        motion_noise: Covariance of the noise of ``psi`` in one row, shape (features, features).
         residual_noise: Covariance of what motion sensors read less their prediction with ``psi``, shape
             (N, 12, features); None where it is zero, as without rates.
-        wrench_variance: Of each wrench sensor that is there, else 0, shape (N, 6).
-        rate_variance: Of the rates of each wrench, shape (N, 6).
-        wrench_noise: Covariance of the total wrench, lever arms included, shape (6, 6).
+        wrench_variance: Of each wrench sensor that is there in one row, else 0, shape (N, 6).
+        rate_variance: Of the rates of each wrench in one row, shape (N, 6).
+        wrench_noise: Covariance of the total wrench as it counts, lever arms included, shape (6, 6).
     """
 
     def __init__(self, state: State, noise: RowNoise, unknowns: Unknowns) -> None:
@@ -153,7 +153,7 @@ class BodyModel:
         of_rows[PRODUCTS, :, rows.PRODUCTS] = (self.shares[:, None, None] * to_body).transpose(2, 0, 1)
         for fusion in (self.twist, self.accelerations):
             of_rows[fusion.part, :, fusion.sensors] = fusion.gain.transpose(1, 0, 2)
-            self.motion_noise[fusion.part, fusion.part] = fusion.covariance
+            self.motion_noise[fusion.part, fusion.part] = fusion.covariance / self.noise.slowness
         self._take_out_gyro_offset(find)
         centripetal = (self.accelerations.gain @ predict[:, rows.ACCELERATIONS, PRODUCTS]).sum(axis=0)
         find[ACCELERATIONS] -= centripetal @ find[PRODUCTS]
@@ -181,7 +181,7 @@ class BodyModel:
     def _set_noise_of_rates(self) -> None:
         """Late sensors' numbers are corrected by their rates, which the rates of ``psi`` are found from as well."""
         late, noise = self._late(rows.KINEMATICS), self.motion_noise
-        variance = self._variance_of_rates(self.noise.kinematics, rows.KINEMATICS)
+        variance = self._variance_of_rates(self.noise.kinematics, rows.KINEMATICS) / self.noise.slowness
         self.residual_noise = np.zeros((self.count, KINEMATICS_SIZE, self.features))
         for fusion in (self.twist, self.accelerations):
             gain, of_rates = fusion.gain, variance[:, None, fusion.sensors]
@@ -209,11 +209,12 @@ class BodyModel:
         wrench = np.zeros((6, ROW_SIZE * count + 1))
         wrench[:, :-1].reshape(6, count, ROW_SIZE)[:, :, rows.WRENCH] = self.adjoints.transpose(1, 0, 2)
         self.wrench = self._of_extended(wrench)
-        self.rate_variance = self._variance_of_rates(self.noise.wrench, rows.WRENCH)
-        by_rates = np.square(self._late(rows.WRENCH)) @ self.rate_variance[..., None]
+        of_rates = self._variance_of_rates(self.noise.wrench, rows.WRENCH)
+        self.rate_variance = of_rates / self.noise.slowness
+        by_rates = np.square(self._late(rows.WRENCH)) @ of_rates[..., None]
         variance = self.noise.wrench**2.0 + by_rates[..., 0]
         is_there = np.isfinite(variance)
-        self.wrench_variance = np.where(is_there, variance, 0.0)
+        self.wrench_variance = np.where(is_there, variance, 0.0) / self.noise.slowness
         in_total = np.where(is_there, variance, _NO_SENSOR**2)
         self.wrench_noise: Array = (self.adjoints * in_total[:, None] @ self.adjoints.swapaxes(1, 2)).sum(axis=0)
 
@@ -300,5 +301,5 @@ def load_operator(load: Array) -> Array:
 def residual_covariance(body: BodyModel, load: Array) -> Array:
     """Covariance (6, 6) of ``wrench - load_operator @ motion``: noise of the motion is felt through the inertia."""
     spatial = spatial_inertia(load[THETA])
-    covariance: Array = body.wrench_noise + spatial @ body.motion_noise[ACCELERATIONS, ACCELERATIONS] @ spatial.T
+    covariance: Array = body.wrench_noise + spatial @ body.accelerations.covariance @ spatial.T
     return covariance

@@ -61,7 +61,10 @@ def rows_per_block(samples: int, rate: float, longest: float = LONGEST) -> int:
 
 @dataclass(frozen=True, eq=False)
 class RowNoise:
-    """Standard deviations of the noise of rows.
+    """Standard deviations of the noise of rows, as they count.
+
+    Where noise is slow, a row says little that the row before has not said: its variance counts ``slowness`` times, so
+    that means over many rows are as exact as claimed. What noise adds to moments of rows is what rows have.
 
     A robot without one of the sensors has infinite noise there: its numbers say nothing, and nothing else changes.
 
@@ -69,26 +72,48 @@ class RowNoise:
         kinematics: Of ``(w, v, a, slope)``, shape (N, 12), or (1, 12) if all robots are alike.
         wrench: Of ``(f, t)``, shape (N, 6) or (1, 6).
         rates: Of the rates of each of these 18 numbers in standard deviations of the number itself, shape (18,) [1/s].
+        slowness: Variance that counts, over that of the noise of a single row; 1 for white noise.
     """
 
     kinematics: Array
     wrench: Array
     rates: Array = field(default_factory=lambda: np.zeros(WRENCH.stop))
+    slowness: float = 1.0
 
     @staticmethod
-    def of_samples(noise: SensorNoise, samples: int, rate: float) -> RowNoise:
+    def of_samples(noise: SensorNoise, samples: int, rate: float, correlation: float = 0.0) -> RowNoise:
         """Noise of means over so many samples, for robots that are all alike.
 
         That the slope is not quite the mean angular acceleration counts as noise of the slope: it matters in long rows.
+
+        Args:
+            noise: Of samples.
+            samples: Of a row.
+            rate: Samples per second.
+            correlation: Time over which noise is alike [s]: ``exp(-t / correlation)`` is left of it after ``t``.
         """
-        by_gyro = noise.gyro * rate * math.sqrt(12.0 / (samples * (samples**2 - 1)))
+        alike = 0.0 if correlation == 0.0 else math.exp(-1.0 / (correlation * rate))
+
+        def deviation(weights: Array) -> float:
+            """Of a sum of samples whose noise is 1."""
+            apart = np.abs(np.subtract.outer(range(len(weights)), range(len(weights))))
+            return math.sqrt(weights @ np.power(alike, apart) @ weights)
+
+        mean, line, change = (
+            np.full(samples, 1.0 / samples),
+            _line(samples, rate),
+            0.5 * rate * np.array([1.0, 0.0, -1.0]),
+        )
+        of_mean = deviation(mean)
         by_shape = _TIMES * _FAST_TURNING * (2.0 * math.pi * _FASTEST * samples / rate) ** 2 / 60.0
-        slope = math.hypot(by_gyro, by_shape)
-        mean = noise.per_column() / math.sqrt(samples)
-        rates = np.full(WRENCH.stop, rate / math.sqrt(samples))
-        change = 0.5 * rate * np.convolve(_line(samples, rate), [1.0, 0.0, -1.0])
-        rates[SLOPE] = np.linalg.norm(change) * noise.gyro / slope
-        return RowNoise(np.concatenate([mean[_SAMPLES[0]], np.full(3, slope)])[None], mean[None, _SAMPLES[1]], rates)
+        slope = math.hypot(noise.gyro * deviation(line), by_shape)
+        rates = np.full(WRENCH.stop, deviation(np.convolve(mean, change)) / of_mean)
+        rates[SLOPE] = deviation(np.convolve(line, change)) * noise.gyro / slope
+        means = noise.per_column() * of_mean
+        row = np.concatenate([means[_SAMPLES[0]], np.full(3, slope), means[_SAMPLES[1]]])[None]
+        slowness = (1.0 + alike) / (1.0 - alike) / samples / of_mean**2
+        row *= math.sqrt(slowness)
+        return RowNoise(row[:, KINEMATICS], row[:, WRENCH], rates, slowness)
 
     def at_level(self, level: float) -> RowNoise:
         """The same with the variance of wrenches ``level`` times as large."""

@@ -108,6 +108,7 @@ class Sensors(Section, frozen=True):
         block: Samples that travel in one message.
         noise: Standard deviations per sample, with ``noise_scale`` at least a thousandth of the default.
         noise_scale: Multiplies all of ``noise``. Not 0: estimators weigh samples by their noise.
+        noise_correlation: Time over which noise is alike [s]; 0 for white noise.
         tolerance: How far sensors may be off, as the robots are told, who estimate what is not 0 along. A scenario that
             says nothing has sensors of a good industrial arm; ``{}`` has exact ones.
         drift: How far constant errors wander within a minute, as the robots are told.
@@ -120,6 +121,7 @@ class Sensors(Section, frozen=True):
     block: Annotated[int, Meta(ge=2, le=200)] = 10
     noise: SensorNoise = SensorNoise()
     noise_scale: Positive = 1.0
+    noise_correlation: Annotated[float, Meta(ge=0, le=1)] = 0.0
     tolerance: SensorTolerance = INDUSTRIAL
     drift: SensorDrift = SensorDrift()
     errors: Literal["drawn", "none"] | SensorTolerance = "drawn"

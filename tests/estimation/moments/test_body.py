@@ -253,7 +253,10 @@ def test_the_load_s_operator_is_newton_s_and_euler_s_law() -> None:
 
 def test_all_robots_alike_need_one_row_of_noise() -> None:
     state = make_team(seed=21).state()
-    one, many = body_at(state), body_at(state, noise=RowNoise(*(np.repeat(x, 3, 0) for x in vars(NOISE).values())))
+    one, many = (
+        body_at(state),
+        body_at(state, noise=RowNoise(np.repeat(NOISE.kinematics, 3, 0), np.repeat(NOISE.wrench, 3, 0))),
+    )
     for name in ("see", "wrench", "motion_noise", "wrench_noise", "weight", "shares"):
         np.testing.assert_array_equal(getattr(one, name), getattr(many, name))
     assert isinstance(one, BodyModel)

@@ -20,6 +20,7 @@ from coheft.estimation.moments.rows import (
     RowNoise,
     W,
     row_of_samples,
+    row_with_rates,
     rows_per_block,
 )
 from coheft.estimation.rigid_body.mass_properties import unpack_symmetric
@@ -68,6 +69,33 @@ def test_noise_of_rows_is_as_claimed() -> None:
     np.testing.assert_allclose(found[:, WRENCH].std(axis=0), claimed.wrench[0], rtol=tolerance)
     correlation = np.corrcoef(found[:, :18].T) - np.eye(18)  # slope and mean of one gyro are independent
     assert np.abs(correlation).max() < 5.0 / math.sqrt(repeated)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.01, 0.1])
+def test_noise_of_rows_and_of_their_rates_is_as_claimed_if_it_is_slow(correlation: float) -> None:
+    size, number, repeated, rng = 5, 400, 200, np.random.default_rng(2)
+    alike = math.exp(-1.0 / (correlation * RATE)) if correlation else 0.0
+    white = rng.normal(size=(repeated, size * number + 2, 2))
+    noise = np.empty_like(white)
+    noise[:, 0] = white[:, 0]
+    for k in range(1, noise.shape[1]):
+        noise[:, k] = alike * noise[:, k - 1] + math.sqrt(1.0 - alike**2) * white[:, k]
+    claimed = RowNoise.of_samples(SensorNoise(1.0, 1.0, 1.0, 1.0, 1.0), size, RATE, correlation)
+    samples, rows = np.zeros((size + 2, 15)), np.empty((repeated, number, 48))
+    for run in range(repeated):
+        for k in range(number):
+            samples[:, [0, 9]] = noise[run, k * size : k * size + size + 2]
+            rows[run, k] = row_with_rates(samples, 0.0, RATE)
+    by_itself = np.concatenate([claimed.kinematics[0], claimed.wrench[0]]) / math.sqrt(claimed.slowness)
+    for place in (W.start, SLOPE.start, WRENCH.start):
+        assert rows[..., place].std() == pytest.approx(by_itself[place], rel=0.05)
+        assert rows[..., 24 + place].std() == pytest.approx(by_itself[place] * claimed.rates[place], rel=0.05)
+        # Beside the row its rate is noise of its own.
+        together = np.mean(rows[..., place] * rows[..., 24 + place])
+        assert abs(together) < 0.02 * rows[..., place].std() * rows[..., 24 + place].std()
+    for place in (W.start, WRENCH.start):
+        spread = math.sqrt(number) * rows[..., place].mean(axis=1).std()
+        assert spread == pytest.approx(by_itself[place] * math.sqrt(claimed.slowness), rel=0.2)
 
 
 @pytest.mark.parametrize("duration", [0.02, 0.1])
