@@ -12,7 +12,7 @@ import numpy as np
 from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.sight import Sight
-from coheft.estimation.geometry.spatial import Pose
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.fit import MOST_STEPS, Estimate, Look, fitted
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
@@ -61,6 +61,7 @@ class Knowledge:
         self.buffer = RowBuffer(size, count > _EXACT_UP_TO)
         self._chapter = Chapter(self.buffer, settings, prior)
         self.estimate: Estimate | None = None
+        self._sight_before: Sight | None = None  # when the last chapter ended
         self._next_fit, self._level, self._rows_before = 2 * self.least, 1.0, 0
         if prior is not None:
             self._guess = prior.guess
@@ -130,6 +131,15 @@ class Knowledge:
             self._know(fitted(state, chapter.look(), chapter.said_before, self._guess, self._settings, self._anchor))
         self._next_fit = least
 
+    def covariance_now(self, now: Estimate) -> Array:
+        """Of an estimate, and of what has drifted among the rows that are kept."""
+        if not self._settings.drift.is_any:
+            return now.covariance
+        places, drifted = self._settings.drifted(now.body, self.buffer.count * self._settings.period)
+        result = now.covariance.copy()
+        result[np.ix_(places, places)] += drifted
+        return result
+
     def fade(self) -> None:
         """What drifts has done so meanwhile: sensors' offsets, and the load if the memory of it fades."""
         estimate, settings, buffer, chapter = self.estimate, self._settings, self.buffer, self._chapter
@@ -137,6 +147,7 @@ class Knowledge:
             return
         place = max(0, buffer.count - _KEPT_ON_PAGE)
         seconds, theta = place * settings.period, estimate.body.unknowns.theta
+        self._sight_before = self.sight
         chapter.end(estimate, self._guess, place)
         assert chapter.prior is not None  # it is what has ended
         if settings.memory is not None:
@@ -159,4 +170,4 @@ class Knowledge:
     def _know(self, estimate: Estimate) -> None:
         """From now on this is what is known, and how rows are seen."""
         self.estimate, self._level = estimate, estimate.level
-        self.sight = Sight(estimate, self._chapter)
+        self.sight = Sight(estimate, self._chapter, self._sight_before)

@@ -269,7 +269,7 @@ class Session:
         moments = wrench_moments(now.body, RowMoments.of(self._known.buffer.window(place)))
         assert now.state.load is not None
         evidence = wrench_evidence(now.body, MotionDerivatives.at(now.body), moments, now.state.load)
-        return surprise(evidence, now.covariance, now.body.unknowns.theta)
+        return surprise(evidence, self._known.covariance_now(now), now.body.unknowns.theta)
 
     def _forget_load(self, place: int, event: Event, now: Estimate) -> None:
         """From this place on the load has to be found anew."""

@@ -20,6 +20,8 @@ from coheft.estimation.moments.rows import KINEMATICS_SIZE, ROW_SIZE, TWIST, WRE
 from coheft.estimation.moments.unknowns import LOAD_SIZE
 
 _MOTION = VIEW_SIZE + WRENCH_SIZE
+_ROWS_BEFORE = 100
+"""What rows of chapters before have shown counts as much as so many rows."""
 
 
 class Look(NamedTuple):
@@ -42,9 +44,13 @@ class Sight:
     Args:
         estimate: The estimate.
         chapter: What is known besides; its buffer's views become those of this estimate.
+        before: From rows of chapters before, None if there were none.
+
+    Attributes:
+        excess: What gyros and velocities of all robots always read too much, in standard deviations, shape (12 N,).
     """
 
-    def __init__(self, estimate: Estimate, chapter: Chapter) -> None:
+    def __init__(self, estimate: Estimate, chapter: Chapter, before: Sight | None = None) -> None:
         body, buffer, load = estimate.body, chapter.buffer, estimate.state.load
         if load is None:  # then residuals of wrenches are not looked at
             load = np.zeros(LOAD_SIZE)
@@ -62,22 +68,24 @@ class Sight:
         root = np.linalg.cholesky(residual_covariance(body, load))
         whitened = np.linalg.solve(root, body.wrench - load_operator(load) @ body.see[FORCING])
         self._body, self._matrix = body, np.vstack([see, whitened, body.see[:MOTION_SIZE]])
-        self._excess: Array | float = 0.0  # what gyros and velocities always read too much
         one = ROW_SIZE * body.count
-        sums = of_all.sums(one)
-        mean = self.look(sums / max(float(sums[one]), 1.0)).motion
-        self._excess = np.where(np.arange(len(mean)) % KINEMATICS_SIZE < TWIST.stop, mean, 0.0)
+        sums, self.excess = of_all.sums(one), np.zeros(KINEMATICS_SIZE * body.count)
+        number = float(sums[one])
+        mean = self.look(sums / max(number, 1.0)).motion
+        self.excess = np.where(np.arange(len(mean)) % KINEMATICS_SIZE < TWIST.stop, mean, 0.0)
+        if before is not None:  # a mean over few rows would be as far off as the rows that are looked at
+            self.excess = (number * self.excess + _ROWS_BEFORE * before.excess) / (number + _ROWS_BEFORE)
 
     def look(self, row: Array) -> Look:
         """At an extended row (X,)."""
         seen = self._matrix @ row
-        motion = self._body.residuals(row[None], seen[None, _MOTION:])[0] - self._excess
+        motion = self._body.residuals(row[None], seen[None, _MOTION:])[0] - self.excess
         return Look(seen[:VIEW_SIZE], seen[VIEW_SIZE:_MOTION], motion)
 
     def residuals(self, rows: Array) -> tuple[Array, Array]:
         """Of extended rows (n, X): of the wrench, shape (n, 1, 6), and of motion sensors, shape (n, N, 12)."""
         seen = rows @ self._matrix[VIEW_SIZE:].T
-        motion = self._body.residuals(rows, seen[:, WRENCH_SIZE:]) - self._excess
+        motion = self._body.residuals(rows, seen[:, WRENCH_SIZE:]) - self.excess
         return seen[:, None, :WRENCH_SIZE], motion.reshape(len(rows), -1, KINEMATICS_SIZE)
 
     def likeliest_change(self, buffer: RowBuffer, before: int | None = None) -> tuple[int, float]:
