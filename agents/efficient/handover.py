@@ -75,7 +75,7 @@ def heard(numbers: npt.NDArray[Any], team: int, count: int, settings: FitSetting
     first = State.first(all_poses, errors).with_load(load)
     step = np.zeros(size)
     step[unknowns.eta], step[unknowns.gyros] = eta.reshape(count, -1), gyros
-    evidence = Evidence.of_rows(unit * score, information, noise, _MANY_ROWS, settings.is_level_fitted)
+    evidence = Evidence.of_rows(unit * score, information, noise, _MANY_ROWS)
     state, guess = first.moved(step, unknowns, np.inf), Guess.about(theta, float(head[2]))
     return Prior(state, guess, evidence, bool(head[3])), anchor
 

@@ -14,7 +14,7 @@ from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.sight import Sight
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.moments.chapter import Chapter, Prior
-from coheft.estimation.moments.fit import MOST_STEPS, Estimate, Look, fitted
+from coheft.estimation.moments.fit import Estimate, Look, fitted
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import ROW_SIZE
@@ -62,7 +62,7 @@ class Knowledge:
         self._chapter = Chapter(self.buffer, settings, prior)
         self.estimate: Estimate | None = None
         self._sight_before: Sight | None = None  # when the last chapter ended
-        self._next_fit, self._level, self._rows_before = 2 * self.least, 1.0, 0
+        self._next_fit, self._rows_before = 2 * self.least, 0
         if prior is not None:
             self._guess = prior.guess
             look, before = self._chapter.look(), self._chapter.said_before
@@ -104,10 +104,10 @@ class Knowledge:
         if is_unknown.any():
             state = self._from_scratch(state, is_unknown, look)
         if state.load is None:
-            body = settings.body(state, self._level)
+            body = settings.body(state)
             self._guess = Guess.of(body, self.buffer.moments()[1])
-            state = first_load(state, look(body).wrench, self._guess, settings, self._level)
-        found = fitted(state, look, chapter.said_before, self._guess, settings, self._anchor, MOST_STEPS, self._level)
+            state = first_load(state, look(body).wrench, self._guess, settings)
+        found = fitted(state, look, chapter.said_before, self._guess, settings, self._anchor)
         self._know(found)
         number = self.buffer.load_rows
         self._next_fit = number + max(3, round((self._growth - 1.0) * (number + self._rows_before)))
@@ -125,8 +125,8 @@ class Knowledge:
         chapter, state = self._chapter, now.state.with_load(None)
         chapter.end_of_load(now, self._guess, place, has_changed and not now.misses_poses)
         if has_changed:
-            body = self._settings.body(state, self._level)
-            self.estimate = Estimate(body, now.seen, now.hidden, now.step, now.size, now.level)
+            body = self._settings.body(state)
+            self.estimate = Estimate(body, now.seen, now.hidden, now.step, now.size)
         else:
             self._know(fitted(state, chapter.look(), chapter.said_before, self._guess, self._settings, self._anchor))
         self._next_fit = least
@@ -169,5 +169,5 @@ class Knowledge:
 
     def _know(self, estimate: Estimate) -> None:
         """From now on this is what is known, and how rows are seen."""
-        self.estimate, self._level = estimate, estimate.level
+        self.estimate = estimate
         self.sight = Sight(estimate, self._chapter, self._sight_before)

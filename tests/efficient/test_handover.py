@@ -18,9 +18,7 @@ from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State, Unknowns
 
 TEAM, COUNT, ANCHOR = 9, 3, 1
-SETTINGS = FitSettings(
-    RowNoise.of_samples(SensorNoise(), 10, 500.0), 0.02, SensorErrors({"force_gain": 0.01}), is_level_fitted=True
-)
+SETTINGS = FitSettings(RowNoise.of_samples(SensorNoise(), 10, 500.0), 0.02, SensorErrors({"force_gain": 0.01}))
 
 SCALE = 4 + 10 + COUNT * (Pose.SIZE + SETTINGS.errors.count) + 3 + 16
 """Where the scale of the first unknown is told."""
@@ -35,7 +33,7 @@ def some_prior(rng: np.random.Generator) -> Prior:
     root[:, unknowns.poses[2]] = noise[:, unknowns.poses[2]] = 0.0  # a robot of which nothing is known
     score = rng.normal(size=unknowns.size)
     score[unknowns.poses[2]] = 0.0
-    evidence = Evidence.of_rows(score, 1e3 * root.T @ root, noise.T @ noise, 1e6, is_fitted=True)
+    evidence = Evidence.of_rows(score, 1e3 * root.T @ root, noise.T @ noise, 1e6)
     return Prior(state, Guess.about(np.arange(1.0, 11.0), 0.7), evidence, has_expectations=True)
 
 

@@ -144,18 +144,15 @@ class Chapter:
     def evidence(self, body: BodyModel, moments: SeenMoments) -> Evidence:
         """What moments say at a state with a load."""
         derivatives, load = MotionDerivatives.at(body), _load(body)
-        is_fitted = self._settings.is_level_fitted
-        by_motion = motion_evidence(body, derivatives, moments.motion, is_fitted=is_fitted)
-        return by_motion + wrench_evidence(body, derivatives, moments.wrench, load, is_fitted=is_fitted)
+        by_motion = motion_evidence(body, derivatives, moments.motion)
+        return by_motion + wrench_evidence(body, derivatives, moments.wrench, load)
 
     def end_of_load(self, estimate: Estimate, guess: Guess, place: int, keeps_poses: bool) -> None:
         """From this place on the load is another one. What wrenches said of poses counts on only if these are known."""
         of_load, body = self.buffer.begin_load(place), estimate.body
         if keeps_poses:
             moments = wrench_moments(body, of_load)
-            evidence = wrench_evidence(
-                body, MotionDerivatives.at(body), moments, _load(body), is_fitted=self._settings.is_level_fitted
-            )
+            evidence = wrench_evidence(body, MotionDerivatives.at(body), moments, _load(body))
             self._become(estimate, guess, evidence, False)
         if self.prior is not None:
             theta = np.arange(body.unknowns.size)[body.unknowns.theta]

@@ -22,8 +22,6 @@ from coheft.estimation.moments.unknowns import Indices
 
 _DOUBT, _LEAST_DOUBT = 5.0, 0.3
 """The noise's sum is trusted to so many of its standard deviations, and to this share at most: tolerances of noise."""
-_LEAST_DOUBT_IF_FITTED = 0.03
-"""The share where the level of the noise is fitted."""
 _HIDDEN = 400.0
 """A hidden direction's variance, over that with which it would just be seen: 20 times the deviation."""
 
@@ -59,10 +57,9 @@ class Evidence:
     doubt: Array
 
     @staticmethod
-    def of_rows(score: Array, information: Array, noise: Array, count: float, is_fitted: bool = False) -> Evidence:
-        """From so many rows; ``is_fitted`` says that the level of their noise is estimated."""
-        least = _LEAST_DOUBT_IF_FITTED if is_fitted else _LEAST_DOUBT
-        return Evidence(score, information, noise, max(least, _DOUBT / math.sqrt(max(count, 1.0))) * noise)
+    def of_rows(score: Array, information: Array, noise: Array, count: float) -> Evidence:
+        """From so many rows."""
+        return Evidence(score, information, noise, max(_LEAST_DOUBT, _DOUBT / math.sqrt(max(count, 1.0))) * noise)
 
     @staticmethod
     def prior(deviations: Array, error: Array | None = None) -> Evidence:

@@ -8,17 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.body import FORCING, BodyModel, load_operator, residual_covariance
+from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit_settings import POSE_LIMITS, FitSettings, Guess
 from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidence
-from coheft.estimation.moments.moments import SeenMoments, WrenchMoments
+from coheft.estimation.moments.moments import SeenMoments
 from coheft.estimation.moments.unknowns import Flags, State
 
 _FARTHEST = 6.0
@@ -27,9 +26,6 @@ _LONGEST = 0.3
 """A step is shortened until it moves no pose by more [rad, m]."""
 _FAR = 3.0
 """After a step of so many standard deviations the noise of regressors is worked out anew."""
-_LEAST_FOR_LEVEL = 50.0
-"""Rows from which on the level of the noise is estimated: its relative deviation is ``1 / sqrt(3 n)``, 8 %."""
-_SAME_LEVEL = 0.01
 MOST_STEPS, SMALL_ERROR = 10, 0.01
 """Steps of a fit at most; one that leaves less, in standard deviations of what it moves, is the last one."""
 
@@ -44,7 +40,6 @@ class Estimate:
         hidden: In those that are not.
         step: How far the last step moved a pose, in its standard deviations.
         size: Rough size of the load [m].
-        level: Of the noise of wrenches, 1 if it is as told.
     """
 
     body: BodyModel
@@ -52,7 +47,6 @@ class Estimate:
     hidden: Array
     step: float
     size: float
-    level: float = 1.0
 
     @property
     def state(self) -> State:
@@ -87,7 +81,6 @@ def fitted(
     settings: FitSettings,
     anchor: int,
     most_steps: int = MOST_STEPS,
-    level: float = 1.0,
 ) -> Estimate:
     """Step until nothing moves any more.
 
@@ -99,31 +92,25 @@ def fitted(
         settings: Of the fit.
         anchor: The robot whose pose stays what it is.
         most_steps: At most so many.
-        level: Of the noise of wrenches, to begin with.
     """
     motion_noise: Array | None = None
     wrench_noise: Array | None = None
     for _ in range(most_steps):
-        body, level_before, load = settings.body(state, level), level, state.load
-        moments = look(body)
-        if settings.is_level_fitted and load is not None and moments.wrench.number > _LEAST_FOR_LEVEL:
-            level *= noise_level(body, moments.wrench, load)
-            body = settings.body(state, level)
-        derivatives = MotionDerivatives.at(body)
-        is_fitted = settings.is_level_fitted
-        total = motion_evidence(body, derivatives, moments.motion, motion_noise, is_fitted)
+        body, load = settings.body(state), state.load
+        moments, derivatives = look(body), MotionDerivatives.at(body)
+        total = motion_evidence(body, derivatives, moments.motion, motion_noise)
         if load is not None:
             motion_noise = total.noise
             if moments.wrench.number > 0.0:
-                by_wrench = wrench_evidence(body, derivatives, moments.wrench, load, wrench_noise, is_fitted)
+                by_wrench = wrench_evidence(body, derivatives, moments.wrench, load, wrench_noise)
                 total, wrench_noise = total + by_wrench, by_wrench.noise
         total += before(body)
         state, seen, hidden, size, left = _stepped(body, total, settings, guess, anchor)
         if size > _FAR:
             motion_noise = wrench_noise = None
-        if left < SMALL_ERROR and abs(level / level_before - 1.0) < _SAME_LEVEL:
+        if left < SMALL_ERROR:
             break
-    return Estimate(settings.body(state, level), seen, hidden, size, guess.size, level)
+    return Estimate(settings.body(state), seen, hidden, size, guess.size)
 
 
 def _stepped(
@@ -147,17 +134,3 @@ def _stepped(
     if settings.errors.count:
         step = step / max(1.0, float(np.abs(of_poses).max()) / _LONGEST)
     return body.state.moved(step, unknowns, _FARTHEST), seen, hidden, size, left
-
-
-def noise_level(body: BodyModel, moments: WrenchMoments, load: Array) -> float:
-    """Mean square of the residual of the total wrench over its variance, less what was fitted to it."""
-    count, number = body.count, moments.number
-    of_wrenches = np.zeros((6, count, len(moments.of_wrenches) // count))
-    of_wrenches[:, :, :6] = body.adjoints.swapaxes(0, 1)
-    by_wrench, by_motion = of_wrenches.reshape(6, -1), np.zeros((6, body.features))
-    by_motion[:, FORCING] = -load_operator(load)
-    crossed = by_wrench @ moments.with_motion @ by_motion.T
-    square: Any = by_wrench @ moments.of_wrenches @ by_wrench.T + crossed + crossed.T
-    square = square + by_motion @ moments.of_motion @ by_motion.T
-    white = np.linalg.solve(residual_covariance(body, load), square)
-    return float(np.trace(white) / (6.0 * max(number - 4.0, 1.0)))

@@ -76,7 +76,6 @@ class FitSettings:
             [N, N·m]; 0 if they have none.
         gyro_offset: And of its gyro [rad/s].
         drift: How far such offsets, and those of accelerometers, wander.
-        is_level_fitted: Whether the level of the noise of wrenches is estimated.
         memory: Time constant over which the load is forgotten [s]; None: never.
     """
 
@@ -87,7 +86,6 @@ class FitSettings:
     torque_offset: float = 0.0
     gyro_offset: float = 0.0
     drift: SensorDrift = field(default_factory=SensorDrift)
-    is_level_fitted: bool = False
     memory: float | None = None
 
     @cached_property
@@ -95,9 +93,9 @@ class FitSettings:
         """Whether force and torque sensors may have offsets."""
         return max(self.force_offset, self.torque_offset) > 0.0
 
-    def body(self, state: State, level: float = 1.0) -> BodyModel:
-        """The matrices at a state, for noise of wrenches of this level."""
-        return BodyModel(state, self.noise.at_level(level), Unknowns(len(state.poses), self.errors))
+    def body(self, state: State) -> BodyModel:
+        """The matrices at a state."""
+        return BodyModel(state, self.noise, Unknowns(len(state.poses), self.errors))
 
     def limits(self, count: int, guess: Guess) -> Array:
         """Standard deviations (u,) beyond which an unknown is hidden, for so many robots."""

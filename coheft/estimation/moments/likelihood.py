@@ -28,7 +28,6 @@ def motion_evidence(
     derivatives: MotionDerivatives,
     moments: MotionMoments,
     noise: Array | None = None,
-    is_fitted: bool = False,
 ) -> Evidence:
     """What motion sensors say of all unknowns.
 
@@ -39,7 +38,6 @@ def motion_evidence(
         derivatives: There.
         moments: There.
         noise: What noise of regressors adds to the information (u, u), if it is known from a state nearby.
-        is_fitted: Whether the level of the noise of wrenches is estimated.
     """
     unknowns, count, own, number = body.unknowns, body.count, body.unknowns.own, moments.number
     of_motion = moments.of_motion
@@ -61,7 +59,7 @@ def motion_evidence(
     if noise is None:
         noise = _motion_information(body, derivatives, of_noise, of_noise)
     information = _motion_information(body, derivatives, clean - of_motion[:, :1] * means, clean)
-    return Evidence.of_rows(score, information, noise, number, is_fitted)
+    return Evidence.of_rows(score, information, noise, number)
 
 
 def _motion_information(
@@ -110,7 +108,6 @@ def wrench_evidence(
     moments: WrenchMoments,
     load: Array,
     noise: Array | None = None,
-    is_fitted: bool = False,
 ) -> Evidence:
     """What the total wrench says of all unknowns, poses too: robots that push against each other show where they are.
 
@@ -120,7 +117,6 @@ def wrench_evidence(
         moments: There.
         load: Wrench offset and theta there, shape (16,).
         noise: What noise of regressors adds to the information (u, u), if it is known from a state nearby.
-        is_fitted: Whether the level of the noise of wrenches is estimated.
     """
     unknowns, count, own, number = body.unknowns, body.count, body.unknowns.own, moments.number
     root: Array = np.asarray(np.linalg.cholesky(inverse_of(residual_covariance(body, load)))).T.astype(np.float64)
@@ -151,8 +147,8 @@ def wrench_evidence(
     information = information + information.T
     information[:of_robots, :of_robots] += 0.5 * (pairs + pairs.T)
     if noise is None:
-        noise = _wrench_noise(body, derivatives, number, is_fitted)
-    return Evidence.of_rows(score, information, noise, number, is_fitted)
+        noise = _wrench_noise(body, derivatives, number)
+    return Evidence.of_rows(score, information, noise, number)
 
 
 def _wrench_covariance(body: BodyModel, size: int) -> Array:
@@ -167,9 +163,9 @@ def _wrench_covariance(body: BodyModel, size: int) -> Array:
     return result
 
 
-def _wrench_noise(body: BodyModel, derivatives: WrenchDerivatives, number: float, is_fitted: bool) -> Array:
+def _wrench_noise(body: BodyModel, derivatives: WrenchDerivatives, number: float) -> Array:
     """What noise of motion and wrenches adds to the information of so many rows, shape (u, u)."""
-    unknowns, count, own = body.unknowns, body.count, body.unknowns.own
+    count, own = body.count, body.unknowns.own
     local, common, used = derivatives.local, derivatives.common, forcing_features(body.features)
     of_robots, size, of_noise = count * own, local.shape[-1], number * body.motion_noise
     covariance = number * _wrench_covariance(body, size)
@@ -177,12 +173,6 @@ def _wrench_noise(body: BodyModel, derivatives: WrenchDerivatives, number: float
     weighted = (local @ covariance[:, None]).reshape(count, own, -1)
     by_own = weighted @ local.reshape(count, own, -1).swapaxes(1, 2)
     noise[:of_robots, :of_robots].reshape(count, own, count, own)[range(count), :, range(count)] += by_own
-    if is_fitted:  # what the level of all noise together would explain is taken out of the score exactly
-        together = common.reshape(unknowns.size, -1) @ (derivatives.of_motion @ of_noise).ravel()
-        on_wrenches = derivatives.of_wrenches.reshape(6, count, size).swapaxes(0, 1) @ covariance
-        by_robot = on_wrenches.reshape(count, -1, 1)
-        together[:of_robots] += (local.reshape(count, own, -1) @ by_robot).ravel()
-        noise -= np.outer(together, together) / (6.0 * max(number, 1.0))
     symmetric: Array = 0.5 * (noise + noise.T)
     return symmetric
 

@@ -16,7 +16,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
 from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import MOTION_SIZE, PRODUCTS, PRODUCTS_BY_RATE, BodyModel, W
-from coheft.estimation.moments.moments import wrench_places
+from coheft.estimation.moments.moments import Moments, wrench_places
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.sensor_errors import ONE, RATES
 from coheft.estimation.moments.unknowns import Indices
@@ -68,9 +68,11 @@ class ProjectedMoments:
         wrenches = extended_rows[:, wrench_places(body.count, body.is_moving)]
         return ProjectedMoments(body, extended_rows.T @ (extended_rows @ body.see.T), wrenches.T @ wrenches)
 
-    def seen_from(self, body: BodyModel) -> ProjectedMoments:
-        """The same, turned to another state."""
-        return ProjectedMoments(body, self.with_motion(body), self.wrenches)
+    @staticmethod
+    def seen_from(body: BodyModel, moments: Moments) -> ProjectedMoments:
+        """What can be seen of moments at a state; those that were seen at another one are turned."""
+        wrenches = moments.of_wrenches(wrench_places(body.count, body.is_moving))
+        return ProjectedMoments(body, moments.with_motion(body), wrenches)
 
     def with_motion(self, body: BodyModel) -> Array:
         """See ``Moments``."""

@@ -126,9 +126,9 @@ class RowBuffer:
             if self._former is not None:
                 self._former = self.moments_of(self.rows[: self.start])
             return
-        self._load = self._load.seen_from(body)
+        self._load = ProjectedMoments.seen_from(body, self._load)
         if self._former is not None:
-            self._former = self._former.seen_from(body)
+            self._former = ProjectedMoments.seen_from(body, self._former)
 
     def take_back(self, number: int) -> int:
         """Rows with larger numbers are taken out again, as if they had never come; returns how many were."""

@@ -19,7 +19,7 @@ The slope of the gyro, a least-squares line through the block, is the angular ac
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
@@ -114,10 +114,6 @@ class RowNoise:
         slowness = (1.0 + alike) / (1.0 - alike) / samples / of_mean**2
         row *= math.sqrt(slowness)
         return RowNoise(row[:, KINEMATICS], row[:, WRENCH], rates, slowness)
-
-    def at_level(self, level: float) -> RowNoise:
-        """The same with the variance of wrenches ``level`` times as large."""
-        return self if level == 1.0 else replace(self, wrench=math.sqrt(level) * self.wrench)
 
 
 def row_of_samples(samples: Array, gyro_variance: float, rate: float) -> Array:

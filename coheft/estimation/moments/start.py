@@ -108,7 +108,7 @@ def _likeliest_rotation(likeness: Array) -> Array:
     return rotation_from_quaternion(np.linalg.eigh(davenport)[1][:, -1])
 
 
-def first_load(state: State, moments: WrenchMoments, guess: Guess, settings: FitSettings, level: float = 1.0) -> State:
+def first_load(state: State, moments: WrenchMoments, guess: Guess, settings: FitSettings) -> State:
     """The state with its wrench offset and load by least squares at its poses.
 
     Args:
@@ -116,10 +116,9 @@ def first_load(state: State, moments: WrenchMoments, guess: Guess, settings: Fit
         moments: Of wrenches at this state.
         guess: Of theta.
         settings: Of fits.
-        level: Of the noise of wrenches.
     """
     load = np.concatenate([np.zeros(6), guess.theta])
-    body = settings.body(state.with_load(load), level)
+    body = settings.body(state.with_load(load))
     unknowns = body.unknowns
     total = wrench_evidence(body, MotionDerivatives.at(body), moments, load) + settings.expected(body)
     which = np.arange(unknowns.size)[unknowns.load if settings.has_offset else unknowns.theta]

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
-from coheft.estimation.moments.body import FORCING, BodyModel, load_operator, residual_covariance
+from coheft.estimation.moments.body import BodyModel
 from coheft.estimation.moments.evidence import Evidence
-from coheft.estimation.moments.fit import Estimate, fitted, noise_level
+from coheft.estimation.moments.fit import Estimate, fitted
 from coheft.estimation.moments.fit_settings import POSE_LIMITS, FitSettings, Guess
 from coheft.estimation.moments.moments import RowMoments, seen_moments
 from coheft.estimation.moments.rows import RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.estimation.moments.unknowns import State, Unknowns
 from tests.estimation.moments.fitting import IDEAL, Fitted, buffer_of, erring, fit, fit_from, normalised_error
-from tests.estimation.moments.moving_team import NOISE, PERIOD, Team, make_team, noisy_for
+from tests.estimation.moments.moving_team import NOISE, PERIOD, Team, make_team
 
 SENSORS = SensorErrors({"acceleration_bias": 0.05, "force_gain": 0.01, "velocity_gain": 0.01, "gyro_gain": 0.005})
 DELAYS = SensorErrors({"acceleration_bias": 0.05, "clock": 0.0005, "wrench_delay": 0.0005})
@@ -150,33 +150,6 @@ def test_moments_as_seen_from_one_state_give_nearly_the_same(settings: FitSettin
     assert_near(apart, exact, 0.1, settings)
     ratio = deviations_of(projected, settings)[1] / deviations_of(exact, settings)[1]
     np.testing.assert_allclose(ratio, 1.0, atol=0.02)
-
-
-@pytest.mark.parametrize("kind", ["ideal", "delays"])
-def test_the_level_of_noise_is_the_mean_square_of_residuals(kind: str) -> None:
-    settings, team = SETTINGS[kind], make_team(seed=12, number=100)
-    rows = noisy_for(settings.errors, team, np.random.default_rng(13))
-    state = team.state(settings.errors)
-    body = settings.body(state)
-    moments = RowMoments.of(rows)
-    found = noise_level(body, seen_moments(body, moments, moments).wrench, team.load)
-    residual = rows @ (body.wrench - load_operator(team.load) @ body.see[FORCING]).T
-    square = np.sum(residual * np.linalg.solve(residual_covariance(body, team.load), residual.T).T)
-    assert found == pytest.approx(square / (6.0 * (len(rows) - 4.0)), rel=1e-6)
-
-
-@pytest.mark.parametrize("factor", [0.5, 2.0])
-def test_the_level_of_noise_is_found(factor: float) -> None:
-    team, settings = make_team(seed=14, number=200), replace(IDEAL, is_level_fitted=True)
-    rows = team.noisy(np.random.default_rng(15), RowNoise(NOISE.kinematics, factor * NOISE.wrench))
-    found = fit(rows, settings)
-    wrench = found.estimate.body.wrench_noise
-    assert found.estimate.level == pytest.approx(factor**2, rel=0.25)
-    np.testing.assert_allclose(
-        wrench, found.estimate.level * settings.body(found.estimate.state).wrench_noise, atol=1e-12
-    )
-    assert_near(found.error(team), found, 5.0)
-    assert fit(rows[:40], settings).estimate.level == 1.0  # too few to say
 
 
 def poses_alone(team: Team, rows: Array, start: State, known: float = np.inf) -> Estimate:

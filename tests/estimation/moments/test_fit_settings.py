@@ -129,10 +129,3 @@ def test_limits_are_wider_than_what_is_expected() -> None:
     assert (limits[unknowns.eta] > ERRORS.deviations).all()
     assert (limits[unknowns.gyros] > 0.01 / np.sqrt(3.0)).all()
     assert (limits[unknowns.offset] > np.sqrt(settings.offset_covariance(body).diagonal())).all()
-
-
-def test_a_body_of_another_level_has_noisier_wrenches() -> None:
-    state = make_team(seed=9).state()
-    one, other = IDEAL.body(state), IDEAL.body(state, 4.0)
-    np.testing.assert_allclose(other.wrench_noise, 4.0 * one.wrench_noise)
-    np.testing.assert_array_equal(other.see, one.see)

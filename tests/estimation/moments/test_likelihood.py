@@ -34,13 +34,13 @@ CASES = pytest.mark.parametrize(
 KINDS = pytest.mark.parametrize("errors", [EXACT, ERRORS, LATE], ids=["exact", "errors", "late"])
 
 
-def evidence_of(body: BodyModel, moments: RowMoments, is_fitted: bool = False) -> tuple[Evidence, Evidence]:
+def evidence_of(body: BodyModel, moments: RowMoments) -> tuple[Evidence, Evidence]:
     """Of the motion and of the wrench."""
     seen, derivatives, load = seen_moments(body, moments, moments), MotionDerivatives.at(body), body.state.load
     assert load is not None
     return (
-        motion_evidence(body, derivatives, seen.motion, is_fitted=is_fitted),
-        wrench_evidence(body, derivatives, seen.wrench, load, is_fitted=is_fitted),
+        motion_evidence(body, derivatives, seen.motion),
+        wrench_evidence(body, derivatives, seen.wrench, load),
     )
 
 
@@ -99,19 +99,6 @@ def test_noise_is_taken_out_of_score_and_information(errors: SensorErrors) -> No
         np.testing.assert_allclose(found.score / deviations, 0.0, atol=1e-5)
 
 
-@KINDS
-def test_what_a_fitted_level_takes_out_of_the_score_is_not_noise(errors: SensorErrors) -> None:
-    team = make_team(seed=10, number=30)
-    body, rows = body_at(team.state(errors), errors), extended_for(errors, team.rows)
-    (by_motion, told), (also, fitted) = (evidence_of(body, RowMoments.of(rows), each) for each in (False, True))
-    np.testing.assert_array_equal(by_motion.noise, also.noise)
-    np.testing.assert_array_equal(told.score, fitted.score)
-    # Without noise the score is what is taken out of it; of six numbers per row, one level is found.
-    taken = np.outer(told.score, told.score) / (6.0 * len(rows))
-    scale = np.abs(taken).max()
-    np.testing.assert_allclose((told.noise - fitted.noise) / scale, taken / scale, atol=1e-3)
-
-
 @CASES
 def test_the_score_falls_by_the_information(count: int, errors: SensorErrors) -> None:
     team = make_team(seed=count, count=count, number=12, offset=2.0)
@@ -126,8 +113,7 @@ def test_the_score_falls_by_the_information(count: int, errors: SensorErrors) ->
         assert_close(-np.array(slope), found.information, 3e-3)  # noise is that of exact sensors
 
 
-@pytest.mark.parametrize("is_fitted", [False, True])
-def test_scores_vary_as_they_claim(is_fitted: bool) -> None:
+def test_scores_vary_as_they_claim() -> None:
     team, rng, repeated = make_team(seed=2, number=30, offset=2.0), np.random.default_rng(3), 800
     body = body_at(team.state())
     free = np.r_[6 : body.unknowns.gyros.start, body.unknowns.load]

@@ -65,7 +65,7 @@ def test_exact_rows_turned_to_the_true_state_are_exact(errors: SensorErrors) -> 
     then = body_at(nearby(truth, errors), errors)
     projected = ProjectedMoments.of(rows, then)
     assert_same(projected, RowMoments.of(rows), truth, errors, 1e-7)
-    turned = projected.seen_from(body_at(truth, errors))
+    turned = ProjectedMoments.seen_from(body_at(truth, errors), projected)
     assert_same(turned, RowMoments.of(rows), truth, errors, 1e-7)
 
 

@@ -182,3 +182,19 @@ def test_moments_of_small_teams_are_those_of_rows() -> None:
         buffer.add(number, each)
     buffer.see_from(body_at(team.state()))
     assert isinstance(buffer.moments()[0], RowMoments)
+
+
+@pytest.mark.parametrize("has_former", [False, True])
+def test_moments_of_rows_that_are_not_kept_can_be_seen_from_the_first_state(has_former: bool) -> None:
+    team = make_team(seed=3, number=40)
+    body, buffer = body_at(team.state()), RowBuffer(team.rows.shape[1], is_projected=True)
+    for number, each in enumerate(team.rows):
+        buffer.add(number, each)
+        if number == 20 and has_former:
+            buffer.begin_load(10)
+    buffer.see_from(body)  # the oldest rows have made room by now
+    everything, load = buffer.moments()
+    assert isinstance(everything, ProjectedMoments)
+    assert (everything is load) != has_former
+    expected = RowMoments.of(team.rows).with_motion(body)
+    np.testing.assert_allclose(everything.with_motion(body), expected, rtol=1e-7, atol=1e-3)

@@ -120,14 +120,6 @@ def test_noise_adds_nothing_to_products_on_the_average() -> None:
     assert np.abs(deviations).max() < 4.0 / math.sqrt(repeated)
 
 
-def test_another_level_scales_the_variance_of_wrenches_only() -> None:
-    noise = RowNoise.of_samples(SensorNoise(), 10, RATE)
-    assert noise.at_level(1.0) is noise
-    louder = noise.at_level(2.0)
-    np.testing.assert_array_equal(louder.kinematics, noise.kinematics)
-    np.testing.assert_allclose(louder.wrench**2, 2.0 * noise.wrench**2)
-
-
 @given(st.integers(1, 400), st.floats(10.0, 5000.0), st.floats(0.005, 0.2))
 def test_a_block_is_cut_into_the_fewest_rows_that_are_short_enough(samples: int, rate: float, longest: float) -> None:
     count = rows_per_block(samples, rate, longest)

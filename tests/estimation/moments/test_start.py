@@ -126,14 +126,3 @@ def test_what_the_motion_does_not_show_remains_a_guess() -> None:
     load, guess = loaded(team, team.noisy(np.random.default_rng(13)))
     assert load[6] == pytest.approx(team.load[6], rel=0.01)
     np.testing.assert_allclose(load[10:], guess.theta[4:], atol=0.05)
-
-
-@pytest.mark.parametrize("level", [0.5, 4.0])
-def test_the_level_of_noise_hardly_matters(level: float) -> None:
-    team = make_team(seed=14)
-    moments, state = RowMoments.of(team.rows), team.state().with_load(None)
-    settings = FitSettings(QUIET, PERIOD)
-    body = settings.body(state)
-    guess = Guess.of(body, moments)
-    found = first_load(state, seen_moments(body, moments, moments).wrench, guess, settings, level)
-    np.testing.assert_allclose(found.load, team.load, atol=1e-4)
