@@ -97,13 +97,11 @@ class EfficientEstimator:
             now = (team.session.estimate, team.session.stage)
             if now != self._believed:
                 self._belief, self._believed = self._said(team, team.session.estimate), now
-            to_own = team.session.estimate.state.poses[team.own].inverse().adjoint()
-            self._belief = replace(
-                self._belief,
-                total_block=team.newest,
-                total_wrench=to_own @ team.session.total_wrench,
-                learned_block=team.newest,
-            )
+            self._belief = replace(self._belief, learned_block=team.newest)
+            if team.session.total_wrench is not None:
+                to_own = team.session.estimate.state.poses[team.own].inverse().adjoint()
+                wrench = to_own @ team.session.total_wrench
+                self._belief = replace(self._belief, total_block=team.newest, total_wrench=wrench)
         return self._belief
 
     def _join(self, membership: int, index: int) -> None:
@@ -157,14 +155,12 @@ class EfficientEstimator:
             poses[name] = UncertainPose(state.poses[own].inverse() @ state.poses[other], covariance)
         payload = _payload(claim)
         return Belief(
-            phase="poses" if payload is None else "inertia",
+            phase="poses" if payload is None and claim.hidden_poses.any() else "inertia",
             converged=payload is not None and is_converged(payload, self._config.converged),
             payload=payload,
             poses=poses,
-            total_block=team.newest,
             not_observable=(*not_observable, *claim.unseen),
             load_changes=self._notices(team),
-            learned_block=team.newest,
             grasps={} if claim.hidden_poses.any() else _in_first(team.names, state.poses),
         )
 

@@ -15,7 +15,7 @@ from coheft.agents.efficient.sight import Sight
 from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.misfit import Settled, excess_energy, explanations, worst_misfit
+from coheft.estimation.moments.misfit import KnownLoad, excess_energy, explanations, worst_misfit
 from coheft.estimation.moments.moments import wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import KINEMATICS_SIZE
@@ -49,7 +49,7 @@ class Verdict:
 
 
 def judge(
-    estimate: Estimate, sight: Sight, buffer: RowBuffer, guards: Guards, settled: Settled | None, has_offset: bool
+    estimate: Estimate, sight: Sight, buffer: RowBuffer, guards: Guards, load_before: KnownLoad | None, has_offset: bool
 ) -> Verdict:
     """Judge a fit by its residuals.
 
@@ -58,11 +58,11 @@ def judge(
         sight: With it.
         buffer: Of rows.
         guards: Thresholds.
-        settled: The load before the last change, if it is not settled yet that this was one.
+        load_before: Before the last change, if that may still have been a sensor's fault instead.
         has_offset: Whether force and torque sensors may have constant offsets, which the fit then knows of.
     """
     assert estimate.state.load is not None
-    assumed = Settled(estimate.state.load) if settled is None else settled
+    assumed = KnownLoad(estimate.state.load) if load_before is None else load_before
     first = max(0, buffer.count - _JUDGED)
     wrench, motion = sight.residuals(buffer.rows[first : buffer.count])
     wrench, count = wrench[max(0, buffer.start - first) :], estimate.body.count
@@ -78,19 +78,19 @@ def judge(
     if found.both > guards.largest_constant_excess and not has_offset:
         return Verdict(Outcome.NO_LOAD)
     is_load = found.load > found.sensor and _has_another_mass(estimate, assumed, guards)
-    if settled is None or found.sensor < guards.largest_excess or is_load:
+    if load_before is None or found.sensor < guards.largest_excess or is_load:
         return Verdict(Outcome.FITS)
     # Where torques are all measured about points of one body, it makes no difference whose torque sensor is off.
     return Verdict(Outcome.UNDECIDED, (found.robot if found.kind == "force" else None, found.kind))
 
 
-def _has_another_mass(estimate: Estimate, settled: Settled, guards: Guards) -> bool:
+def _has_another_mass(estimate: Estimate, load_before: KnownLoad, guards: Guards) -> bool:
     """Whether the mass is another one: a load that only shifts is rarer than a torque sensor that is off."""
     load, theta = estimate.state.load, estimate.body.unknowns.theta
-    if load is None or settled.covariance is None:
+    if load is None or load_before.covariance is None:
         return True
-    variance = estimate.covariance[theta, theta][0, 0] + settled.covariance[0, 0]
-    return bool((load[THETA] - settled.load[THETA])[0] ** 2 > guards.least_mass_change * variance)
+    variance = estimate.covariance[theta, theta][0, 0] + load_before.covariance[0, 0]
+    return bool((load[THETA] - load_before.load[THETA])[0] ** 2 > guards.least_mass_change * variance)
 
 
 def _off_by_more_than_told(estimate: Estimate, guards: Guards) -> int | None:

@@ -54,7 +54,7 @@ class Knowledge:
         self._count, self._anchor, self._settings = count, anchor, settings
         self._growth = guards.growth_of_many if settings.errors.count or count > MANY else guards.growth
         self.least = max(4, round(guards.first_rows / settings.period))
-        memory, size = settings.memory, ROW_SIZE * count * (1 + settings.errors.is_moving) + 1
+        memory, size = settings.memory, ROW_SIZE * count * (1 + settings.errors.has_rates) + 1
         pages = [memory / _PAGES_IN_MEMORY] if memory is not None else []
         pages += [_PAGE_OF_DRIFT] if settings.drift.is_any else []
         self._page = max(4, round(min(pages) / settings.period)) if pages else 0

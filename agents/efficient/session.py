@@ -24,7 +24,7 @@ from coheft.estimation.moments.derivatives import MotionDerivatives
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.likelihood import wrench_evidence
-from coheft.estimation.moments.misfit import Settled
+from coheft.estimation.moments.misfit import KnownLoad
 from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.unknowns import THETA
 
@@ -49,7 +49,7 @@ class Session:
         changes: Of the load: number of its first row, and of the row at which that was noticed.
         suspect: Place of a robot whose motion sensors contradict the others at present, or None.
         verdict: On the last fit.
-        total_wrench: About the origin of the body frame, mean over the newest row, shape (6,).
+        total_wrench: About the origin of the body frame, mean over the newest row, shape (6,); None before the first.
     """
 
     def __init__(
@@ -72,7 +72,8 @@ class Session:
         self._turn, self._lasting, self._longest = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
         self.stage = Stage.GATHERING
         self.changes: list[tuple[int, int]] = []
-        self.verdict, self.total_wrench = Verdict(Outcome.FITS), np.zeros(6)
+        self.verdict = Verdict(Outcome.FITS)
+        self.total_wrench: Array | None = None
         self._loads = list[Array]()  # theta before each change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(prior)
@@ -80,11 +81,11 @@ class Session:
             self.stage, self._unconfirmed = TRANSITIONS[self.stage, Event.FITTED], self._confirming
 
     def _begin(self, prior: Prior | None = None) -> None:
-        """All is forgotten but the prior."""
+        """All that rows have shown is forgotten but for the prior; changes of the load that were noticed stay known."""
         self._known = Knowledge(self._count, self._anchor, self._settings, self._guards, prior)
         self._monitor = Monitor(self._count, self._guards)
         self.suspect: int | None = None
-        self._settled: Settled | None = None  # the load before the last change, while that is undecided
+        self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
         self._unconfirmed = 0  # so many rows must still fit what was known
         self._doubted_at, self._contradicted_at = -1, -self._confirming
@@ -200,7 +201,7 @@ class Session:
         """A fit, and whether all rows fit it, and whether it could not be a sensor instead of a load."""
         estimate, has_offset, guards = self._fit(), self._settings.has_offset, self._guards
         sight, buffer = self._known.sight, self._known.buffer
-        self.verdict = judge(estimate, sight, buffer, guards, self._settled, has_offset)
+        self.verdict = judge(estimate, sight, buffer, guards, self._load_before, has_offset)
         first = buffer.count
         is_body = self.verdict.outcome not in (Outcome.NO_BODY, Outcome.MORE_THAN_TOLD)
         if self.stage is Stage.GATHERING and is_body:
@@ -215,7 +216,7 @@ class Session:
             case Outcome.UNDECIDED if self._newest - self.changed_at <= self._longest:
                 self.stage = TRANSITIONS[self.stage, Event.UNDECIDED]
             case _:
-                self.stage, self._settled = TRANSITIONS[self.stage, Event.FITTED], None
+                self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
 
     def _start_over(self) -> None:
         self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]
@@ -248,9 +249,9 @@ class Session:
         assert load is not None
         self._loads.append(load[THETA])
         self.changes.append((int(buffer.numbers[place]), number))
-        if self._settled is None:
+        if self._load_before is None:
             theta = now.body.unknowns.theta
-            self._settled = Settled(load, now.covariance[theta, theta])
+            self._load_before = KnownLoad(load, now.covariance[theta, theta])
         self._forget_load(place, Event.LOAD_CHANGED, now)
         return True
 

@@ -120,7 +120,7 @@ class Guards:
 
     @property
     def largest_constant_excess(self) -> float:
-        """The same, of a sensor beside a load."""
+        """Chi-square of a sensor's excess beside a load, three degrees of freedom, less these."""
         return chi_square_threshold(3, self.constant_excess) - 3.0
 
     @property

@@ -20,7 +20,7 @@ class Event(Enum):
     UNDECIDED = "a load has been fitted, but a sensor that reads something in excess explains wrenches as well"
     LOAD_CHANGED = "the load is another one"
     MISFIT = "wrenches do not fit the load that was fitted to them"
-    STARTED_OVER = "all is forgotten, because motions do not fit the poses that were fitted to them"
+    STARTED_OVER = "all is forgotten: motions fit no poses, errors of sensors no tolerances, or a contradiction lasts"
 
 
 TRANSITIONS = {

@@ -44,7 +44,7 @@ class Team:
         times: Of rows.
         start: First block in which all of them hold the load.
         noticed: Block in which each change of the load was noticed.
-        newest: Newest block of which a row was taken, -1 if none.
+        newest: Newest block of which a row was taken; the one before ``start`` if there is none yet.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class Team:
         self.own, hops = self.names.index(config.name), diameter(graph)
         self.times = times = RowTimes.of_team(len(lives), config.block, config.rate)
         self._settings, self._guards = fit_settings(config, len(lives)), guards
-        with_rates = self._settings.errors.is_moving
+        with_rates = self._settings.errors.has_rates
         self._own_rows = OwnRows(times, config.noise.gyro**2, config.rate, with_rates)
         self._waits = hops + max(2, config.blocks(guards.waiting)) + times.spanned - 1
         self.exchange = Exchange(membership, len(lives), self.own, hops, times, ROW_SIZE * (1 + with_rates))

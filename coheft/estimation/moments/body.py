@@ -99,7 +99,7 @@ class BodyModel:
     Attributes:
         state, unknowns, noise: As given.
         count: Robots.
-        is_moving: Whether rows are extended by their rates.
+        has_rates: Whether rows are extended by their rates.
         features: Numbers of ``psi``: 19, or 38 with rates.
         predict: Shape (N, 12, 19).
         predict_products: Products of a robot's row from those of the motion, shape (N, 6, 6).
@@ -120,8 +120,8 @@ class BodyModel:
 
     def __init__(self, state: State, noise: RowNoise, unknowns: Unknowns) -> None:
         self.state, self.noise, self.unknowns = state, noise, unknowns
-        self.count, self.is_moving = len(state.poses), unknowns.errors.is_moving
-        self.features = MOTION_SIZE * (1 + self.is_moving)
+        self.count, self.has_rates = len(state.poses), unknowns.errors.has_rates
+        self.features = MOTION_SIZE * (1 + self.has_rates)
         self.rotations = np.array([pose.rotation for pose in state.poses])
         self.places = np.array([pose.translation for pose in state.poses])
         by_rates = (
@@ -158,7 +158,7 @@ class BodyModel:
         centripetal = (self.accelerations.gain @ predict[:, rows.ACCELERATIONS, PRODUCTS]).sum(axis=0)
         find[ACCELERATIONS] -= centripetal @ find[PRODUCTS]
         self.see = self._of_extended(find)
-        if self.is_moving and self.state.calibration is not None:
+        if self.has_rates and self.state.calibration is not None:
             self._set_noise_of_rates()
             moving = np.zeros_like(self.see)
             rates = of_rows.swapaxes(0, 1) @ self.state.calibration[:, RATES:, RATES:]
@@ -174,7 +174,7 @@ class BodyModel:
         """By how much a part of each row is corrected per rate, shape (N, k, k)."""
         calibration = self.state.calibration
         size = part.stop - part.start
-        if not self.is_moving or calibration is None:
+        if not self.has_rates or calibration is None:
             return np.zeros((self.count, size, size))
         return calibration[:, part, RATES + part.start : RATES + part.stop]
 
@@ -224,10 +224,10 @@ class BodyModel:
         if calibration is None:
             return matrix
         by_robot = matrix[:, :-1].reshape(len(matrix), count, ROW_SIZE).swapaxes(0, 1) @ calibration[:, :ROW_SIZE]
-        result = np.zeros((len(matrix), size * (1 + self.is_moving) + 1))
+        result = np.zeros((len(matrix), size * (1 + self.has_rates) + 1))
         result[:, :size] = by_robot[:, :, :ROW_SIZE].swapaxes(0, 1).reshape(len(matrix), size)
         result[:, size] = matrix[:, -1] + by_robot[:, :, ONE].sum(axis=0)
-        if self.is_moving:
+        if self.has_rates:
             result[:, size + 1 :] = by_robot[:, :, RATES:].swapaxes(0, 1).reshape(len(matrix), size)
         return result
 
@@ -236,7 +236,7 @@ class BodyModel:
         result = np.zeros((self.count, self.unknowns.errors.width, self.features))
         result[:, rows.KINEMATICS, :MOTION_SIZE] = self.predict
         result[:, rows.PRODUCTS, PRODUCTS], result[:, ONE, 0] = self.predict_products, 1.0
-        if self.is_moving:
+        if self.has_rates:
             result[:, RATES : RATES + KINEMATICS_SIZE, MOTION_SIZE:] = self.predict
             places = slice(RATES + rows.PRODUCTS.start, None)
             result[:, places, MOTION_SIZE + PRODUCTS.start :] = self.predict_products
@@ -286,7 +286,7 @@ class BodyModel:
         own = calibration[:, :KINEMATICS_SIZE]
         result = (own[:, :, :ROW_SIZE] @ by_robot.transpose(1, 2, 0)).transpose(2, 0, 1)
         result += own[:, :, ONE]
-        if self.is_moving:
+        if self.has_rates:
             rates = extended_rows[:, size + 1 :].reshape(-1, count, ROW_SIZE)
             result += (own[:, :, RATES:] @ rates.transpose(1, 2, 0)).transpose(2, 0, 1)
         return result

@@ -28,7 +28,7 @@ from coheft.estimation.moments.row_buffer import VIEW_SIZE
 from coheft.estimation.moments.unknowns import LOAD_SIZE, THETA, Indices
 
 FALSE_ALARM = 1e-12
-"""Probability that a look finds a change where there is none: looks are many, and their windows overlap."""
+"""Probability that one window of rows looks like another load without a change. A look tests up to 18 that overlap."""
 _RATIO = 1.5
 _WINDOWS = np.unique(np.round(_RATIO ** np.arange(30)).astype(np.int64))
 """Numbers of newest rows that are tested, each half as many again as the one before."""

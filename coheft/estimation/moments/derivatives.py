@@ -1,11 +1,12 @@
 """How residuals change with all unknowns: linear in the motion ``psi`` and in each robot's own wrench ``u_i``.
 
     d r_i  = -(own_i + predict_i[products] common) psi          residuals of motion sensors of robot i
-    d rho  = local_i u_i + (M found - L[products] common) psi   residual of the total wrench, M the spatial inertia
+    d rho  = local_i u_i + (M C found - L[products] common) psi   residual of the total wrench
 
-``own`` is by a robot's own pose and sensors' errors, ``common`` says how the products of ``w``, in which all robots
-share, change by any unknown, and ``found`` how much less of ``(a, alpha)`` is then found. Errors of sensors act on what
-a robot should read, not on what it reads: these regressors are as free of noise as the fused motion.
+``own`` is by a robot's own pose and sensors' errors; ``common`` says how the products of ``w``, in which all robots
+share, change by any unknown. ``M`` is the spatial inertia, ``C`` the covariance of the fused ``(a, alpha)``, and
+``found`` the change of the right side of its normal equations. Errors of sensors act on what a robot should read, not
+on what it reads: these regressors are as free of noise as the fused motion.
 """
 
 from __future__ import annotations
@@ -105,7 +106,7 @@ class WrenchDerivatives:
     def at(body: BodyModel, motion: MotionDerivatives, load: Array, root: Array) -> WrenchDerivatives:
         """At the state of a body, for a load (16,); ``root`` (6, 6) makes the residual white."""
         unknowns, count, features = body.unknowns, body.count, body.features
-        size = WRENCH_SIZE * (1 + body.is_moving)
+        size = WRENCH_SIZE * (1 + body.has_rates)
         local = np.zeros((count, unknowns.own, 6, size))
         local[:, :POSE_SIZE, :, :WRENCH_SIZE] = body.adjoint_derivatives()
         if unknowns.errors.count:

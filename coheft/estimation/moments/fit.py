@@ -93,21 +93,21 @@ def fitted(
         anchor: The robot whose pose stays what it is.
         most_steps: At most so many.
     """
-    motion_noise: Array | None = None
-    wrench_noise: Array | None = None
+    noise_of_motion: Array | None = None  # what noise adds to the information, (u, u)
+    noise_of_wrench: Array | None = None
     for _ in range(most_steps):
         body, load = settings.body(state), state.load
         moments, derivatives = look(body), MotionDerivatives.at(body)
-        total = motion_evidence(body, derivatives, moments.motion, motion_noise)
+        total = motion_evidence(body, derivatives, moments.motion, noise_of_motion)
         if load is not None:
-            motion_noise = total.noise
+            noise_of_motion = total.noise
             if moments.wrench.number > 0.0:
-                by_wrench = wrench_evidence(body, derivatives, moments.wrench, load, wrench_noise)
-                total, wrench_noise = total + by_wrench, by_wrench.noise
+                by_wrench = wrench_evidence(body, derivatives, moments.wrench, load, noise_of_wrench)
+                total, noise_of_wrench = total + by_wrench, by_wrench.noise
         total += before(body)
         state, seen, hidden, size, left = _stepped(body, total, settings, guess, anchor)
         if size > _FAR:
-            motion_noise = wrench_noise = None
+            noise_of_motion = noise_of_wrench = None
         if left < SMALL_ERROR:
             break
     return Estimate(settings.body(state), seen, hidden, size, guess.size)

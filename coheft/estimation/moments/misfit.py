@@ -98,7 +98,7 @@ class Explanations:
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class KnownLoad:
     """A load that was known.
 
     Attributes:
@@ -115,21 +115,21 @@ class Settled:
         return np.zeros((10, 10)) if self.covariance is None else inverse_of(self.covariance)
 
 
-def explanations(body: BodyModel, moments: WrenchMoments, settled: Settled) -> Explanations:
+def explanations(body: BodyModel, moments: WrenchMoments, assumed: KnownLoad) -> Explanations:
     """How well another load, or a sensor that reads something in excess, explains wrenches.
 
     Args:
         body: At the state.
         moments: Of the wrenches.
-        settled: The load that is assumed.
+        assumed: The load.
     """
-    load = settled.load
+    load = assumed.load
     evidence = wrench_evidence(body, MotionDerivatives.at(body), moments, load)
     about = evidence.of(np.arange(body.unknowns.size)[body.unknowns.load])
     spread = about.information + about.noise
     scale = np.maximum(spread.diagonal(), 1e-300) ** -0.5
     score, spread = scale * about.score, scale[:, None] * spread * scale + _FAINT * np.eye(LOAD_SIZE)
-    known = scale[THETA, None] * settled.information * scale[THETA]
+    known = scale[THETA, None] * assumed.information * scale[THETA]
 
     # A sensor's excess is one of the wrench offset: by force, then by torque, of each robot; shape (2 N, 6, 3).
     excess = np.concatenate([body.adjoints[:, :, :3], body.adjoints[:, :, 3:]]) / scale[OFFSET, None]

@@ -78,10 +78,10 @@ class RowMoments:
         return RowMoments(self.matrix - other.matrix)
 
 
-def wrench_places(count: int, is_moving: bool) -> Indices:
+def wrench_places(count: int, has_rates: bool) -> Indices:
     """Places of all robots' wrenches, robot by robot, each followed by its rates if there are any, shape (w N,)."""
     own = ROW_SIZE * np.arange(count)[:, None] + np.arange(WRENCH.start, WRENCH.stop)
-    places: Indices = np.hstack([own, ROW_SIZE * count + 1 + own]) if is_moving else own
+    places: Indices = np.hstack([own, ROW_SIZE * count + 1 + own]) if has_rates else own
     return places.ravel()
 
 
@@ -148,7 +148,7 @@ def wrench_moments(body: BodyModel, moments: Moments) -> WrenchMoments:
 
 def view_moments(body: BodyModel, moments: Moments) -> Array:
     """``sum v v^T`` of views ``v = (motion[FORCING], total wrench)`` of rows at a state, shape (19, 19)."""
-    crossed, places = moments.with_motion(body), wrench_places(body.count, body.is_moving)
+    crossed, places = moments.with_motion(body), wrench_places(body.count, body.has_rates)
     of_forcing, wrench = crossed[:, FORCING], body.wrench[:, places]
     one, size = ROW_SIZE * body.count, FORCING_SIZE
     result = np.zeros((size + 6, size + 6))
@@ -169,19 +169,19 @@ def _motion_moments(body: BodyModel, crossed: Array) -> MotionMoments:
     if calibration is not None:
         with_motion = calibration[:, KINEMATICS, :ROW_SIZE] @ own
         with_motion = with_motion + calibration[:, KINEMATICS, ONE, None] * crossed[one]
-        if body.is_moving:
+        if body.has_rates:
             rates = crossed[one + 1 :].reshape(count, ROW_SIZE, body.features)
             with_motion = with_motion + calibration[:, KINEMATICS, RATES:] @ rates
     return MotionMoments(with_motion, body.see @ crossed)
 
 
 def _wrench_moments(body: BodyModel, moments: Moments, crossed: Array, of_motion: Array) -> WrenchMoments:
-    places, count = wrench_places(body.count, body.is_moving), body.count
+    places, count = wrench_places(body.count, body.has_rates), body.count
     with_motion, of_wrenches = crossed[places], moments.of_wrenches(places)
     if body.state.calibration is None:
         return WrenchMoments(of_wrenches, with_motion, of_motion)
     own = np.arange(rows.WRENCH.start, rows.WRENCH.stop)
-    own = np.concatenate([own, RATES + own]) if body.is_moving else own
+    own = np.concatenate([own, RATES + own]) if body.has_rates else own
     turn, constant = body.state.calibration[:, own[:, None], own], body.state.calibration[:, own, ONE].ravel()
     size = len(own)
 

@@ -30,7 +30,7 @@ def motion_then_to_now(then: BodyModel, now: BodyModel) -> Array:
     read[W, 0] = gyros
     read[PRODUCTS, W] = np.tensordot(gyros, PRODUCTS_BY_RATE, axes=1)
     read[PRODUCTS, 0] = pack_symmetric(np.outer(gyros, gyros))
-    if now.is_moving:
+    if now.has_rates:
         read[MOTION_SIZE:, MOTION_SIZE:] = read[:MOTION_SIZE, :MOTION_SIZE]
         read[MOTION_SIZE:, MOTION_SIZE] = 0.0
     parts = [rows.TWIST, rows.PRODUCTS]
@@ -40,10 +40,10 @@ def motion_then_to_now(then: BodyModel, now: BodyModel) -> Array:
     if now.state.calibration is not None:
         predicted = inverse_of(now.state.calibration) @ predicted
     extended = [predicted[:, :ROW_SIZE].reshape(-1, now.features), predicted[:1, ONE]]
-    if now.is_moving:
+    if now.has_rates:
         extended.append(predicted[:, RATES:].reshape(count * ROW_SIZE, -1))
     found = then.see @ np.concatenate(extended)
-    if now.is_moving:
+    if now.has_rates:
         found[MOTION_SIZE, MOTION_SIZE] = 1.0  # the rate of the constant, which is always 0
     return inverse_of(found)
 
@@ -65,13 +65,13 @@ class ProjectedMoments:
     @staticmethod
     def of(extended_rows: Array, body: BodyModel) -> ProjectedMoments:
         """Of extended rows (n, X), seen at a state."""
-        wrenches = extended_rows[:, wrench_places(body.count, body.is_moving)]
+        wrenches = extended_rows[:, wrench_places(body.count, body.has_rates)]
         return ProjectedMoments(body, extended_rows.T @ (extended_rows @ body.see.T), wrenches.T @ wrenches)
 
     @staticmethod
     def seen_from(body: BodyModel, moments: Moments) -> ProjectedMoments:
         """What can be seen of moments at a state; those that were seen at another one are turned."""
-        wrenches = moments.of_wrenches(wrench_places(body.count, body.is_moving))
+        wrenches = moments.of_wrenches(wrench_places(body.count, body.has_rates))
         return ProjectedMoments(body, moments.with_motion(body), wrenches)
 
     def with_motion(self, body: BodyModel) -> Array:

@@ -2,7 +2,7 @@
 
     true row = T x,    x = (row, 1, rates of the row),    T <- exp(sum_k eta_k E_k) T
 
-Every generator ``E_k`` has a few entries ``(to, from, factor)``. A new kind of error is one line in ``_generators``.
+Every generator ``E_k`` has a few entries ``(to, from, factor)``, see ``_generators``.
 Constant errors of gyros, forces and torques are not among ``eta``. Only their sums over the team matter, and these are
 unknowns of the team. Constant errors of velocities do not matter at all, because means of twists are removed.
 
@@ -51,7 +51,7 @@ class SensorErrors:
     Attributes:
         names: Kind of each parameter.
         deviations: Prior standard deviation of each parameter, shape (q,).
-        is_moving: Whether an error depends on how fast rows change.
+        has_rates: Whether an error depends on how fast rows change, so that they are followed by their rates.
         width: Numbers of an extended row of one robot.
         generators: ``E_k``, shape (q, width, width).
     """
@@ -62,8 +62,8 @@ class SensorErrors:
             raise ValueError(f"errors of kind {unknown[0]!r} are not known; there are {', '.join(KINDS)}")
         kinds = [kind for kind in KINDS if tolerance.get(kind)]
         generators = [(kind, entries) for kind in kinds for entries in _generators(kind)]
-        self.is_moving = "clock" in kinds or "wrench_delay" in kinds
-        self.width = ROW_SIZE + 1 + (ROW_SIZE if self.is_moving else 0)
+        self.has_rates = "clock" in kinds or "wrench_delay" in kinds
+        self.width = ROW_SIZE + 1 + (ROW_SIZE if self.has_rates else 0)
         self.names = tuple(kind for kind, _ in generators)
         # Clocks count from the anchor's, so the difference of two of them is what is unknown.
         self.deviations = np.array([tolerance[kind] * (2.0**0.5 if kind == "clock" else 1.0) for kind in self.names])
@@ -71,7 +71,7 @@ class SensorErrors:
         for matrix, (_, entries) in zip(self.generators, generators, strict=True):
             for to, source, factor in entries:
                 matrix[to, source] += factor
-                if self.is_moving and source < ROW_SIZE:
+                if self.has_rates and source < ROW_SIZE:
                     matrix[RATES + to, RATES + source] += factor
 
     @property

@@ -197,7 +197,8 @@ class Estimate(Message, frozen=True):
         payload: Mass properties in ``F_i``, None while unknown.
         poses: Neighbours' grasp frames in ``F_i``.
         total_block: Block to which ``total_wrench`` belongs, -1 if none.
-        total_wrench: Total wrench (6,) about the origin of ``F_i`` at the last sample of ``total_block``.
+        total_wrench: Total wrench (6,) about the origin of ``F_i``, as sensors read it, at the end of ``total_block``:
+            with ``efficient`` the mean over its newest row, with ``seed`` of its last sample.
         not_observable: What the motion so far cannot tell, in words.
         load_changes: Changes noticed so far.
         problems: Messages refused so far.

@@ -37,7 +37,7 @@ class Fitted:
 def buffer_of(rows: Array, settings: FitSettings, count: int, is_projected: bool = False) -> RowBuffer:
     buffer = RowBuffer(rows.shape[1], is_projected)
     add_rows(buffer, rows)
-    assert count * 24 * (1 + settings.errors.is_moving) + 1 == rows.shape[1]
+    assert count * 24 * (1 + settings.errors.has_rates) + 1 == rows.shape[1]
     return buffer
 
 
@@ -67,7 +67,7 @@ def fit_from(state: State, chapter: Chapter, settings: FitSettings, anchor: int 
 
 def fit(rows: Array, settings: FitSettings = IDEAL, anchor: int = 0, is_projected: bool = False) -> Fitted:
     """Of rows (n, 24 N + 1), or (n, 48 N + 1) with rates."""
-    count = rows.shape[1] // (24 * (1 + settings.errors.is_moving))
+    count = rows.shape[1] // (24 * (1 + settings.errors.has_rates))
     chapter = Chapter(buffer_of(rows, settings, count, is_projected), settings)
     state = poses_of(chapter, settings, count, anchor)
     if is_projected:

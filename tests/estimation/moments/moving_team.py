@@ -158,7 +158,7 @@ def with_rates(rows: Array) -> Array:
 def noisy_for(errors: SensorErrors, team: Team, rng: np.random.Generator, noise: RowNoise = NOISE) -> Array:
     """Rows with noise, and with rates of independent noise if these errors need them."""
     rows = team.noisy(rng, noise)
-    if not errors.is_moving:
+    if not errors.has_rates:
         return rows
     extended = with_rates(team.rows)
     extended[:, : rows.shape[1]] = rows[1:-1]
@@ -197,7 +197,7 @@ def body_at(state: State, errors: SensorErrors = EXACT, noise: RowNoise = NOISE)
 
 def extended_for(errors: SensorErrors, rows: Array) -> Array:
     """Rows with rates if these errors need them."""
-    return with_rates(rows) if errors.is_moving else rows
+    return with_rates(rows) if errors.has_rates else rows
 
 
 def with_errors(team: Team, errors: SensorErrors, rng: np.random.Generator, gyros: float = 0.01) -> tuple[State, Array]:

@@ -76,7 +76,7 @@ def test_exact_rows_show_the_exact_motion_and_wrench(count: int, errors: SensorE
     psi = np.hstack([psi[:, :MOTION_SIZE], psi[:, MOTION_SIZE + 1 :]])
     np.testing.assert_allclose(rows @ body.see.T, psi, atol=1e-5)
     wrench = team.total_wrench + team.load[:6]
-    np.testing.assert_allclose(rows @ body.wrench.T, wrench[1:-1] if errors.is_moving else wrench, atol=1e-9)
+    np.testing.assert_allclose(rows @ body.wrench.T, wrench[1:-1] if errors.has_rates else wrench, atol=1e-9)
     residuals = body.residuals(rows, rows @ body.see[:MOTION_SIZE].T).reshape(len(rows), count, 12)
     residuals[:, :, :6] -= residuals[0, :, :6]  # what gyros always read in excess is the same in all rows
     np.testing.assert_allclose(residuals, 0.0, atol=1e-4)
@@ -198,7 +198,7 @@ def test_noise_of_the_motion_is_as_claimed(errors: SensorErrors) -> None:
         white = np.linalg.solve(body.motion_noise[part, part], found)
         assert np.trace(white) / 6.0 == pytest.approx(1.0, abs=5.0 / np.sqrt(3.0 * len(rows)))
         np.testing.assert_allclose(np.sqrt(found.diagonal() / body.motion_noise.diagonal()[part]), 1.0, atol=0.12)
-        if errors.is_moving:
+        if errors.has_rates:
             rates = slice(MOTION_SIZE + part.start, MOTION_SIZE + part.stop)
             white = np.linalg.solve(body.motion_noise[rates, rates], np.cov(psi[:, rates].T))
             assert np.trace(white) / 6.0 == pytest.approx(1.0, abs=5.0 / np.sqrt(3.0 * len(rows)))

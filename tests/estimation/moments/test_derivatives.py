@@ -39,7 +39,7 @@ ROWS = 4
 
 def case(count: int, errors: SensorErrors, seed: int = 1) -> tuple[BodyModel, Array]:
     """A body with errors of its sensors, and exact rows."""
-    team = make_team(seed, count=count, number=ROWS + 2 * errors.is_moving, offset=2.0)
+    team = make_team(seed, count=count, number=ROWS + 2 * errors.has_rates, offset=2.0)
     state, rows = with_errors(team, errors, np.random.default_rng(seed), gyros=0.0)
     return body_at(state, errors, uneven_noise(count)), rows
 

@@ -46,7 +46,7 @@ def evidence_of(body: BodyModel, moments: RowMoments) -> tuple[Evidence, Evidenc
 
 def case(count: int, errors: SensorErrors, number: int = 8) -> tuple[BodyModel, Array]:
     """A body at the true state, and exact rows."""
-    team = make_team(seed=count, count=count, number=number + 2 * errors.is_moving, offset=2.0)
+    team = make_team(seed=count, count=count, number=number + 2 * errors.has_rates, offset=2.0)
     state, rows = with_errors(team, errors, np.random.default_rng(count), gyros=0.0)
     return body_at(state, errors, uneven_noise(count)), rows
 
@@ -56,7 +56,7 @@ def expected_moments(team: Team, errors: SensorErrors) -> RowMoments:
     rows = extended_for(errors, team.rows)
     variance = np.tile(np.concatenate([NOISE.kinematics[0] ** 2, NOISE.wrench[0] ** 2, np.zeros(6)]), team.count)
     factors = np.tile(np.concatenate([NOISE.rates**2, np.zeros(6)]), team.count)
-    parts = [variance, [0.0]] + ([variance * factors] if errors.is_moving else [])
+    parts = [variance, [0.0]] + ([variance * factors] if errors.has_rates else [])
     return RowMoments(rows.T @ rows + len(rows) * np.diag(np.concatenate(parts)))
 
 

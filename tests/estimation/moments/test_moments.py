@@ -56,7 +56,7 @@ def assert_of_motion(moments: MotionMoments, body: BodyModel, rows: Array) -> No
 
 def assert_of_wrenches(moments: WrenchMoments, body: BodyModel, rows: Array) -> None:
     psi, own = rows @ body.see.T, calibrated(body, rows)
-    places = np.r_[12:18, 37:43] if body.is_moving else np.r_[12:18]
+    places = np.r_[12:18, 37:43] if body.has_rates else np.r_[12:18]
     wrenches = own[:, :, places].reshape(len(rows), -1)
     np.testing.assert_allclose(moments.of_wrenches, wrenches.T @ wrenches, rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(moments.with_motion, wrenches.T @ psi, rtol=1e-9, atol=1e-6)
@@ -119,9 +119,9 @@ def test_moments_add_up() -> None:
     np.testing.assert_allclose(both.with_motion(body), rows.T @ (rows @ body.see.T), rtol=1e-9, atol=1e-6)
 
 
-@pytest.mark.parametrize("is_moving", [False, True])
-def test_places_of_wrenches(is_moving: bool) -> None:
-    places = wrench_places(3, is_moving).reshape(3, -1)
+@pytest.mark.parametrize("has_rates", [False, True])
+def test_places_of_wrenches(has_rates: bool) -> None:
+    places = wrench_places(3, has_rates).reshape(3, -1)
     for robot in range(3):
         own = 24 * robot + np.arange(12, 18)
-        np.testing.assert_array_equal(places[robot], np.r_[own, 73 + own] if is_moving else own)
+        np.testing.assert_array_equal(places[robot], np.r_[own, 73 + own] if has_rates else own)

@@ -54,7 +54,7 @@ def test_from_where_they_were_seen_all_is_exact(errors: SensorErrors) -> None:
     projected = ProjectedMoments.of(rows, body)
     one = ROW_SIZE * 3
     np.testing.assert_allclose(projected.sums(one), rows.sum(axis=0), rtol=1e-9, atol=1e-7)
-    wrenches = rows[:, wrench_places(3, errors.is_moving)]
+    wrenches = rows[:, wrench_places(3, errors.has_rates)]
     np.testing.assert_allclose(projected.of_wrenches(np.arange(3)), wrenches.T @ wrenches, rtol=1e-12)
 
 

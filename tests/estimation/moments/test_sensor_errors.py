@@ -70,10 +70,10 @@ def corrected(x: Array, kind: str, eta: Array) -> Array:
     return result
 
 
-@pytest.mark.parametrize("is_moving", [False, True])
+@pytest.mark.parametrize("has_rates", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
-def test_generators_are_derivatives_of_the_physical_errors(kind: str, is_moving: bool) -> None:
-    errors = SensorErrors({kind: 0.01, "clock": 0.001} if is_moving else {kind: 0.01})
+def test_generators_are_derivatives_of_the_physical_errors(kind: str, has_rates: bool) -> None:
+    errors = SensorErrors({kind: 0.01, "clock": 0.001} if has_rates else {kind: 0.01})
     x = extended_row(1, errors.width)
     own = [k for k, name in enumerate(errors.names) if name == kind]
     for axis, k in enumerate(own):
@@ -89,8 +89,8 @@ def test_numbers_of_parameters(kind: str) -> None:
     is_single = kind.endswith("_gain") or kind in ("clock", "wrench_delay")
     assert errors.count == (1 if is_single else 3)
     assert errors.names == (kind,) * errors.count
-    assert errors.is_moving == (kind in ("clock", "wrench_delay"))
-    assert errors.width == (49 if errors.is_moving else 25)
+    assert errors.has_rates == (kind in ("clock", "wrench_delay"))
+    assert errors.width == (49 if errors.has_rates else 25)
 
 
 def test_all_kinds_together_keep_their_order_and_deviations() -> None:
@@ -103,7 +103,7 @@ def test_all_kinds_together_keep_their_order_and_deviations() -> None:
 
 def test_what_is_exact_is_no_parameter() -> None:
     assert SensorErrors({}).count == SensorErrors({"gyro_gain": 0.0, "clock": 0.0}).count == 0
-    assert not SensorErrors({"clock": 0.0}).is_moving
+    assert not SensorErrors({"clock": 0.0}).has_rates
 
 
 def test_an_unknown_kind_is_refused_with_a_list_of_kinds() -> None:
