@@ -165,5 +165,7 @@ INDUSTRIAL = SensorTolerance(
     force_scale=0.005,
     torque_offset=0.05,
     torque_scale=0.005,
+    clock=0.001,
+    wrench_delay=0.001,
 )
 """Of a good industrial arm, with a force and torque sensor at its wrist and an IMU beside it."""
