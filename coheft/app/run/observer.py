@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -206,6 +207,16 @@ def ask_server(run_file: RunFile, request: Request) -> Status:
     """
     with open_session(connect=[run_file.server], guard=_guard(run_file, "operator")) as session:
         return Observer(run_file, session, "operator").ask(request)
+
+
+def may_operate(run_file: RunFile) -> bool:
+    """Whether this user can act as the operator: has the keys, where the run wants any."""
+    if run_file.keys is None:
+        return True
+    try:
+        return os.access(credentials_in(Path(run_file.keys), "operator").key, os.R_OK)
+    except (CoheftError, PermissionError):
+        return False
 
 
 def _guard(run_file: RunFile, role: Role) -> Guard | None:
