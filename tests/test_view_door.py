@@ -11,8 +11,10 @@ import pytest
 
 from coheft.app.run.hosts import free_ports
 
-viser = pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
+pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
 
+import viser
+from viser._messages import ShareUrlRequest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
@@ -135,6 +137,11 @@ def test_no_other_page_gets_address_or_content(port: int) -> None:
         assert answer.headers["Content-Security-Policy"] == "frame-ancestors 'none'"
         assert answer.headers["Cross-Origin-Resource-Policy"] == "same-origin"
         connection.close()
+
+
+def test_no_page_can_make_the_view_public() -> None:
+    with open_server(Door("127.0.0.1"), free_ports(1)[0]) as server:
+        assert ShareUrlRequest not in server._websock_server._incoming_handlers
 
 
 def test_who_is_refused_is_told_where_the_address_is() -> None:

@@ -23,7 +23,6 @@ def view(what: GivenPath | None = None, *, host: str = "127.0.0.1", port: Port =
     read_only:
         Show, but do not act: no buttons.
     """
-
     from coheft.app.view.door import Door
 
     def tell(url: str) -> None:

@@ -46,7 +46,7 @@ def open_server(door: Door, port: int | None) -> Iterator[viser.ViserServer]:
 
 @contextmanager
 def _behind(door: Door) -> Iterator[list[Door]]:
-    """Servers that begin in this context are behind a door; yields it once for each. viser itself has no place for one."""
+    """Servers that begin in this context are behind a door; yields it once for each. viser has no place for one."""
     serve, doors = sockets.serve, list[Door]()
     log = logging.Logger("view", logging.CRITICAL)  # whoever knocks with rubbish would fill the terminal
 
