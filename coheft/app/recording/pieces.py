@@ -1,7 +1,7 @@
 """The sound pieces of an MCAP file, whatever has become of the others: damage is not taken for the end.
 
 Chunks and attachments have checksums, and tell their own length inside, so they are found even when what stands before
-them is damaged. Everything else is taken if it can be read and is as long as it says.
+them is damaged. Everything else is taken if it can be read, and what follows it looks like a record.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 
 from mcap import records
@@ -30,6 +30,7 @@ _NAME_LIMIT = 16
 """No compression has a longer name."""
 _FIRST_UNKNOWN = 0x10
 """From here on, readers skip what they do not know."""
+# No record is longer than 4 GiB.
 _LOOKS_LIKE_HEAD = re.compile(rb"(?=[\x01-\x0f].{4}\x00{4})", re.DOTALL)
 _CHAIN = 4
 """So many records in a row are no coincidence."""
@@ -85,9 +86,20 @@ def pieces(content: bytes) -> Iterator[Piece | Loss]:
     if content[:place] != MAGIC:
         yield Loss(0, place)
     while place < len(content) and not _is_end(content, place):
-        found: Piece | Loss = _piece_at(content, place) or Loss(place, _next_place(content, place))
-        yield found
-        place = found.end
+        found = _piece_at(content, place)
+        if found is None:
+            after = _next_place(content, place)
+            yield Loss(place, after)
+            place = after
+        elif found.is_sealed or _may_begin(content, found.end):
+            yield found
+            place = found.end
+        else:  # what follows is damaged, or it seems to be longer than it is, because some of it is missing
+            after = _next_place(content, place)
+            yield replace(found, end=min(found.end, after))
+            if after > found.end:
+                yield Loss(found.end, after)
+            place = after
 
 
 def is_whole(content: bytes) -> bool:
@@ -148,7 +160,7 @@ def _single(content: bytes, opcode: int, place: int, end: int) -> Piece | None:
         return None
     if isinstance(record, Attachment):
         checksum = int.from_bytes(body[-4:], "little")
-        is_right = stream.count == len(body) and checksum in (0, zlib.crc32(body[:-4]))
+        is_right = checksum in (0, zlib.crc32(body[:-4])) and stream.count == len(body)
         return Piece(place, end, [record], is_sealed=checksum != 0) if is_right else None
     is_as_long_as_it_says = opcode != Opcode.MESSAGE and stream.count == len(body)
     return Piece(place, end, [record]) if is_as_long_as_it_says or _may_begin(content, end) else None
@@ -210,13 +222,14 @@ def _are_there(content: bytes, place: int, count: int) -> bool:
 
 
 def _may_begin(content: bytes, place: int) -> bool:
-    """Whether a record may begin there, or the file may end."""
-    if place == len(content) or _is_end(content, place):
+    """Whether a record may begin there, which may be cut, or the file may end."""
+    if place + _HEAD.size > len(content) or _LOOKS_LIKE_HEAD.match(content, place):
         return True
-    if place + _HEAD.size > len(content):
-        return False
     opcode, length = _HEAD.unpack(content[place : place + _HEAD.size])
-    return bool(opcode != 0 and place + _HEAD.size + length <= len(content))
+    end: int = place + _HEAD.size + length
+    if opcode < _FIRST_UNKNOWN or end > len(content):
+        return False
+    return end == len(content) or _LOOKS_LIKE_HEAD.match(content, end) is not None
 
 
 class _Strict(ReadDataStream):  # type: ignore[misc]  # mcap has no types
