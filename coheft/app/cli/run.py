@@ -253,7 +253,7 @@ def _credentials(keys: Path | None, folder: Path, scenario: Scenario, places: Ho
 
     if keys is None:
         keys = folder / "keys"
-        make_keys(keys, scenario, places)
+        make_keys(keys, scenario, places, keeps_authority=False)
     check_keys(keys, scenario, places)
     return keys
 
