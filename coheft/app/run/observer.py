@@ -194,9 +194,10 @@ def ask_run(request: Request, folder: Path | None) -> Status:
     """Ask the server of the run in a folder, or else of the newest run, as the operator.
 
     Raises:
-        CoheftError: There is no such run, or it refuses, or it is secure and there are no keys of the operator.
+        CoheftError: There is no such run, or it is not said which of several is to be changed, or it refuses, or it is
+            secure and there are no keys of the operator.
     """
-    return ask_server(find_run(folder), request)
+    return ask_server(find_run(folder, acts=not isinstance(request, StatusRequest)), request)
 
 
 def ask_server(run_file: RunFile, request: Request) -> Status:
