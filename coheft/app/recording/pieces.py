@@ -10,7 +10,7 @@ import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from io import BytesIO
 
 from mcap import records
@@ -87,19 +87,17 @@ def pieces(content: bytes) -> Iterator[Piece | Loss]:
         yield Loss(0, place)
     while place < len(content) and not _is_end(content, place):
         found = _piece_at(content, place)
-        if found is None:
-            after = _next_place(content, place)
-            yield Loss(place, after)
-            place = after
-        elif found.is_sealed or _may_begin(content, found.end):
+        if found is not None and (found.is_sealed or _may_begin(content, found.end)):
             yield found
             place = found.end
-        else:  # what follows is damaged, or it seems to be longer than it is, because some of it is missing
-            after = _next_place(content, place)
-            yield replace(found, end=min(found.end, after))
-            if after > found.end:
-                yield Loss(found.end, after)
-            place = after
+            continue
+        after = _next_place(content, place)
+        if found is not None and found.end <= after:  # else it reaches into what follows: some of it is missing
+            yield found
+            place = found.end
+        if place < after:
+            yield Loss(place, after)
+        place = after
 
 
 def is_whole(content: bytes) -> bool:
