@@ -24,7 +24,7 @@ from coheft.app.run.folder import RUN_FILE, RunFile
 from coheft.app.run.hosts import free_ports
 from coheft.app.run.observer import ask_server
 from coheft.app.view import words
-from coheft.wire.messages.requests import Status, StatusRequest
+from coheft.wire.messages.requests import Status, StatusRequest, StopRequest
 from tests.waiting import wait_until
 
 viser = pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
@@ -225,10 +225,11 @@ def test_a_recording_plays_to_its_end_with_the_numbers_of_the_report(tmp_path, b
 
 def test_a_view_that_is_started_with_a_run_stays_until_it_is_interrupted(tmp_path, browser):
     folder, output = tmp_path / "run", tmp_path / "out"
-    with command(output, "run", "ring3", "--duration", "4", "--view", "--logs", str(folder)) as run:
+    with command(output, "run", "ring3", "--duration", "1000", "--view", "--logs", str(folder)) as run:
         wait_for(lambda: "http" in output.read_text() or run.poll() is not None, "the view to begin")
         url = url_in(output)
         with looking_at(browser, url) as page:
+            ask_server(run_file(folder), StopRequest())
             wait_for(lambda: "until Ctrl-C" in output.read_text(), "the run to end")
             wait_for(lambda: "the run has ended" in text_of(page), "the last picture")
         assert run.poll() is None
