@@ -48,7 +48,8 @@ The same for all commands; but `coheft view` ends with 0 after Ctrl-C, which is 
 
 Every run has a folder with the logs of its processes, and with the file by which other commands find it. It is below
 `~/.local/state/coheft/runs` on Linux (or `$XDG_STATE_HOME`), `~/Library/Application Support/coheft/runs` on macOS; the
-newest 20 are kept. `--logs DIR` puts it elsewhere. Commands on a run that goes on take your newest one; `--run` says
+newest 20 are kept. `--logs DIR` puts it elsewhere. Commands on a run that goes on take your newest one, but
+none that would change it if several go on: they list them, and `--run` says
 which instead.
 
 Robots are called `r1`, `r2`, … in the order of the scenario; in larger teams

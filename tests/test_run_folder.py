@@ -85,18 +85,31 @@ def test_a_folder_of_the_users_own_choice_removes_none(tmp_path: Path) -> None:
     assert all(folder.is_dir() for folder in old)
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no disk here that is always full")
+def test_a_full_disk_names_the_file_and_what_to_do(endpoint: str, tmp_path: Path) -> None:
+    (tmp_path / f"{RUN_FILE}.new").symlink_to("/dev/full")
+    expected = rf"cannot write {tmp_path}/{RUN_FILE}\.new: No space left on device; .*--logs"
+    with (
+        pytest.raises(CoheftError, match=expected),
+        announced(tmp_path, RunFile(run="run", server=endpoint, agents={})),
+    ):
+        pytest.fail("it begins")
+
+
 def test_whoever_names_no_run_hears_that_there_are_others(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
     old, new = (runs_folder() / f"20200101-00000{number}-coheft-{number}" for number in range(2))
     for folder in (old, new):
         folder.mkdir(parents=True)
     with announced(new, RunFile(run="coheft-1", server=endpoint, agents={}, began=1.0)):
-        assert find_run().run == "coheft-1"
+        assert find_run().run == find_run(acts=True).run == "coheft-1"
         assert capsys.readouterr().err == ""
         with announced(old, RunFile(run="coheft-0", server=endpoint, agents={})):
             assert find_run().run == "coheft-1"
             expected = f"2 runs go on: the newest is {new.name}; others, for --run DIR: {old.name}\n"
             assert capsys.readouterr().err == expected
-            assert find_run(old).run == "coheft-0"
+            with pytest.raises(CoheftError, match=f"2 runs go on.*--run DIR.*{new.name}.*{old.name}"):
+                find_run(acts=True)
+            assert find_run(old, acts=True).run == find_run(old).run == "coheft-0"
             assert find_run(Path(old.name)).run == "coheft-0"
             assert capsys.readouterr().err == ""
 

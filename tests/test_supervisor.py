@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import cast
 
 import pytest
 
+from coheft.app.run.folder import RUN_FILE, RunFile, announce
 from coheft.app.run.observer import Observer
 from coheft.app.run.processes import ProcessError, Processes
 from coheft.app.run.restarts import Restarts
@@ -94,6 +96,24 @@ def test_a_process_that_failed_can_be_started_again_with_what_it_was_told_and_it
         wait_until(lambda: len(again.lines) == 3, "its last words")
     assert again.process.returncode == 0
     assert again.lines == ["I am here", "something was wrong", "I am here"]
+
+
+def test_a_process_is_started_again_though_someone_has_removed_the_folder_of_the_logs(folder: Path) -> None:
+    (folder / "fails_once.py").write_text(FAILS_ONCE)
+    logs = folder / "logs"
+    logs.mkdir()
+    with Processes(logs) as processes:
+        child = processes.start("fails", "fails_once", StatusRequest())
+        child.process.wait()
+        shutil.rmtree(logs)
+        assert child.lines == []
+        processes.start_again(child)
+        announce(logs, RunFile(run="run", server="tcp/127.0.0.1:1", agents={}, pids=processes.pids))
+        (again,) = processes.children
+        wait_until(lambda: again.lines == ["I am here"], "its words")
+        shutil.rmtree(logs)
+        announce(logs, RunFile(run="run", server="tcp/127.0.0.1:1", agents={}, pids=processes.pids))
+        assert (logs / RUN_FILE).exists()
 
 
 def test_why_a_process_ended_is_in_its_own_last_words_or_the_signal(folder: Path) -> None:

@@ -17,7 +17,7 @@ from coheft.wire.messages.requests import InjectRequest, Refusal, Status, Status
 from coheft.wire.messages.structs import PROTOCOL_VERSION, Hello, Measurements, Ready
 from coheft.wire.messages.structs import Scene as SceneMessage
 from coheft.wire.transport.inbox import Inbox, LinkChange, Question, Received, Refused
-from coheft.wire.transport.sessions import Keys, Sender, ask, check_name, open_session
+from coheft.wire.transport.sessions import REFUSAL, Keys, Sender, ask, check_name, open_session
 from tests.waiting import next_event, wait_until
 
 
@@ -183,10 +183,23 @@ def test_an_answer_of_another_release_is_no_silence(pair, keys):
     near, far = pair
     key = keys.request("operator")
     other = encode(Refusal(reason="no", version=PROTOCOL_VERSION + 1), key)
-    queryable = near.declare_queryable(key, lambda query: query.reply_err(other), complete=True)
+    queryable = near.declare_queryable(key, lambda query: query.reply_err(other, encoding=REFUSAL), complete=True)
     querier = far.declare_querier(key)
     wait_until(lambda: querier.matching_status.matching)
     with pytest.raises(MessageError, match="run the same release of coheft everywhere"):
+        ask(far, key, StatusRequest())
+    queryable.undeclare()
+
+
+@pytest.mark.parametrize("encoding", [zenoh.Encoding.ZENOH_BYTES, zenoh.Encoding.ZENOH_STRING])
+def test_words_of_zenoh_itself_are_silence(pair, keys, encoding):
+    near, far = pair
+    key = keys.request("operator")
+    late = b"Timeout"
+    queryable = near.declare_queryable(key, lambda query: query.reply_err(late, encoding=encoding), complete=True)
+    querier = far.declare_querier(key)
+    wait_until(lambda: querier.matching_status.matching)
+    with pytest.raises(LinkError, match="no answer"):
         ask(far, key, StatusRequest())
     queryable.undeclare()
 

@@ -11,8 +11,9 @@ from coheft.wire.messages.structs import LoadState
 
 pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
 
+from coheft.app.view.door import Door
 from coheft.app.view.load_choice import LoadChoice
-from coheft.app.view.page import open_server
+from coheft.app.view.server import open_server
 
 
 def load(number: int, mass: float) -> LoadState:
@@ -21,7 +22,7 @@ def load(number: int, mass: float) -> LoadState:
 
 @pytest.fixture
 def choice():
-    with open_server("127.0.0.1", free_ports(1)[0]) as server:
+    with open_server(Door("127.0.0.1"), free_ports(1)[0]) as server:
         yield LoadChoice(server.gui)
 
 

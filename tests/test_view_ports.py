@@ -80,22 +80,25 @@ def test_an_address_that_is_none_of_this_machines_is_refused_with_a_reason():
 
 
 def test_browsers_get_addresses_that_they_understand():
-    assert url("127.0.0.1", 8010) == "http://127.0.0.1:8010"
-    assert url("::1", 8010) == "http://[::1]:8010"
-    assert url("lab.example", 8010) == "http://lab.example:8010"
+    assert url("127.0.0.1", 8010, "x") == "http://127.0.0.1:8010/x/"
+    assert url("::1", 8010, "x") == "http://[::1]:8010/x/"
+    assert url("lab.example", 8010, "x") == "http://lab.example:8010/x/"
+    assert url("0.0.0.0", 8010, "x") == url("::", 8010, "x") == f"http://{socket.gethostname()}:8010/x/"
 
 
 @needs_ipv6
 def test_a_view_can_be_had_at_an_ipv6_address():
     pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
-    from coheft.app.view.page import open_server, url_of
+    from coheft.app.view.door import Door
+    from coheft.app.view.server import open_server
 
+    door = Door("::1", "secret")
     port = free_ports(1)[0]
-    with open_server("::1", port) as server:
-        assert url_of(server) == f"http://[::1]:{port}"
+    with open_server(door, port):
+        assert door.url(port) == f"http://[::1]:{port}/secret/"
         connection = http.client.HTTPConnection("::1", port, timeout=30.0)
         try:
-            connection.request("GET", "/")
+            connection.request("GET", "/secret/")
             assert connection.getresponse().status == 200
         finally:
             connection.close()

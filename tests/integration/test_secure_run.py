@@ -230,6 +230,14 @@ def test_keys_are_secret_and_never_overwritten(secure):
     assert {path: path.read_bytes() for path in secure.keys.iterdir()} == before
 
 
+def test_who_needs_no_more_certificates_keeps_no_key_that_could_make_them(tmp_path):
+    make_keys(tmp_path / "keys", small_scenario(COUNT), keeps_authority=False)
+    check_keys(tmp_path / "keys", small_scenario(COUNT))
+    assert not list(tmp_path.rglob("authority.key"))
+    with pytest.raises(CoheftError, match="never overwritten"):
+        make_keys(tmp_path / "keys", small_scenario(COUNT), keeps_authority=False)
+
+
 def test_a_plan_gives_every_host_consecutive_ports(secure):
     hosts = Hosts({"server": "10.0.0.1", "r1": "10.0.0.2", "r2": "fd00::2", "r3": "robot3.local"}, port=30000)
     plan = make_plan(small_scenario(COUNT), hosts=hosts, keys=secure.keys)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.server
 import json
 import os
 import shutil
@@ -9,7 +10,8 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -21,10 +23,11 @@ import pytest
 from coheft.app.run.folder import RUN_FILE, RunFile
 from coheft.app.run.hosts import free_ports
 from coheft.app.run.observer import ask_server
-from coheft.wire.messages.requests import Status, StatusRequest
+from coheft.app.view import words
+from coheft.wire.messages.requests import Status, StatusRequest, StopRequest
 from tests.waiting import wait_until
 
-pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
+viser = pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
 sync_api = pytest.importorskip("playwright.sync_api", reason="browser tests need playwright")
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 BROWSER = next((path for path in map(shutil.which, _BROWSERS) if path is not None), None)
@@ -35,6 +38,9 @@ pytestmark = [
     pytest.mark.timeout(900),
 ]
 
+REBOUND = "rebound.example"
+"""A name of an attacker's that has come to lead to this machine."""
+BUTTONS = ("Drop 3 kg", "Take it away", "Pause", "Stop the run", "Begin anew with it", "Kill the chosen robot's agent")
 PATIENCE = 180.0
 """Software draws the scene, and slowly [s]."""
 
@@ -69,7 +75,8 @@ def status(folder: Path) -> Status:
 def browser() -> Iterator[Any]:
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(
-            executable_path=BROWSER, args=["--enable-unsafe-swiftshader", "--no-sandbox"]
+            executable_path=BROWSER,
+            args=["--enable-unsafe-swiftshader", "--no-sandbox", f"--host-resolver-rules=MAP {REBOUND} 127.0.0.1"],
         )
         yield browser
         browser.close()
@@ -120,17 +127,35 @@ def choose(page: Any, option: str) -> None:
     page.locator(f"[role=option][value='{option}']").first.evaluate("option => option.click()")
 
 
+def port_of(url: str) -> int:
+    return int(url.split("/")[2].rpartition(":")[2])
+
+
+def url_in(output: Path) -> str:
+    return next(word for word in output.read_text().split() if word.startswith("http"))
+
+
 @contextmanager
-def viewed_run(folder: Path, *arguments: str) -> Iterator[str]:
-    """A run of three robots in real time, and the address of its view."""
+def viewed_run(
+    folder: Path, *arguments: str, options: Sequence[str] = (), before: Callable[[], None] = lambda: None
+) -> Iterator[str]:
+    """A run of three robots in real time, and the address of its view.
+
+    Args:
+        folder: Of the run.
+        arguments: Of the run.
+        options: Of the view.
+        before: What happens before the view begins.
+    """
     port = free_ports(1)[0]
     with command(folder.with_suffix(".out"), "run", "ring3", "--realtime", "--logs", str(folder), *arguments):
         wait_for(lambda: (folder / RUN_FILE).exists(), "the run to begin")
+        before()
         output = folder.with_suffix(".view")
-        with command(output, "view", str(folder), "--port", str(port)) as view:
+        with command(output, "view", str(folder), "--port", str(port), *options) as view:
             wait_for(lambda: "http" in output.read_text() or view.poll() is not None, "the view to begin")
             assert view.poll() is None, output.read_text()
-            yield f"http://127.0.0.1:{port}"
+            yield url_in(output)
         assert "Traceback" not in output.read_text()
 
 
@@ -188,7 +213,7 @@ def test_a_recording_plays_to_its_end_with_the_numbers_of_the_report(tmp_path, b
     output = tmp_path / "view"
     with command(output, "view", str(recording), "--port", str(free_ports(1)[0])):
         wait_for(lambda: "http" in output.read_text(), "the view to begin")
-        with looking_at(browser, output.read_text().split()[4].rstrip(";")) as page:
+        with looking_at(browser, url_in(output)) as page:
             wait_for(lambda: "a recording: run.mcap" in text_of(page), "the recording")
             wait_for(lambda: "6.0 of 6 s" in text_of(page), "the end")
             wait_for(lambda: "finished" in text_of(page), "the player to stop")
@@ -200,10 +225,11 @@ def test_a_recording_plays_to_its_end_with_the_numbers_of_the_report(tmp_path, b
 
 def test_a_view_that_is_started_with_a_run_stays_until_it_is_interrupted(tmp_path, browser):
     folder, output = tmp_path / "run", tmp_path / "out"
-    with command(output, "run", "ring3", "--duration", "4", "--view", "--logs", str(folder)) as run:
+    with command(output, "run", "ring3", "--duration", "1000", "--view", "--logs", str(folder)) as run:
         wait_for(lambda: "http" in output.read_text() or run.poll() is not None, "the view to begin")
-        url = next(word for word in output.read_text().split() if word.startswith("http"))
+        url = url_in(output)
         with looking_at(browser, url) as page:
+            ask_server(run_file(folder), StopRequest())
             wait_for(lambda: "until Ctrl-C" in output.read_text(), "the run to end")
             wait_for(lambda: "the run has ended" in text_of(page), "the last picture")
         assert run.poll() is None
@@ -211,5 +237,115 @@ def test_a_view_that_is_started_with_a_run_stays_until_it_is_interrupted(tmp_pat
         assert run.wait(PATIENCE) in (0, 3), output.read_text()
     log = (folder / "view.log").read_text()
     assert "Traceback" not in log
+    assert url.split("/")[3] not in log, "others may read it"
     with pytest.raises(OSError, match=r"refused|timed out"):
-        socket.create_connection(("127.0.0.1", int(url.rpartition(":")[2])), timeout=1.0)
+        socket.create_connection(("127.0.0.1", port_of(url)), timeout=1.0)
+
+
+ATTACK = """async ([port, token, protocol]) => {
+    const dial = url => new Promise(done => {
+        const socket = new WebSocket(url, [protocol]);
+        socket.onopen = () => done(`open ${url}`);
+        socket.onmessage = () => done(`a message from ${url}`);
+        socket.onerror = () => done("");
+    });
+    const read = (url, options) => fetch(url, options).then(
+        async answer => (answer.ok ? `${answer.status} ` : "") + (await answer.text()).includes("iser"), () => "");
+    const frame = url => new Promise(done => {
+        const frame = document.createElement("iframe");
+        frame.onload = () => {
+            try { done(frame.contentDocument.body.innerText.includes("whole address") ? "" : `saw ${url}`); }
+            catch { done(""); }
+        };
+        frame.src = url;
+        document.body.append(frame);
+    });
+    const got = [];
+    for (const host of new Set(["127.0.0.1", "localhost", location.hostname]))
+        for (const path of ["/", "/a-guess", `/${token}`]) {  // more, and Chromium makes it wait
+            const place = `${host}:${port}${path}`;
+            got.push(await dial(`ws://${place}`));
+            for (const options of [{}, {mode: "no-cors", credentials: "include"}])
+                got.push((await read(`http://${place}`, options)).replace("false", ""));
+            got.push(await frame(`http://${place}`));
+        }
+    return got.filter(each => each !== "");
+}"""
+"""All that a page can try to get at a view; what it got."""
+
+
+@contextmanager
+def hostile_site() -> Iterator[int]:
+    """A web server of somebody else on this machine, and its port."""
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            seen.append(self.headers.get("Cookie"))
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(b"<!doctype html><title>harmless</title><body>")
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    seen: list[str | None] = []
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield server.server_address[1]
+        server.shutdown()
+        thread.join()
+    assert seen
+    assert not any(seen), "the view has left a secret where others get it"
+
+
+@pytest.mark.parametrize("profile", ["open", "secure"])
+def test_a_hostile_page_gets_nothing(tmp_path, browser, profile):
+    folder = tmp_path / "run"
+    secure = ["--secure"] if profile == "secure" else []
+    with viewed_run(folder, "--duration", "1000", "--change", "t=999,mass=1", *secure) as url, hostile_site() as site:
+        token, port = url.split("/")[3], port_of(url)
+        protocol = f"viser-v{viser.__version__}"
+        context = browser.new_context(viewport={"width": 900, "height": 1100}, device_scale_factor=0.3)
+        friendly = context.new_page()  # which the user looks at meanwhile, in the same browser
+        friendly.goto(url)
+        wait_for(lambda: "true mass" in text_of(friendly), "the numbers")
+        before = status(folder)
+        hostile = context.new_page()
+        for address in (f"http://127.0.0.1:{site}/", f"http://{REBOUND}:{site}/", f"http://{REBOUND}:{port}/"):
+            hostile.goto(address)  # and somehow it knows the secret
+            assert hostile.evaluate(ATTACK, [port, token, protocol]) == [], address
+        now = status(folder)
+        assert now.state == "running"
+        assert now.time > before.time
+        assert not now.loads
+        assert "Drop 3 kg" in text_of(friendly), "who has the address is not disturbed"
+        assert f"open ws://127.0.0.1:{port}/{token}" in friendly.evaluate(ATTACK, [port, token, protocol])
+        context.close()
+
+
+@contextmanager
+def run_with_a_view_to_look_at(folder: Path, *_: str) -> Iterator[str]:
+    """The same with one command."""
+    output = folder.with_suffix(".out")
+    with command(output, "run", "ring3", "--duration", "1000", "--view-read-only", "--logs", str(folder)) as run:
+        wait_for(lambda: "http" in output.read_text() or run.poll() is not None, "the view to begin")
+        yield url_in(output)
+
+
+@pytest.mark.parametrize("begin", [partial(viewed_run, options=["--read-only"]), run_with_a_view_to_look_at])
+def test_who_may_only_look_sees_all_and_has_no_buttons(tmp_path, browser, begin):
+    with begin(tmp_path / "run", "--duration", "1000") as url, looking_at(browser, url) as page:
+        wait_for(lambda: "true mass" in text_of(page), "the numbers")
+        wait_for(lambda: words.READ_ONLY in text_of(page), "the reason")
+        assert not set(BUTTONS) & set(page.get_by_role("button").all_inner_texts())
+
+
+def test_without_the_keys_of_an_operator_the_view_is_an_observer(tmp_path, browser):
+    folder = tmp_path / "run"
+    leave = lambda: (folder / "keys" / "operator.key").unlink()  # noqa: E731
+    with viewed_run(folder, "--duration", "1000", "--secure", before=leave) as url, looking_at(browser, url) as page:
+        wait_for(lambda: "true mass" in text_of(page), "the numbers")
+        wait_for(lambda: words.NO_OPERATOR in text_of(page), "the reason")
+        assert not set(BUTTONS) & set(page.get_by_role("button").all_inner_texts())

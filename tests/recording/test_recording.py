@@ -20,6 +20,8 @@ from scipy.spatial.transform import Rotation
 
 import coheft
 from coheft.app.cli.main import EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.recording import reader as reader_module
+from coheft.app.recording.definitions import COPY
 from coheft.app.recording.reader import read_recording
 from coheft.app.recording.recorder import Recorder
 from coheft.app.results.judge import Judge
@@ -96,7 +98,10 @@ def test_the_mcap_library_agrees(path: Path) -> None:
         for schema, channel, _ in reader.iter_messages():
             assert schema is not None, "PlotJuggler cannot open a file with topics without schema"
             assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
-        assert [attachment.name for attachment in reader.iter_attachments()] == ["scenario.json"]
+        assert {attachment.name for attachment in reader.iter_attachments()} == {
+            reader_module.SCENARIO,
+            reader_module.BEGIN,
+        } | {COPY}
         assert [metadata.name for metadata in reader.iter_metadata()] == ["versions"]
 
 

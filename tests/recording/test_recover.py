@@ -1,14 +1,20 @@
-"""Recordings that were cut: whatever is left of them can be read by the usual readers."""
+"""Recordings that were cut or damaged: whatever is left of them can be read by the usual readers."""
 
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
+from mcap.records import Chunk, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.highlevel import AnyReader
 
 from coheft.app.cli.main import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
@@ -21,8 +27,6 @@ from tests.synthetic_run import BLOCK
 
 BLOCKS = 6
 NEWS = news_of_a_run(BLOCKS)
-FLUSHED = (1, 17, len(NEWS))
-"""After so many of them ``record`` flushes."""
 
 
 @pytest.fixture(scope="module")
@@ -36,26 +40,31 @@ def cut(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(tmp_path_factory.mktemp("cut") / "run.mcap", NEWS, finish=False)
 
 
-@pytest.fixture(scope="module")
-def sizes(cut: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[int, int]:
-    """Of the file when it had been flushed, by the number of news in it."""
-    files = {n: record(tmp_path_factory.mktemp("part") / "run.mcap", NEWS[:n], finish=False) for n in FLUSHED}
-    assert all(cut.read_bytes().startswith(file.read_bytes()) for file in files.values())
-    return {n: file.stat().st_size for n, file in files.items()}
+@dataclass(frozen=True)
+class WholeChunk:
+    """Where it stands in a file [bytes], and its messages."""
+
+    start: int
+    end: int
+    messages: list[Message]
 
 
-@pytest.fixture(scope="module")
-def heads(cut: Path) -> set[int]:
-    """The bytes that tell what the file's records are and how long: nothing protects them.
-
-    Readers have to skip what they do not know, so a chunk whose head is damaged is left out, and reading goes on.
-    """
-    content = cut.read_bytes()
-    found, start = set[int](), len(MAGIC)
-    while start < len(content):
-        found |= set(range(start, start + 9))
-        start += 9 + int.from_bytes(content[start + 1 : start + 9], "little")
+def chunks_in(content: bytes) -> list[WholeChunk]:
+    """All chunks of a file that is not damaged."""
+    found, start = [], len(MAGIC)
+    while start < len(content) - len(MAGIC):
+        body, length = start + 9, int.from_bytes(content[start + 1 : start + 9], "little")
+        if content[start] == Opcode.CHUNK:
+            records = breakup_chunk(Chunk.read(ReadDataStream(BytesIO(content[body : body + length]))), True)
+            messages = [record for record in records if isinstance(record, Message)]
+            found.append(WholeChunk(start, body + length, messages))
+        start = body + length
     return found
+
+
+def messages_in(path: Path) -> list[Message]:
+    with path.open("rb") as file:
+        return [record for record in StreamReader(file, validate_crcs=True).records if isinstance(record, Message)]
 
 
 @pytest.fixture(scope="module")
@@ -89,38 +98,63 @@ def test_a_file_whose_first_record_is_not_known_is_read_after_it(cut: Path, tmp_
         assert len(list(make_reader(file).iter_messages())) == saved.messages > 0
 
 
+@st.composite
+def damages(draw: st.DrawFn, size: int) -> tuple[str, int, int, int]:
+    """What kind, from where on, up to where, and which bit is flipped if it is one."""
+    kind = draw(st.sampled_from(["bit", "zeros", "gone", "cut"]))
+    start = draw(st.integers(0, size - 1))
+    length = {"bit": 1, "cut": size}.get(kind) or draw(st.integers(1, 5000))
+    return kind, start, min(size, start + length), draw(st.integers(0, 7)) if kind == "bit" else 0
+
+
+@pytest.mark.parametrize("name", ["whole", "cut"])
 @given(data=st.data())
-def test_a_file_that_is_cut_or_damaged_anywhere_is_read_up_to_there(
-    cut: Path, sizes: dict[int, int], heads: set[int], scratch: Path, data: st.DataObject
+def test_all_chunks_that_damage_has_not_touched_are_saved_and_the_loss_is_told(
+    name: str, request: pytest.FixtureRequest, scratch: Path, data: st.DataObject
 ) -> None:
-    content = bytearray(cut.read_bytes())
-    place = data.draw(st.integers(0, len(content) - 1))
-    is_cut = data.draw(st.booleans())
-    in_head = not is_cut and place in heads
-    if is_cut:
-        del content[place:]
-    else:
-        content[place] ^= data.draw(st.integers(1, 255))
+    content = request.getfixturevalue(name).read_bytes()
+    kind, start, end, bit = data.draw(damages(len(content)))
+    there = {"bit": bytes([content[start] ^ 1 << bit]), "zeros": bytes(end - start)}.get(kind, b"")
     damaged, output = scratch / "damaged.mcap", scratch / "saved.mcap"
-    damaged.write_bytes(content)
+    damaged.write_bytes(content[:start] + there + content[end:])
+    chunks = chunks_in(content)
+    untouched = [chunk for chunk in chunks if end <= chunk.start or start >= chunk.end]
     try:
         saved = recover(damaged, output, overwrite=True)
-    except RecordingError:
-        assert place < sizes[1]
+    except RecordingError:  # else it is not known as an MCAP file any more
+        assert not any(chunk.messages for chunk in untouched) or start < len(MAGIC)
         return
-    assert saved is not None
+    if saved is None:
+        assert there == content[start:end]
+        return
+    found = {(message.log_time, message.data) for message in messages_in(output)}
+    all_known = {(message.log_time, message.data) for chunk in chunks for message in chunk.messages}
+    assert found <= all_known
+    assert found >= {(message.log_time, message.data) for chunk in untouched for message in chunk.messages}
+    for time, _ in all_known - found:
+        is_cut_off = end == len(content) and time / 1e9 >= saved.until - BLOCK  # and no piece begins there
+        assert is_cut_off or any(lost.after <= time / 1e9 <= lost.before for lost in saved.lost)
     with output.open("rb") as file:
         assert len(list(make_reader(file).iter_messages())) == saved.messages
-    try:
-        news = [message for _, message in read_recording(output).news]
-    except RecordingError:
-        assert place < sizes[1] or in_head
-        return
-    if in_head:
+    if kind == "bit":
+        assert read_recording(output)
+
+
+@pytest.mark.parametrize("name", ["whole", "cut"])
+def test_no_flipped_bit_leaves_a_recording_that_cannot_be_shown(
+    name: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    """Bits of chunks, attachments and of what stands between them; each was the end for one of the commands before."""
+    content = request.getfixturevalue(name).read_bytes()
+    places = [chunk.start + step for chunk in chunks_in(content) for step in (-1, 0, 3, 10, 30, 40, 44, 100)]
+    for place in [0, 9, 20, *places, len(content) - 30, len(content) - 1]:
+        damaged = bytearray(content)
+        damaged[place] ^= 4
+        (tmp_path / "damaged.mcap").write_bytes(damaged)
+        assert recover(tmp_path / "damaged.mcap", tmp_path / "saved.mcap", overwrite=True) is not None, place
+        news = [message for _, message in read_recording(tmp_path / "saved.mcap").news]
+        assert news
         assert all(any(same(one, other) for other in NEWS) for one in news)
-        return
-    assert all(same(one, other) for one, other in zip(news, NEWS, strict=False))
-    assert max([0, *(n for n, size in sizes.items() if place >= size)]) <= len(news) <= len(NEWS)
 
 
 @pytest.mark.parametrize(
@@ -135,7 +169,7 @@ def test_damage_that_the_libraries_stumble_over_is_told(
     output = tmp_path / "saved.mcap"
     count = 0
     while start < len(content):
-        if content[start] == kind:
+        if content[start] == kind and count < 10:
             count += 1
             damaged = bytearray(content)
             damaged[start + place] ^= flipped
@@ -189,4 +223,15 @@ def test_the_command(cut: Path, whole: Path, tmp_path: Path, capfd: pytest.Captu
 
     assert run_command_line(["recover", str(whole)]) == EXIT_CONVERGED
     assert "nothing to do" in capfd.readouterr().out
+    content = bytearray(whole.read_bytes())
+    chunk = chunks_in(content)[1]
+    content[(chunk.start + chunk.end) // 2] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=f"damaged.*coheft recover {path}"):
+        read_recording(path)
+    assert run_command_line(["recover", str(path), "--overwrite"]) == EXIT_CONVERGED
+    told = capfd.readouterr().out
+    assert f"lost {chunk.end - chunk.start} bytes, from byte {chunk.start} on: what was said between 0.02 s and" in told
+    assert len(read_recording(tmp_path / "run-recovered.mcap").news) < len(NEWS)
+    path.unlink()
     assert run_command_line(["recover", str(path), "--output", str(tmp_path / "no" / "x.mcap")]) == EXIT_USAGE

@@ -177,7 +177,9 @@ Port = Annotated[int | None, Parameter(converter=_whole, validator=Number(gte=1,
 GivenPath = Annotated[Path, Parameter(converter=_path)]
 RunFolder = Annotated[
     Path | None,
-    Parameter(name="--run", converter=_path, help="Folder of the run, or its bare name, if it is not your newest."),
+    Parameter(
+        name="--run", converter=_path, help="Folder of the run, or its bare name; needed to change one of several."
+    ),
 ]
 ReportTarget = Annotated[str | None, Parameter(allow_leading_hyphen=True, validator=_is_target)]
 FileTarget = Annotated[Path | None, Parameter(converter=_path, validator=_is_file)]

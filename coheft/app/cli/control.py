@@ -124,7 +124,7 @@ def stop(*, run: RunFolder = None) -> None:
     from coheft.app.run.observer import ask_server
     from coheft.wire.messages.requests import StopRequest
 
-    folder, run_file = locate_run(run)
+    folder, run_file = locate_run(run, acts=True)
     status = ask_server(run_file, StopRequest())
     print(f"stopped {status.scenario} ({folder}) at {status.time:.2f} s")
 
@@ -178,5 +178,5 @@ def _set_link(folder: Path | None, one: str, other: str, *, cut: bool) -> None:
     from coheft.app.run.observer import ask_server, set_link
     from coheft.wire.messages.requests import StatusRequest
 
-    run_file = find_run(folder)
+    run_file = find_run(folder, acts=True)
     set_link(run_file, ask_server(run_file, StatusRequest()).scene, one, other, cut=cut)

@@ -56,6 +56,7 @@ def run(
     save_data: DataTarget = None,
     record: RecordingTarget = None,
     view: Flag = False,
+    view_read_only: Flag = False,
     logs: FolderTarget = None,
     log_level: LogLevel = "info",
     secure: Flag = False,
@@ -106,6 +107,8 @@ def run(
         Record the run to this new .mcap file, for 'coheft view', Foxglove and PlotJuggler, see docs/recording.md.
     view:
         Show the run in the browser, in real time; the last picture stays until Ctrl-C. See docs/view.md.
+    view_read_only:
+        The same without buttons: who looks cannot act.
     logs:
         Folder for the processes' logs, with none in it yet, instead of a new one among your runs.
     log_level:
@@ -149,6 +152,7 @@ def run(
         sensor_rate=sensor_rate,
         feedforward=feedforward,
     )
+    view = view or view_read_only
     of_a_run = {"view": view, "record": record, "json": json, "report": report, "history": history, "logs": logs}
     unusable = [option for option, value in of_a_run.items() if value and write_configs is not None]
     if unusable:
@@ -181,7 +185,7 @@ def run(
         display = make_display(console, quiet=quiet)
         tell = partial(_tell, None if quiet else console)
         carried = _carry_record(chosen)
-        viewer = stack.enter_context(_view_beside(folder, console)) if view else None
+        viewer = stack.enter_context(_view_beside(folder, console, read_only=view_read_only)) if view else None
         recorder = stack.enter_context(_recorder(record, chosen)) if record is not None else None
         asked = {"json": json, "report": report, "save_data": save_data, "record": record}
         broken_off = BrokenOff(asked, folder, recorder)
@@ -249,7 +253,7 @@ def _credentials(keys: Path | None, folder: Path, scenario: Scenario, places: Ho
 
     if keys is None:
         keys = folder / "keys"
-        make_keys(keys, scenario, places)
+        make_keys(keys, scenario, places, keeps_authority=False)
     check_keys(keys, scenario, places)
     return keys
 
@@ -262,11 +266,14 @@ def _carry_record(scenario: Scenario) -> CarryRecord | None:
     return CarryRecord(scenario)
 
 
-def _view_beside(folder: Path, console: Console) -> ViewBeside:
+def _view_beside(folder: Path, console: Console, *, read_only: bool) -> ViewBeside:
     from coheft.app.run.hosts import LOOPBACK
     from coheft.app.view.process import ViewBeside
 
-    return ViewBeside(folder, LOOPBACK, None, lambda url: console.print(f"the view is at {url}"))
+    def tell(url: str) -> None:
+        console.print(f"the view is at {url}", markup=False, highlight=False, soft_wrap=True)
+
+    return ViewBeside(folder, LOOPBACK, None, tell, read_only=read_only)
 
 
 def _recorder(target: Path, scenario: Scenario) -> Recorder:

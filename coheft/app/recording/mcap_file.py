@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import BinaryIO
 
+from mcap.records import Channel, McapRecord, Schema
 from mcap.writer import CompressionType, Writer
 
 import coheft
+from coheft.app.recording.definitions import COPY, to_copy
 from coheft.app.recording.ros import RosMessage, definition, to_cdr
 
 _CHUNK = 2**18
@@ -16,7 +18,7 @@ _CHUNK = 2**18
 
 def make_writer(file: BinaryIO) -> Writer:
     """The library's writer, with our settings; nothing is written yet."""
-    return Writer(file, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
+    return Writer(file, chunk_size=_CHUNK, compression=CompressionType.ZSTD, enable_data_crcs=True)
 
 
 class McapFile:
@@ -27,6 +29,10 @@ class McapFile:
         self._writer.start(profile="ros2", library=f"coheft {coheft.__version__}")
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
+        self._definitions: list[McapRecord] = []
+        self._copied = 0
+        self._repeated: list[tuple[str, str, bytes]] = []
+        self._flushes = 0
 
     def describe(self, name: str, values: Mapping[str, str]) -> None:
         """Add a table about the recording."""
@@ -36,6 +42,11 @@ class McapFile:
         """Add a file."""
         self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
 
+    def repeat(self, name: str, media_type: str, data: bytes) -> None:
+        """Add a file without which all others mean nothing: now, and again at some of the next flushes."""
+        self._repeated.append((name, media_type, data))
+        self.attach(name, media_type, data)
+
     def write(self, topic: str, time: int, message: RosMessage) -> None:
         """Add a message that came at a simulated time [ns]; all of a topic must be of one type."""
         if topic not in self._channels:
@@ -44,12 +55,23 @@ class McapFile:
 
     def _new_channel(self, topic: str, kind: str) -> int:
         if kind not in self._schemas:
-            self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", definition(kind))
+            schema = self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", definition(kind))
+            self._definitions.append(Schema(schema, definition(kind), "ros2msg", kind))
         channel: int = self._writer.register_channel(topic, "cdr", self._schemas[kind])
+        self._definitions.append(Channel(channel, topic, "cdr", {}, self._schemas[kind]))
         return channel
 
     def flush(self) -> None:
         """Hand all that was written to the system: a process that is killed from now on loses none of it."""
+        self._writer.flush()
+        self._flushes += 1
+        is_time_to_repeat = self._flushes & (self._flushes - 1) == 0  # 1, 2, 4, 8, …: far apart, and few
+        if self._copied < len(self._definitions) or (is_time_to_repeat and self._copied):
+            self._copied = len(self._definitions)
+            self.attach(COPY, "application/octet-stream", to_copy(self._definitions))
+        if is_time_to_repeat:
+            for each in self._repeated:
+                self.attach(*each)
         self._writer.flush()
 
     def finish(self) -> None:

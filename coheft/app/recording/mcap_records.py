@@ -16,7 +16,7 @@ from coheft.errors import RecordingError
 
 MAGIC = b"\x89MCAP0\r\n"
 """With this an MCAP file begins, and ends if it was finished."""
-_DAMAGE = (McapError, zstandard.ZstdError, ValueError, struct.error, OverflowError, MemoryError)
+DAMAGE = (McapError, zstandard.ZstdError, ValueError, struct.error, OverflowError, MemoryError)
 """What the library raises for a file that is cut or damaged."""
 
 
@@ -36,6 +36,10 @@ def is_finished(file: BinaryIO) -> bool:
     return end == MAGIC
 
 
+class DamagedError(RecordingError):
+    """An MCAP file is cut or damaged."""
+
+
 class _Bounded:
     """A file of which no more is asked than it holds: damaged lengths would be given memory."""
 
@@ -53,7 +57,7 @@ def read_records(file: BinaryIO) -> Iterator[McapRecord]:
     """The file's records from its start; those in chunks one by one.
 
     Raises:
-        RecordingError: It is cut, or damaged; after all records before that place.
+        DamagedError: It is cut, or damaged; after all records before that place.
     """
     schemas, channels = {0}, set[int]()
     try:
@@ -68,6 +72,6 @@ def read_records(file: BinaryIO) -> Iterator[McapRecord]:
                 case Message() if record.channel_id not in channels:
                     raise ValueError("a message is of no known topic")
             yield record
-    except _DAMAGE as error:
+    except DAMAGE as error:
         reason = str(error) or "it just ends"
-        raise RecordingError(f"it is cut or damaged before byte {file.tell()}: {reason}") from error
+        raise DamagedError(f"it is cut or damaged before byte {file.tell()}: {reason}") from error

@@ -6,8 +6,9 @@ from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.structs import Estimate, Message, Problem, Truth
 
+STATUS = "/coheft/status"
 KINDS: dict[str, type[Message]] = {
-    "/coheft/status": Status,
+    STATUS: Status,
     "/coheft/truth": Truth,
     "/coheft/estimate": Estimate,
     "/coheft/problem": Problem,

@@ -9,8 +9,8 @@ from pathlib import Path
 from mcap.records import Attachment, Channel, McapRecord, Metadata
 from mcap.records import Message as McapMessage
 
-from coheft.app.recording.mcap_records import is_finished, read_records
-from coheft.app.recording.raw import KINDS, from_raw
+from coheft.app.recording.mcap_records import DamagedError, is_finished, read_records
+from coheft.app.recording.raw import KINDS, STATUS, from_raw
 from coheft.app.recording.ros import bytes_in
 from coheft.app.run.heard import News, check_news, check_status
 from coheft.errors import MessageError, RecordingError
@@ -20,6 +20,8 @@ from coheft.wire.transport.planes import SERVER
 
 SCENARIO = "scenario.json"
 """Name of the attachment with the scenario."""
+BEGIN = "begin.msgpack"
+"""Name of the attachment with a copy of the first status: nothing can be shown without it."""
 VERSIONS = "versions"
 """Name of the metadata with versions of programs."""
 
@@ -30,8 +32,8 @@ class Recording:
 
     Attributes:
         begin: The server's status when the run had begun: who holds the payload, for how long.
-        scenario: What was run, as JSON of the struct ``Scenario``.
-        versions: Of the programs that made it, by name.
+        scenario: What was run, as JSON of the struct ``Scenario``; empty if a damaged file has lost it.
+        versions: Of the programs that made it, by name; likewise.
         news: Simulated time [s] and message, in the order in which they were heard.
     """
 
@@ -55,6 +57,8 @@ def read_recording(path: Path) -> Recording:
                     f"coheft recover {path}"
                 )
             return _collect(read_records(file))
+    except DamagedError as error:
+        raise RecordingError(f"{path}: {error}. To save what there is: coheft recover {path}") from error
     except (RecordingError, MessageError) as error:
         raise RecordingError(f"{path}: {error}") from error
     except OSError as error:
@@ -71,24 +75,32 @@ def _collect(records: Iterable[McapRecord]) -> Recording:
         match record:
             case Attachment():
                 attached[record.name] = record.data
+                if begin is None and record.name == BEGIN:
+                    begin = _begin(from_raw(STATUS, record.data))
             case Metadata():
                 described[record.name] = record.metadata
             case Channel():
                 topics[record.id] = record.topic
             case McapMessage() if topics[record.channel_id] in KINDS:
                 message = from_raw(topics[record.channel_id], bytes_in(record.data))
-                if begin is None and isinstance(message, Status):
-                    check_status(message)
-                    begin = message
+                if isinstance(message, Status):
+                    begin = begin or _begin(message)
                 elif begin is not None:
                     news.extend(_checked(record.log_time, message, begin.scene))
-    if begin is None or SCENARIO not in attached or VERSIONS not in described:
+    if begin is None:
         raise RecordingError("it is no recording of a run, or of one that never began; 'coheft run --record' makes one")
     try:
-        scenario = attached[SCENARIO].decode()
+        scenario = attached.get(SCENARIO, b"").decode()
     except UnicodeDecodeError as error:
         raise RecordingError(f"its scenario is damaged: {error}") from error
-    return Recording(begin, scenario, described[VERSIONS], news)
+    return Recording(begin, scenario, described.get(VERSIONS, {}), news)
+
+
+def _begin(message: Message) -> Status:
+    if not isinstance(message, Status):
+        raise RecordingError("it does not say how its run began")
+    check_status(message)
+    return message
 
 
 def _checked(time: int, message: Message, scene: Scene) -> list[tuple[float, News]]:

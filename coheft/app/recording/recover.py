@@ -1,39 +1,73 @@
-"""Saves what there is of a recording that was not finished."""
+"""Saves what there is of a recording that was not finished, or was damaged."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+import math
+import mmap
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata, Schema
+from mcap.records import Attachment, Message, Metadata
 from mcap.writer import Writer
 
+from coheft.app.recording.definitions import COPY, Definitions
 from coheft.app.recording.mcap_file import make_writer
-from coheft.app.recording.mcap_records import is_finished, read_records
+from coheft.app.recording.mcap_records import MAGIC
+from coheft.app.recording.pieces import Loss, Piece, is_whole, pieces
 from coheft.errors import RecordingError
+
+_ALIKE = 5
+"""With so many of its first bytes right, a file is an MCAP file that is damaged there."""
+
+
+@dataclass(frozen=True)
+class Lost:
+    """What could not be saved at one place.
+
+    Attributes:
+        start: Where it begins in the old file [bytes].
+        end: Where it ends [bytes].
+        after: What comes before it tells of the run up to here [s]; -inf: nothing does.
+        before: What follows it tells of the run from here on [s]; inf: nothing does.
+    """
+
+    start: int
+    end: int
+    after: float
+    before: float
 
 
 @dataclass(frozen=True)
 class Saved:
-    """What could be saved: how many messages, and how long they tell of the run [s]."""
+    """What could be saved.
+
+    Attributes:
+        messages: How many.
+        until: How long they tell of the run [s].
+        lost: What could not be saved, by its place.
+        nameless: Messages that could not be saved because no one says any more what they are.
+    """
 
     messages: int
     until: float
+    lost: tuple[Lost, ...] = ()
+    nameless: int = 0
 
 
 def recover(path: Path, output: Path, *, overwrite: bool = False) -> Saved | None:
-    """Write all that is sound of an unfinished MCAP file into a new one that has an end.
+    """Write all that is sound of an MCAP file that has no end, or is damaged, into a new one that is whole.
 
     The old file stays as it is, unless it is the output, too. The output is there when it is complete, not before.
 
     Args:
-        path: What somebody wrote who was killed.
+        path: What somebody wrote who was killed, or whose disk has changed it.
         output: Where to.
         overwrite: Whether there may be something already.
 
     Returns:
-        None if the old file has an end: there is nothing to do, and nothing was written.
+        None if the old file is whole: there is nothing to do, and nothing was written.
 
     Raises:
         RecordingError: It cannot be read, holds nothing that could be saved, or the output cannot be written.
@@ -42,11 +76,11 @@ def recover(path: Path, output: Path, *, overwrite: bool = False) -> Saved | Non
         raise RecordingError(f"{output} is there already: give another name with --output, or add --overwrite")
     part = output.with_name(f"{output.name}.part")
     try:
-        with path.open("rb") as old:
-            if is_finished(old):
+        with _content(path) as content:
+            if is_whole(content):
                 return None
             with part.open("wb") as new:
-                saved = _copy(read_records(old), make_writer(new))
+                saved = _copy(content, make_writer(new))
         part.replace(output)
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error
@@ -57,38 +91,78 @@ def recover(path: Path, output: Path, *, overwrite: bool = False) -> Saved | Non
     return saved
 
 
-def _copy(records: Iterable[McapRecord], writer: Writer) -> Saved:
-    """Copy records up to the first that is cut or damaged, and write an end."""
+@contextmanager
+def _content(path: Path) -> Iterator[bytes]:
+    """What an MCAP file holds, without reading all of it.
+
+    Raises:
+        RecordingError: It is none.
+    """
+    with path.open("rb") as file:
+        begin = file.read(len(MAGIC))
+        if not begin:
+            raise RecordingError("it is empty")
+        if sum(one == other for one, other in zip(begin, MAGIC, strict=False)) < _ALIKE:
+            raise RecordingError("it is no MCAP file")
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            yield content  # type: ignore[misc]  # it can be sliced like bytes
+
+
+def _copy(content: bytes, writer: Writer) -> Saved:
+    """Write all sound pieces, and an end."""
+    known = Definitions.of(pieces(content))
+    writer.start(known.header.profile, known.header.library)
     schemas = {0: 0}
-    channels: dict[int, int] = {}
-    count, until, has_begun = 0, 0, False
-    try:
-        for record in records:
-            if not has_begun:  # a header whose own head is damaged is left out
-                header = record if isinstance(record, Header) else Header("", "")
-                writer.start(header.profile, header.library)
-                has_begun = True
-            match record:
-                case Schema() if record.id not in schemas:
-                    schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-                case Channel() if record.id not in channels:
-                    schema = schemas[record.schema_id]
-                    channels[record.id] = writer.register_channel(
-                        record.topic, record.message_encoding, schema, record.metadata
-                    )
-                case Message():
-                    writer.add_message(
-                        channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence
-                    )
-                    count, until = count + 1, max(until, record.log_time)
-                case Attachment():
-                    writer.add_attachment(
-                        record.create_time, record.log_time, record.name, record.media_type, record.data
-                    )
-                case Metadata():
-                    writer.add_metadata(record.name, record.metadata)
-    except RecordingError as error:
-        if count == 0:
-            raise RecordingError(f"there is no message in it that could be saved: {error}") from error
+    for schema in known.schemas.values():
+        schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
+    channels = {
+        each.id: writer.register_channel(each.topic, each.message_encoding, schemas[each.schema_id], each.metadata)
+        for each in known.channels.values()
+        if each.schema_id in schemas
+    }
+    count, nameless, latest = 0, 0, -math.inf
+    lost: list[Lost] = []
+    for piece in pieces(content):
+        if isinstance(piece, Loss):
+            lost = _with(lost, piece, latest)
+            continue
+        messages = [record for record in piece.records if isinstance(record, Message)]
+        if messages:
+            first = min(message.log_time for message in messages) / 1e9
+            lost = [replace(each, before=min(each.before, first)) for each in lost]
+            latest = max(latest, max(message.log_time for message in messages) / 1e9)
+        for message in messages:
+            if message.channel_id in channels:
+                writer.add_message(
+                    channels[message.channel_id],
+                    message.log_time,
+                    message.data,
+                    message.publish_time,
+                    message.sequence,
+                )
+                count += 1
+            else:
+                nameless += 1
+        _copy_others(piece, writer)
+    if count == 0:
+        raise RecordingError("there is no message in it that could be saved")
     writer.finish()
-    return Saved(count, until / 1e9)
+    return Saved(count, latest, tuple(lost), nameless)
+
+
+def _with(lost: list[Lost], loss: Loss, latest: float) -> list[Lost]:
+    if lost and lost[-1].end == loss.start:
+        return [*lost[:-1], replace(lost[-1], end=loss.end)]
+    return [*lost, Lost(loss.start, loss.end, latest, math.inf)]
+
+
+def _copy_others(piece: Piece, writer: Writer) -> None:
+    """Write what is no message; the new file needs no copy of its definitions."""
+    for record in piece.records:
+        match record:
+            case Attachment() if record.name != COPY:
+                writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
+            case Metadata():
+                writer.add_metadata(record.name, record.metadata)
+            case _:
+                pass

@@ -12,7 +12,7 @@ from coheft.app.recording.estimate_topics import estimate_messages
 from coheft.app.recording.log_book import LogBook
 from coheft.app.recording.mcap_file import McapFile
 from coheft.app.recording.raw import to_raw
-from coheft.app.recording.reader import SCENARIO, VERSIONS
+from coheft.app.recording.reader import BEGIN, SCENARIO, VERSIONS
 from coheft.app.recording.ros import RosMessage
 from coheft.app.recording.truth_topics import box_messages, scene_messages, truth_messages
 from coheft.app.results.record import load_ids
@@ -46,6 +46,7 @@ class RunWriter:
         self._newest = _nanoseconds(begin.time)
         out.describe(VERSIONS, versions())
         out.attach(SCENARIO, "application/json", msgspec.json.format(msgspec.json.encode(scenario)))
+        out.repeat(BEGIN, "application/msgpack", to_raw(begin)[1])
         self._write_raw(self._newest, begin)
         self._write(self._newest, scene_messages(self._newest, begin.scene))
 

@@ -95,28 +95,38 @@ def announced(folder: Path, run_file: RunFile) -> Iterator[None]:
 
 
 def announce(folder: Path, run_file: RunFile) -> None:
-    """Write the run file, at once or not at all."""
-    draft = folder / f"{RUN_FILE}.new"
-    draft.write_bytes(msgspec.json.format(msgspec.json.encode(run_file)))
-    draft.replace(folder / RUN_FILE)
-
-
-def find_run(folder: Path | None = None) -> RunFile:
-    """The run in a folder, or else the newest of this user's runs that goes on.
+    """Write the run file, at once or not at all.
 
     Raises:
-        CoheftError: There is none.
+        CoheftError: It cannot be written.
     """
-    return locate_run(folder)[1]
+    draft = folder / f"{RUN_FILE}.new"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)  # somebody may have cleaned up while the run goes on
+        draft.write_bytes(msgspec.json.format(msgspec.json.encode(run_file)))
+        draft.replace(folder / RUN_FILE)
+    except OSError as error:
+        raise CoheftError(
+            f"cannot write {draft}: {error.strerror}; name another folder for the run: --logs DIR"
+        ) from error
 
 
-def locate_run(folder: Path | None = None) -> tuple[Path, RunFile]:
+def find_run(folder: Path | None = None, *, acts: bool = False) -> RunFile:
+    """The run in a folder, or else the newest of this user's runs that goes on, see ``locate_run``."""
+    return locate_run(folder, acts=acts)[1]
+
+
+def locate_run(folder: Path | None = None, *, acts: bool = False) -> tuple[Path, RunFile]:
     """Like ``find_run``, and the folder in which it is; where it is the newest of several, that is said.
 
     Of a folder among this user's runs the bare name is enough, if nothing here is called so.
 
+    Args:
+        folder: In which it is.
+        acts: Whether the run is to be changed: then it has to be named if there are several.
+
     Raises:
-        CoheftError: There is none.
+        CoheftError: There is none, or it is not said which.
     """
     if folder is not None:
         if len(folder.parts) == 1 and not folder.exists() and (among_runs := runs_folder() / folder).is_dir():
@@ -135,6 +145,11 @@ def locate_run(folder: Path | None = None) -> tuple[Path, RunFile]:
     newest, *others = sorted(found, key=lambda each: each[1].began, reverse=True)
     if others:
         names = ", ".join(place.name for place, _ in others)
+        if acts:
+            raise CoheftError(
+                f"{len(found)} runs go on, and this changes one of them: name it with --run DIR; they are "
+                f"{newest[0].name} (the newest), {names}"
+            )
         print(
             f"{len(found)} runs go on: the newest is {newest[0].name}; others, for --run DIR: {names}", file=sys.stderr
         )

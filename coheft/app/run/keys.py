@@ -95,7 +95,12 @@ class Authority:
 
 
 def make_keys(
-    folder: Path, scenario: Scenario, hosts: Hosts | None = None, lifetime: timedelta = timedelta(days=365)
+    folder: Path,
+    scenario: Scenario,
+    hosts: Hosts | None = None,
+    lifetime: timedelta = timedelta(days=365),
+    *,
+    keeps_authority: bool = True,
 ) -> tuple[str, ...]:
     """Make an authority and one certificate per participant.
 
@@ -104,6 +109,8 @@ def make_keys(
         scenario: Whose participants.
         hosts: Where they listen; None: all on the loopback interface.
         lifetime: Of all certificates.
+        keeps_authority: Whether more certificates can be made later: without the authority's key, no one else is ever
+            let in.
 
     Returns:
         The participants' names.
@@ -112,7 +119,10 @@ def make_keys(
         CoheftError: There is an authority in the folder already, or it cannot be written to.
     """
     authority = Authority.new(lifetime)
-    _write_pair(folder, "authority", authority.key, authority.certificate)
+    if keeps_authority:
+        _write_pair(folder, "authority", authority.key, authority.certificate)
+    else:
+        _write_certificate(folder, "authority", authority.certificate)
     names = (SERVER, *scenario.robot_names, *ROLES)
     for name in names:
         authority.issue(folder, name, hosts.of(name) if hosts is not None else LOOPBACK)
@@ -231,6 +241,10 @@ def _write_pair(folder: Path, name: str, key: ec.EllipticCurvePrivateKey, certif
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
     _write(folder / f"{name}.key", secret, 0o600)
+    _write_certificate(folder, name, certificate)
+
+
+def _write_certificate(folder: Path, name: str, certificate: x509.Certificate) -> None:
     _write(folder / f"{name}.crt", certificate.public_bytes(serialization.Encoding.PEM), 0o644)
 
 
@@ -243,5 +257,8 @@ def _write(path: Path, data: bytes, mode: int) -> None:
         raise CoheftError(f"{path} is there already: keys are never overwritten; name another folder") from error
     except OSError as error:
         raise CoheftError(f"cannot write {path}: {error.strerror}") from error
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(data)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+    except OSError as error:
+        raise CoheftError(f"cannot write {path}: {error.strerror}") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -193,9 +194,10 @@ def ask_run(request: Request, folder: Path | None) -> Status:
     """Ask the server of the run in a folder, or else of the newest run, as the operator.
 
     Raises:
-        CoheftError: There is no such run, or it refuses, or it is secure and there are no keys of the operator.
+        CoheftError: There is no such run, or it is not said which of several is to be changed, or it refuses, or it is
+            secure and there are no keys of the operator.
     """
-    return ask_server(find_run(folder), request)
+    return ask_server(find_run(folder, acts=not isinstance(request, StatusRequest)), request)
 
 
 def ask_server(run_file: RunFile, request: Request) -> Status:
@@ -206,6 +208,16 @@ def ask_server(run_file: RunFile, request: Request) -> Status:
     """
     with open_session(connect=[run_file.server], guard=_guard(run_file, "operator")) as session:
         return Observer(run_file, session, "operator").ask(request)
+
+
+def may_operate(run_file: RunFile) -> bool:
+    """Whether this user can act as the operator: has the keys, where the run wants any."""
+    if run_file.keys is None:
+        return True
+    try:
+        return os.access(credentials_in(Path(run_file.keys), "operator").key, os.R_OK)
+    except (CoheftError, PermissionError):
+        return False
 
 
 def _guard(run_file: RunFile, role: Role) -> Guard | None:

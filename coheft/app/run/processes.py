@@ -83,8 +83,10 @@ class Child:
 
     @property
     def lines(self) -> list[str]:
-        """Its log."""
-        return self.log.read_text(errors="replace").splitlines()
+        """Its log, or what is left of it."""
+        with suppress(FileNotFoundError):
+            return self.log.read_text(errors="replace").splitlines()
+        return []
 
 
 class Processes:
@@ -192,6 +194,7 @@ class Processes:
 
 def _start(module: str, config: bytes, log: Path) -> tuple[subprocess.Popen[bytes], int]:
     """A new process, and where its output begins in the log [B]."""
+    log.parent.mkdir(parents=True, exist_ok=True)  # somebody may have cleaned up while the run goes on
     with log.open("ab") as output:
         log_start = output.tell()
         process = subprocess.Popen(

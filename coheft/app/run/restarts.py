@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from coheft.app.run.observer import Observer
 from coheft.app.run.processes import Child, Processes
 from coheft.app.terminal.screen import Display
+from coheft.errors import CoheftError
 from coheft.wire.messages.structs import Problem
 from coheft.wire.process.supervised import UNUSABLE
 from coheft.wire.transport.planes import SERVER
@@ -47,7 +48,10 @@ class Restarts:
             text = f"{child.name} {child.how_and_why}; started again ({child.restarts + 1} of {self.limit})"
             self.processes.start_again(child)
             self.display.problem(Problem(source="supervisor", text=text))
-        self.announce()
+        try:
+            self.announce()
+        except CoheftError as error:  # the run is worth more than that others find it
+            self.display.problem(Problem(source="supervisor", text=str(error)))
 
     def _may_try_again(self, child: Child) -> bool:
         return child.name != SERVER and child.restarts < self.limit and child.process.returncode != UNUSABLE

@@ -148,10 +148,6 @@ class Controls:
         if self._remove.disabled != (not loads):
             self._remove.disabled = not loads
 
-    def end(self) -> None:
-        """The run is over: nothing can be done any more."""
-        self._page.controls.remove()
-
     def _settle_place(self) -> None:
         """Let the load lie on top of the place that was clicked, whatever its size."""
         self._place = resting_place(self._page.stage.boxes, np.array(self._place), _edge(self._mass.value))

@@ -8,11 +8,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from coheft.app.run.folder import locate_run
-from coheft.app.run.observer import Observer, observe
+from coheft.app.run.observer import Observer, may_operate, observe
 from coheft.app.view import words
 from coheft.app.view.controls import Controls
+from coheft.app.view.door import Door
 from coheft.app.view.model import ViewModel
-from coheft.app.view.page import FRAME, Page, open_server, url_of
+from coheft.app.view.page import FRAME, Page
+from coheft.app.view.server import open_server
 from coheft.wire.messages.requests import Status, StatusRequest
 
 _STATUS_EVERY = 0.5
@@ -22,35 +24,42 @@ _LAST_NEWS = 1.0
 """Robots' last estimates may come so long after the end of the run [s]."""
 
 
-def view_run(folder: Path | None, host: str, port: int | None, tell: Callable[[str], None]) -> None:
+def view_run(
+    folder: Path | None, door: Door, port: int | None, tell: Callable[[str], None], *, read_only: bool = False
+) -> None:
     """Show a run until Ctrl-C; when it ends, its last picture stays.
 
     Args:
         folder: Of the run; None: the newest one that goes on.
-        host: Where browsers may dial in.
+        door: Who may look, and where.
         port: Where; None: any that is free.
         tell: Is told where the view is.
+        read_only: Whether it shows but does not act, as where there are no keys of an operator.
 
     Raises:
         CoheftError: There is no such run, or it does not answer, or the port is taken.
         KeyboardInterrupt: Ctrl-C.
     """
     folder, run_file = locate_run(folder)
-    with open_server(host, port) as server:
+    with open_server(door, port) as server:
         with observe(run_file) as observer:
             status = observer.ask(StatusRequest())
             model = ViewModel(status)
             page = Page(server, model)
-            controls = Controls(page, model, run_file, folder)
-            tell(url_of(server))
+            controls: Controls | None = None
+            if read_only or not may_operate(run_file):
+                page.tell_that_it_only_shows(words.READ_ONLY if read_only else words.NO_OPERATOR)
+            else:
+                controls = Controls(page, model, run_file, folder)
+            tell(door.url(server.get_port()))
             _follow(observer, model, page, controls)
-        controls.end()
+        page.controls.remove()  # nothing can be done any more
         while True:
             page.draw(model, words.ENDED)
             time.sleep(FRAME)
 
 
-def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls) -> None:
+def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls | None) -> None:
     """Show what comes, until the run is over, or its server gone."""
     asked_at = drawn_at = -math.inf
     moved_at, end_at, seen = time.monotonic(), math.inf, model.time
@@ -62,7 +71,8 @@ def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls
             status: Status | None = observer.status()
             if status is not None:
                 model.note_status(status)
-                controls.update()
+                if controls is not None:
+                    controls.update()
                 if status.state == "finished":
                     end_at = min(end_at, now + _LAST_NEWS)
         if model.time != seen:

@@ -2,50 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import viser
 
 from coheft.app.view import words
 from coheft.app.view.model import ViewModel
 from coheft.app.view.plots import Plots
-from coheft.app.view.ports import choose_port, url
 from coheft.app.view.stage import Stage
 
 FRAME = 0.05
 """Time between two pictures at least [s]."""
 _TEXT_EVERY = 0.2
 _PLOT_EVERY = 0.25
-
-
-@contextmanager
-def open_server(host: str, port: int | None) -> Iterator[viser.ViserServer]:
-    """A server for browsers.
-
-    Args:
-        host: Where it listens.
-        port: On this port; None: any that is free.
-
-    Raises:
-        LinkError: It cannot listen there.
-    """
-    port = choose_port(host, port)
-    with contextlib.redirect_stdout(io.StringIO()):  # it would print a banner of its own
-        server = viser.ViserServer(host=host, port=port, verbose=False)
-    try:
-        yield server
-    finally:
-        with contextlib.redirect_stdout(io.StringIO()):
-            server.stop()
-
-
-def url_of(server: viser.ViserServer) -> str:
-    """Where browsers find it."""
-    return url(server.get_host(), server.get_port())
 
 
 class Page:
@@ -88,6 +57,11 @@ class Page:
         def _(_: object) -> None:
             self.stage.doubt_scale = float(doubt.value.split()[0])
             self._legend.content = words.legend(self.stage.doubt_scale)
+
+    def tell_that_it_only_shows(self, why: str) -> None:
+        """Say why there is nothing to press."""
+        with self.controls:
+            self.server.gui.add_html(words.small(why))
 
     @property
     def chosen(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import socket
 
 from coheft.errors import LinkError
@@ -32,16 +33,27 @@ def choose_port(host: str, port: int | None) -> int:
                 reason = str(error.strerror)
     except OSError as error:  # there is no such host: another port would not help
         reason = str(error.strerror)
-    where = f"{_bracketed(host)}:{port}" if port is not None else f"{host}, ports {PORT} to {PORT + _TRIED - 1}"
+    where = f"{bracketed(host)}:{port}" if port is not None else f"{host}, ports {PORT} to {PORT + _TRIED - 1}"
     raise LinkError(f"the view cannot listen at {where}: {reason}; choose others: --host, --port")
 
 
-def url(host: str, port: int) -> str:
-    """Where browsers find it."""
-    return f"http://{_bracketed(host)}:{port}"
+def new_token() -> str:
+    """A secret for one view."""
+    return secrets.token_urlsafe(16)
 
 
-def _bracketed(host: str) -> str:
+def url(host: str, port: int, token: str) -> str:
+    """Where browsers find it, with its secret; where it listens at all addresses of this machine, under its name."""
+    return f"http://{bracketed(socket.gethostname() if is_wildcard(host) else host)}:{port}/{token}/"
+
+
+def is_wildcard(host: str) -> bool:
+    """Whether a host means all addresses of this machine."""
+    return host in ("", "0.0.0.0", "::")
+
+
+def bracketed(host: str) -> str:
+    """A host as it stands before a port."""
     return f"[{host}]" if ":" in host else host
 
 

@@ -16,12 +16,14 @@ import msgspec
 from coheft.app.run.folder import find_run
 from coheft.app.run.heard import News
 from coheft.app.run.processes import Processes
-from coheft.app.view.ports import choose_port, url
+from coheft.app.view.ports import choose_port, new_token, url
 from coheft.errors import CoheftError
 from coheft.wire.messages.requests import Status
 from coheft.wire.process.supervised import supervised_main
 
 _LOOK_EVERY = 0.2
+_READY = "the view is ready"
+"""A line of its log, which others may read: the secret is not in it."""
 
 
 class ViewConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -31,11 +33,15 @@ class ViewConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         folder: Of the run.
         host: Where browsers may dial in.
         port: Where.
+        token: The secret in its address.
+        read_only: Whether it shows but does not act.
     """
 
     folder: str
     host: str
     port: int
+    token: str
+    read_only: bool = False
 
 
 class ViewBeside:
@@ -46,13 +52,16 @@ class ViewBeside:
         host: Where browsers may dial in.
         port: Where; None: any that is free.
         tell: Is told where the view is.
+        read_only: Whether it shows but does not act.
 
     Raises:
         LinkError: The port is taken.
     """
 
-    def __init__(self, folder: Path, host: str, port: int | None, tell: Callable[[str], None]) -> None:
-        self._config = ViewConfig(str(folder), host, choose_port(host, port))
+    def __init__(
+        self, folder: Path, host: str, port: int | None, tell: Callable[[str], None], *, read_only: bool = False
+    ) -> None:
+        self._config = ViewConfig(str(folder), host, choose_port(host, port), new_token(), read_only)
         self._tell = tell
         self._processes = Processes(folder)
         self._is_told = False
@@ -61,7 +70,7 @@ class ViewBeside:
     @property
     def url(self) -> str:
         """Where the view is."""
-        return url(self._config.host, self._config.port)
+        return url(self._config.host, self._config.port, self._config.token)
 
     def begin(self, status: Status) -> None:
         """The view asks for itself."""
@@ -73,7 +82,7 @@ class ViewBeside:
             self._look()
 
     def _look(self) -> None:
-        if not self._is_told and any(self.url in line for child in self._processes.children for line in child.lines):
+        if not self._is_told and any(_READY in line for child in self._processes.children for line in child.lines):
             self._is_told = True
             self._tell(self.url)
 
@@ -110,12 +119,15 @@ class ViewBeside:
 
 
 def _view(config: ViewConfig) -> None:
-    from coheft.app.view.live import view_run  # viser takes a second, and whoever starts this process needs none of it
+    # viser takes a second, and whoever starts this process needs none of it
+    from coheft.app.view.door import Door
+    from coheft.app.view.live import view_run
 
     folder = Path(config.folder)
     while not _goes_on(folder):
         time.sleep(_LOOK_EVERY)
-    view_run(folder, config.host, config.port, lambda url: print(f"the view is at {url}", flush=True))
+    door = Door(config.host, config.token)
+    view_run(folder, door, config.port, lambda _: print(_READY, flush=True), read_only=config.read_only)
 
 
 def _goes_on(folder: Path) -> bool:

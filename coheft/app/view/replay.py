@@ -11,7 +11,9 @@ from typing import Any
 import viser
 
 from coheft.app.recording.reader import read_recording
-from coheft.app.view.page import FRAME, Page, open_server, url_of
+from coheft.app.view.door import Door
+from coheft.app.view.page import FRAME, Page
+from coheft.app.view.server import open_server
 from coheft.app.view.timeline import Timeline
 
 _SPEEDS = ("0.1 ×", "0.25 ×", "0.5 ×", "1 ×", "2 ×", "5 ×", "10 ×")
@@ -19,12 +21,12 @@ _STEP = 0.05
 """Of the time slider [s]."""
 
 
-def view_recording(path: Path, host: str, port: int | None, tell: Callable[[str], None]) -> None:
+def view_recording(path: Path, door: Door, port: int | None, tell: Callable[[str], None]) -> None:
     """Show a recording until Ctrl-C.
 
     Args:
         path: What 'coheft run --record' wrote.
-        host: Where browsers may dial in.
+        door: Who may look, and where.
         port: Where; None: any that is free.
         tell: Is told where the view is.
 
@@ -35,10 +37,10 @@ def view_recording(path: Path, host: str, port: int | None, tell: Callable[[str]
     """
     recording = read_recording(path)
     timeline = Timeline(recording.begin, recording.news)
-    with open_server(host, port) as server:
+    with open_server(door, port) as server:
         page = Page(server, timeline.model)
         player = Player(page, timeline.end)
-        tell(url_of(server))
+        tell(door.url(server.get_port()))
         before = time.monotonic()
         while True:
             now = time.monotonic()

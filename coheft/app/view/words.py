@@ -22,6 +22,8 @@ _MEANING = {
 }
 _PROBLEMS = 4
 ENDED = "the run has ended; this is its last picture"
+READ_ONLY = "This view shows the run, and cannot act: it was started so."
+NO_OPERATOR = "This view shows the run, and cannot act: there are no keys of an operator."
 
 
 def header(model: ViewModel, note: str = "") -> str:

@@ -14,7 +14,7 @@ from coheft.wire.messages.requests import Refusal, Request
 from coheft.wire.messages.structs import Message
 from coheft.wire.transport.backlog import Backlog, Lost, Said
 from coheft.wire.transport.security import Guard
-from coheft.wire.transport.sessions import Role, session_id
+from coheft.wire.transport.sessions import REFUSAL, Role, session_id
 
 
 @dataclass(frozen=True)
@@ -239,6 +239,6 @@ def _answer(query: zenoh.Query, message: Message) -> None:
     data = encode(message, str(query.key_expr))
     with query:
         if isinstance(message, Refusal):
-            query.reply_err(data)
+            query.reply_err(data, encoding=REFUSAL)
         else:
             query.reply(query.key_expr, data)

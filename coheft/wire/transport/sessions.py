@@ -37,6 +37,8 @@ ROLES: tuple[Role, ...] = get_args(Role)
 
 M = TypeVar("M", bound=Message)
 
+REFUSAL = zenoh.Encoding("coheft/refusal")
+"""Marks what is refused by one of us: Zenoh itself answers questions that have waited too long for an answer."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 _SETTINGS: dict[str, object] = {
@@ -227,6 +229,6 @@ def ask_for(kind: type[M], session: zenoh.Session, key: str, request: Message, t
     for reply in session.get(key, payload=encode(request, key), timeout=timeout):
         if reply.ok is not None:
             return decode(reply.ok.payload.to_bytes(), kind, key)
-        if reply.err is not None and reply.err.encoding != zenoh.Encoding.ZENOH_STRING:  # its own words for a timeout
+        if reply.err is not None and reply.err.encoding == REFUSAL:  # else these are Zenoh's own words, of a timeout
             return decode(reply.err.payload.to_bytes(), Refusal, key)
     raise LinkError(f"no answer to the request under '{key}' within {timeout:g} s")

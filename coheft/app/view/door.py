@@ -1,0 +1,102 @@
+"""The door of a view: a view acts with the keys of whoever started it, so it answers only those who know its secret.
+
+The secret is a part of the path, so that page and socket both have it, and no cookie: browsers give a cookie to every
+port of an address, and another user of this machine may listen at one.
+"""
+
+from __future__ import annotations
+
+import secrets
+import socket
+from collections.abc import Callable
+from dataclasses import replace
+from http import HTTPStatus
+
+from websockets.asyncio.server import ServerConnection
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+from coheft.app.view.ports import bracketed, is_wildcard, new_token, url
+
+Answer = Callable[[ServerConnection, Request], Response | None]
+"""Answers a request; None lets it open a socket."""
+_LOOPBACK = ("localhost", "127.0.0.1", "::1")
+_HEADERS = {
+    "Referrer-Policy": "no-referrer",
+    "Content-Security-Policy": "frame-ancestors 'none'",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+}
+"""No other page gets the address, or anything behind it."""
+REFUSAL = b"""<!doctype html>
+<html lang="en"><meta charset="utf-8"><title>Not this way</title>
+<body style="font:16px/1.5 sans-serif;max-width:40em;margin:4em auto;padding:0 1em">
+<h1>This needs the whole address</h1>
+<p>Open the address that stands in the terminal after <b>the view is at</b>, with the secret in it: it is where
+<code>coheft run --view</code> or <code>coheft view</code> was started. Each start makes a new one.</p>
+<p>Through a tunnel, take the same port at both ends.</p>
+"""
+"""The page that all get who may not look, whatever the reason: it tells nothing else."""
+
+
+class Door:
+    """Lets in who knows the secret, comes to an address that is this view's, and from no other page.
+
+    Args:
+        host: Where the view listens.
+        token: The secret; a new one if none is given.
+    """
+
+    def __init__(self, host: str, token: str | None = None) -> None:
+        self.host = host
+        self._token = token if token is not None else new_token()
+        self._names = {*_LOOPBACK, socket.gethostname() if is_wildcard(host) else host}
+
+    def url(self, port: int) -> str:
+        """Where browsers find the view, with the secret in it."""
+        return url(self.host, port, self._token)
+
+    def guard(self, inner: Answer) -> Answer:
+        """Answer as ``inner`` does, without the secret in the path, but only those who may come in."""
+
+        def answer(connection: ServerConnection, request: Request) -> Response | None:
+            path = self._path_behind(connection, request)
+            if path is None:
+                return _refuse()
+            response = inner(connection, replace(request, path=path))
+            if response is not None:
+                response.headers.update(_HEADERS)
+            return response
+
+        return answer
+
+    def _path_behind(self, connection: ServerConnection, request: Request) -> str | None:
+        """What is asked for, seen from inside; None: who asks may not come in."""
+        address, port = connection.local_address[:2]
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        if len(hosts) != 1 or not self._is_ours(hosts[0], str(address), int(port)):
+            return None  # a name of somebody else's that leads here, so that a page of theirs seems to be ours
+        token, _, path = request.path.removeprefix("/").partition("/")
+        if not secrets.compare_digest(_bytes(token.partition("?")[0]), _bytes(self._token)):
+            return None
+        wants_socket = "Upgrade" in request.headers  # for these, browsers always say which page wants it
+        if (origins or wants_socket) and [each.lower() for each in origins] != [f"http://{hosts[0]}".lower()]:
+            return None
+        return f"/{path}"
+
+    def _is_ours(self, host: str, address: str, port: int) -> bool:
+        """Whether a ``Host`` is this view: a name that nobody else can give it, or the address that was dialled."""
+        names = {bracketed(name.lower()) for name in (*self._names, address)}
+        return host.lower() in {f"{name}:{port}" for name in names} | (names if port == 80 else set())
+
+
+def _bytes(text: str) -> bytes:
+    return text.encode(errors="surrogateescape")
+
+
+def _refuse() -> Response:
+    headers = Headers(_HEADERS)
+    headers["Content-Type"] = "text/html; charset=utf-8"
+    headers["Content-Length"] = str(len(REFUSAL))
+    return Response(HTTPStatus.FORBIDDEN, "Forbidden", headers, REFUSAL)
