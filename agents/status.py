@@ -78,4 +78,5 @@ class StatusKeeper:
             valid_block=told.learned_block,
             silent=list(silent),
             estimator=self._config.estimator,
+            sensor_errors=list(told.sensor_errors),
         )

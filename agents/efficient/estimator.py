@@ -24,8 +24,9 @@ from coheft.estimation.geometry.uncertain_pose import UncertainPose
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.moments.claims import Claim, claim_of
 from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.moments.found_errors import found_errors
 from coheft.wire.config import AgentConfig
-from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate
+from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate, SensorErrorEstimate
 
 
 class EfficientEstimator:
@@ -161,6 +162,7 @@ class EfficientEstimator:
             poses=poses,
             not_observable=(*not_observable, *claim.unseen),
             load_changes=self._notices(team),
+            sensor_errors=tuple(SensorErrorEstimate(*each) for each in found_errors(estimate, own)),
             grasps={} if claim.hidden_poses.any() else _in_first(team.names, state.poses),
         )
 

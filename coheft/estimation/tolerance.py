@@ -27,6 +27,8 @@ SHAPES = {
     "cross_talk": np.abs(CROSS_OF_AXES),
 }
 """Of errors that are proportional to what is read: matrices ``E_k`` with ``measured = exact + sum_k e_k E_k exact``."""
+AXES, PAIRS = ("x", "y", "z"), ("yz", "zx", "xy")
+"""Names of the axes that errors are about, and of pairs of axes that cross-talk is between."""
 
 
 class Proportional(NamedTuple):

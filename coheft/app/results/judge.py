@@ -12,7 +12,7 @@ import numpy as np
 from coheft.app.results.states import State
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
-from coheft.wire.messages.structs import Estimate, PayloadEstimate, PoseEstimate, Scene, Truth
+from coheft.wire.messages.structs import Estimate, PayloadEstimate, PoseEstimate, Scene, SensorErrorEstimate, Truth
 
 RECOVERED_MASS_PCT = 3.0
 RECOVERED_COM_MM = 20.0
@@ -72,6 +72,7 @@ class RobotReport(msgspec.Struct, frozen=True):
         status: What it says of it: ``starting``, ``valid``, or ``stale`` if it cannot know whether that still holds.
         reasons: Why it is not valid, in its own words.
         state: How far it is, in the one word that all of coheft has for it.
+        sensor_errors: What it has found out of its sensors.
     """
 
     time_s: float
@@ -85,6 +86,7 @@ class RobotReport(msgspec.Struct, frozen=True):
     status: Literal["starting", "valid", "stale"] = "starting"
     reasons: list[str] = []
     state: State = State.FINDING_NEIGHBOURS
+    sensor_errors: list[SensorErrorEstimate] = []
 
     @property
     def is_converged(self) -> bool:
@@ -163,6 +165,7 @@ class Judge:
             status=last.status,
             reasons=list(last.reasons),
             state=State.of(last),
+            sensor_errors=list(last.sensor_errors),
         )
 
     def recovered(self, estimate: Estimate) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 
 from coheft.errors import MessageError, one_line
 from coheft.estimation.measurement import SAMPLE_SIZE
+from coheft.estimation.tolerance import AXES, PAIRS, SensorTolerance
 from coheft.wire.messages.codec import check_array, check_choice, check_field
 from coheft.wire.messages.estimate_checks import (
     ROTATION_TOLERANCE,
@@ -125,6 +126,10 @@ def check_estimate(estimate: Estimate, source: str, robots: Collection[str]) -> 
         check_number(notice.noticed_at, "noticed_at")
     for name in estimate.silent:
         check_choice("robot that is silent", name, robots)
+    for error in estimate.sensor_errors:
+        check_choice("key of a sensor's error", error.key, SensorTolerance.__struct_fields__)
+        check_choice("axis of a sensor's error", error.axis, ("", *AXES, *PAIRS))
+        check_numbers(np.array([error.value, error.std, error.told]), (3,), "a sensor's error")
     for text in (*estimate.reasons, *estimate.not_observable, estimate.estimator):
         check_field("text in one line", text, one_line(text))
 

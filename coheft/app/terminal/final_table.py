@@ -14,6 +14,7 @@ from coheft.app.results.record import EstimatorUse
 from coheft.app.results.report import LoadChangeReport, Report
 from coheft.app.terminal.carry_table import print_carry
 from coheft.app.terminal.digits import decimals_for, error_and_std
+from coheft.app.terminal.sensor_sentences import sensor_sentences
 from coheft.app.terminal.wide_table import print_table
 from coheft.estimation.geometry.spatial import Array
 
@@ -114,6 +115,7 @@ def sentences(report: Report) -> list[str]:
         *_pose_sentence(report),
         *_not_observable_sentences(report),
         *_most([f"Stale at {', '.join(names)}: {reason}." for reason, names in why_stale(report.robots).items()]),
+        *_most(sensor_sentences(report.robots)),
         _convergence_sentence(report),
         f"{report.duration_s:g} s simulated at {report.real_time_factor:.1f} times real time; "
         f"{report.processes} processes, {report.messages_per_s:,.0f} messages a second.",

@@ -184,6 +184,24 @@ class LoadChangeNotice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     changed_at: float
 
 
+class SensorErrorEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a robot has found out of one constant error of its sensors.
+
+    Attributes:
+        key: As in ``sensors.tolerance``.
+        axis: Of the grasp frame; two letters for cross-talk, empty if the error has no axis.
+        value: In the unit of the key.
+        std: Its standard deviation.
+        told: The standard deviation that the robot was told.
+    """
+
+    key: str
+    axis: str
+    value: float
+    std: float
+    told: float
+
+
 class Estimate(Message, frozen=True):
     """What one agent believes after one block.
 
@@ -209,6 +227,7 @@ class Estimate(Message, frozen=True):
         valid_block: Block to which payload and poses belong, the last valid one when stale; -1 if there is none.
         silent: Neighbours that it does not hear.
         estimator: By which method.
+        sensor_errors: What it has found out of its sensors, where it was told that they may be off.
     """
 
     robot: str
@@ -229,6 +248,7 @@ class Estimate(Message, frozen=True):
     valid_block: int = -1
     silent: list[str] = []
     estimator: str = ""
+    sensor_errors: list[SensorErrorEstimate] = []
 
     @property
     def is_converged(self) -> bool:

@@ -1,0 +1,62 @@
+"""Errors of sensors as a data sheet names them: what was found of each, how surely, and what was told before.
+
+error of a sensor = -eta,    delay of a sensor = eta
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.tolerance import AXES, PAIRS
+
+_DELAYS = ("clock", "wrench_delay")
+
+
+class FoundError(NamedTuple):
+    """One error of one robot's sensors.
+
+    Attributes:
+        key: Of ``SensorTolerance``.
+        axis: ``x``, ``y``, ``z``, two of them for cross-talk, empty if it has none.
+        value: In the unit of the key.
+        std: Its standard deviation.
+        told: The standard deviation that was told.
+    """
+
+    key: str
+    axis: str
+    value: float
+    std: float
+    told: float
+
+
+def found_errors(estimate: Estimate, robot: int) -> list[FoundError]:
+    """What an estimate says of the errors of a robot's sensors, in the order of the unknowns.
+
+    Constant errors of gyros, forces and torques are missing: only their sums over the team are known. A clock is late
+    against that of the robot that fixes the body frame.
+    """
+    unknowns = estimate.body.unknowns
+    places, errors = unknowns.eta[robot], unknowns.errors
+    deviations: Array = np.sqrt(np.maximum(estimate.covariance[places, places], 0.0))
+    found, axes = list[FoundError](), dict.fromkeys(errors.names, 0)
+    for name, eta, std, told in zip(
+        errors.names, estimate.state.eta[robot], deviations, errors.deviations, strict=True
+    ):
+        number, axes[name] = axes[name], axes[name] + 1
+        key = "acceleration_offset" if name == "acceleration_bias" else name
+        scale, axis = -1.0, (PAIRS if name.endswith("cross_talk") else AXES)[number]
+        if name in _DELAYS or name.endswith("_gain"):
+            axis = ""
+        if name in _DELAYS:
+            scale = 1.0
+        if name == "clock":
+            told = told / 2.0**0.5
+        if name.endswith("_mounting"):
+            key, scale = f"{name}_deg", float(np.degrees(-1.0))
+        found.append(FoundError(key, axis, scale * float(eta), abs(scale) * float(std), abs(scale) * float(told)))
+    return found
