@@ -49,6 +49,7 @@ class SensorErrors:
         ValueError: A kind is not known.
 
     Attributes:
+        tolerance: Of each kind that is declared, as given.
         names: Kind of each parameter.
         deviations: Prior standard deviation of each parameter, shape (q,).
         has_rates: Whether an error depends on how fast rows change, so that they are followed by their rates.
@@ -61,6 +62,7 @@ class SensorErrors:
         if unknown:
             raise ValueError(f"errors of kind {unknown[0]!r} are not known; there are {', '.join(KINDS)}")
         kinds = [kind for kind in KINDS if tolerance.get(kind)]
+        self.tolerance = {kind: tolerance[kind] for kind in kinds}
         generators = [(kind, entries) for kind in kinds for entries in _generators(kind)]
         self.has_rates = "clock" in kinds or "wrench_delay" in kinds
         self.width = ROW_SIZE + 1 + (ROW_SIZE if self.has_rates else 0)

@@ -1,0 +1,116 @@
+"""Errors of sensors that were not told of: what rows would gain from each of them, had it been an unknown.
+
+    s = S_k - I_ko H^-1 S_o,    V = its variance,    s^T V^-1 s ~ chi-square
+
+``o`` are the unknowns of the fit, ``k`` the parameters of one kind of error of one robot. What the fit's unknowns can
+explain is taken out, so an error that looks like another pose or another load is not seen here, nor anywhere else.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from coheft.estimation.chi_square import chi_square_threshold
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.moments.chapter import Chapter
+from coheft.estimation.moments.fit import Estimate
+from coheft.estimation.moments.fit_settings import FitSettings, Guess
+from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.moments.unknowns import Indices, State, Unknowns
+from coheft.estimation.tolerance import SENSORS
+
+_TESTED = (
+    "acceleration_bias",
+    *(f"{sensor}_mounting" for sensor in ("gyro", "velocity", "acceleration")),
+    *(f"{sensor}_scale" for sensor in SENSORS),
+    "velocity_place",
+    "acceleration_place",
+)
+_LEAST_SHARE = 1e-3
+"""Of the information on an error that has to be left when all else is unknown: with less, what was linearised counts."""
+
+
+class Untold(NamedTuple):
+    """An error that rows ask for.
+
+    Attributes:
+        robot: Place of the robot.
+        kind: Of ``KINDS``.
+        size: Over the threshold: more than 1.
+    """
+
+    robot: int
+    kind: str
+    size: float
+
+
+def untold_error(
+    estimate: Estimate, guess: Guess, chapter: Chapter, settings: FitSettings, anchor: int, false_alarm: float
+) -> Untold | None:
+    """The error that rows ask for most, of those that were told to be zero; None if they ask for none.
+
+    Args:
+        estimate: The fit to all rows of the chapter.
+        guess: Of theta.
+        chapter: Rows, and what is known besides.
+        settings: Of the fit.
+        anchor: The robot whose pose stays what it is.
+        false_alarm: Probability that one robot's errors of one kind seem to be there by chance.
+    """
+    told, unknowns = settings.errors, estimate.body.unknowns
+    kinds = [kind for kind in _TESTED if kind not in told.names]
+    errors = SensorErrors(dict.fromkeys(kinds, 1.0) | told.tolerance)
+    body = settings.with_errors(errors).body(_with_errors(estimate.state, errors))
+    every, own = body.unknowns, np.flatnonzero([name in told.names for name in errors.names])
+    others = _places(unknowns, every, own)
+
+    rows = chapter.evidence(body, chapter.look()(body))
+    before = chapter.said_before(estimate.body)
+    fitted = rows.of(others) + before
+    free = settings.free(unknowns, anchor, with_load=True)
+    inverse = fitted.of(free).solve(settings.limits(unknowns.count, guess)[free]).inverse
+    tested = np.setdiff1d(every.eta.ravel(), others)
+    gain = rows.information[np.ix_(tested, others[free])] @ inverse
+    score = rows.score[tested] - gain @ fitted.score[free]
+
+    spread, square = rows.information + rows.noise, np.ix_(free, free)
+    across = gain @ spread[np.ix_(others[free], tested)]
+    variance = spread[np.ix_(tested, tested)] - across - across.T
+    of_fit = (spread[np.ix_(others, others)] + before.information + before.noise)[square]
+    variance += gain @ of_fit @ gain.T
+    place_of = {place: number for number, place in enumerate(tested.tolist())}
+    found: Untold | None = None
+    for robot, places in enumerate(every.eta):
+        for kind in kinds:
+            mine = [place_of[place] for place, name in zip(places.tolist(), errors.names, strict=True) if name == kind]
+            alone = rows.information[np.ix_(tested[mine], tested[mine])]
+            size = _surprise(score[mine], variance[np.ix_(mine, mine)], alone, false_alarm)
+            if size > max(1.0, 0.0 if found is None else found.size):
+                found = Untold(robot, kind, size)
+    return found
+
+
+def _surprise(score: Array, variance: Array, alone: Array, false_alarm: float) -> float:
+    """Chi-square of a score over its threshold, in the directions of which enough is left."""
+    root = np.sqrt(np.maximum(alone.diagonal(), 1e-300))
+    shares, directions = np.linalg.eigh(variance / np.outer(root, root))
+    is_seen = shares > _LEAST_SHARE
+    if not is_seen.any():
+        return 0.0
+    square = np.square(directions.T[is_seen] @ (score / root)) / shares[is_seen]
+    return float(square.sum()) / chi_square_threshold(int(is_seen.sum()), false_alarm)
+
+
+def _with_errors(state: State, errors: SensorErrors) -> State:
+    """The same state, with more errors, all of them zero."""
+    eta = np.zeros((len(state.poses), errors.count))
+    calibration = errors.step(eta) if state.calibration is None else state.calibration
+    return State(state.poses, eta, calibration, state.gyros, state.load)
+
+
+def _places(few: Unknowns, many: Unknowns, own: Indices) -> Indices:
+    """Where the unknowns of a fit are among those with more errors of sensors."""
+    by_robot = np.hstack([many.poses, many.eta[:, own]])
+    return np.concatenate([by_robot.ravel(), np.arange(many.gyros.start, many.size)])
