@@ -32,6 +32,7 @@ def identify(
     from_: Annotated[float | None, Parameter(name="--from")] = None,
     to: float | None = None,
     cutoff: Positive | None = None,
+    topics: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative_iterable="")] = (),
     json: ReportTarget = None,
     report: FolderTarget = None,
     quiet: Flag = False,
@@ -44,8 +45,8 @@ def identify(
     Parameters
     ----------
     recording:
-        An .npz file, or a folder with a CSV file per robot, see docs/data-format.md; 'coheft run --save-data' makes
-        both.
+        An .npz file, or a folder with a CSV file per robot, as 'coheft run --save-data' makes; an MCAP file, as 'coheft
+        run --record' makes, or a bag of ROS; see docs/data-format.md.
     method:
         batch: the paper's least squares; instruments: without their bias; pose: grasps from poses, with nothing
         differentiated; likelihood: for sensors of known noise. Without it: what suits the recording best.
@@ -57,6 +58,9 @@ def identify(
         Leave out what came after [s].
     cutoff:
         Of the low-pass filter [Hz]; 5 for batch, else 3; likelihood has none.
+    topics:
+        Of an MCAP file or a bag: which are of which robot, as left=/left/wrench left=/left/pose right=/right/wrench
+        right=/right/pose. Without it, robots are what topics' names begin with.
     json:
         Write the report to this file; - for standard output.
     report:
@@ -68,19 +72,18 @@ def identify(
 
     from coheft.app.figures import make_folder
     from coheft.app.identify.folder import write_identification
+    from coheft.app.identify.inputs import files_of, read_any
     from coheft.app.identify.methods import identify as find
     from coheft.app.identify.methods import part_of
     from coheft.app.identify.report import make_report
     from coheft.app.identify.tables import print_identification
     from coheft.app.results.report import write_report
     from coheft.app.run.new_folder import gone_if_broken_off
-    from coheft.wire.data.file import read_recording
 
     if bounds is not None and not calibrate:
         raise UsageError("bounds are of errors that --calibrate estimates: add it, or leave them out")
-    files = recording.glob("*.csv") if recording.is_dir() else [recording]
-    check_outputs(*files, json=json, report=report)
-    recorded = read_recording(recording)
+    check_outputs(*files_of(recording), json=json, report=report)
+    recorded = read_any(recording, topics)
     try:
         recorded = part_of(recorded, from_, to)
         with gone_if_broken_off(report):
