@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from coheft.errors import UsageError
+from coheft.errors import RecordingError, UsageError
 from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.statics import Statics
 from coheft.wire.data.file import read_recording
+from coheft.wire.data.statics import read_statics
 
 _OF_TOPICS = (".mcap", ".bag", ".db3")
 _TABLES = ".csv"
@@ -36,6 +38,26 @@ def read_any(path: Path, topics: Sequence[str] = ()) -> Recording:
             f"--topics chooses among those of an MCAP file or a bag of ROS, but {path} is none: leave it out"
         )
     return read_recording(path)
+
+
+def read_holds(path: Path, names: Sequence[str] | None = None) -> Statics:
+    """Read holds that were recorded apart: a file or folder as of any recording, or with a line for each hold.
+
+    Args:
+        path: File or folder.
+        names: Robots that are expected, in their order; None: any.
+
+    Raises:
+        RecordingError: It cannot be read or used, or is of other robots; says what, and why.
+    """
+    try:
+        statics = Statics.of_recording(read_any(path)) if _is_of_topics(path) else read_statics(path)
+        return statics if names is None else statics.of(names)
+    except RecordingError as error:
+        text = str(error)
+        raise RecordingError(text if text.startswith(f"{path}: ") else f"{path}: {text}") from error
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
 def files_of(path: Path) -> list[Path]:

@@ -46,7 +46,9 @@ def robot_of(name: str, table: Mapping[str, Array]) -> RobotRecord:
         allowed = ", ".join([TIME, *COLUMNS])
         raise RecordingError(f"'{one_line(min(unknown))}' of {name} is unknown; allowed: {allowed}")
     if TIME not in table:
-        raise RecordingError(f"'{TIME}' of {name} is missing: the times of its samples")
+        raise RecordingError(
+            f"'{TIME}' of {name} is missing: the times of its samples; if each line is a hold: --method static"
+        )
     _check(f"'{TIME}' of {name}", table[TIME], (table[TIME].size,))
     channels = {channel: array for channel, array in table.items() if channel != TIME}
     if "wrench" in channels and channels["wrench"].ndim == 2:

@@ -7,6 +7,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +95,24 @@ def _arrays(recording: Recording) -> dict[str, Array]:
     return arrays
 
 
-def _read_npz(path: Path) -> Recording:
+def read_arrays(path: Path) -> tuple[dict[str, dict[str, Array]], Array]:
+    """What an ``.npz`` file holds of each robot, by channel, as it is there: without times, if it has none. Gravity.
+
+    Raises:
+        RecordingError: It is none, or holds something else.
+        OSError: It cannot be read.
+    """
+    tables, shared = _parts(path)
+    tables.pop(TRUTH, None)
+    return tables, _gravity(shared)
+
+
+def _gravity(shared: Mapping[str, Array]) -> Array:
+    return gravity_of(shared["gravity"]) if "gravity" in shared else np.array(GRAVITY)
+
+
+def _parts(path: Path) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
+    """What is of robots, and of the truth, by name and channel; and what is of the whole."""
     tables: dict[str, dict[str, Array]] = {}
     shared: dict[str, Array] = {}
     for key, array in _load(path).items():
@@ -105,13 +123,18 @@ def _read_npz(path: Path) -> Recording:
             shared[key] = array
         else:
             raise RecordingError(f"key '{one_line(key)}' is unknown; allowed: {', '.join(_SHARED)}, ROBOT/CHANNEL")
+    return tables, shared
+
+
+def _read_npz(path: Path) -> Recording:
+    tables, shared = _parts(path)
     truth = tables.pop(TRUTH, {})
     if not tables:
         raise RecordingError(f"no robots in this file; expected arrays ROBOT/{TIME} and ROBOT/CHANNEL of each")
     robots = {name: robot_of(name, table) for name, table in tables.items()}
     return Recording(
         robots=robots,
-        gravity=gravity_of(shared["gravity"]) if "gravity" in shared else np.array(GRAVITY),
+        gravity=_gravity(shared),
         noise=noise_of(shared["noise"]) if "noise" in shared else None,
         holds=holds_in_seconds("'holds'", holds_of(shared["holds"]), span_of(robots)) if "holds" in shared else None,
         truth=truth_of(truth, len(tables)),

@@ -174,6 +174,25 @@ def _streams(robot: RobotRecord) -> dict[str, Stream]:
 
 
 def _robot_of(name: str, table: Table) -> RobotRecord:
+    return robot_of(name, _channels(_known(table)))
+
+
+def read_channels(folder: Path) -> dict[str, dict[str, Array]]:
+    """What files of a folder hold of each robot, by channel, as it is there: without times, if it has none.
+
+    Raises:
+        RecordingError: A file is no table of what a robot measures.
+        OSError: A file cannot be read.
+    """
+    return {file.stem: _channels(_known(read_table(file))) for file in _tables(folder) if file.stem != _HOLDS}
+
+
+def _known(table: Table) -> Table:
+    """A table, if all of its columns are known.
+
+    Raises:
+        RecordingError: One is not.
+    """
     known = _header(COLUMNS)
     unknown = [column for column in table.names if column not in known]
     if unknown:
@@ -181,6 +200,11 @@ def _robot_of(name: str, table: Table) -> RobotRecord:
             f"{table.file}: column '{one_line(unknown[0])}' is unknown; found {one_line(', '.join(table.names))}; "
             f"allowed: {', '.join(sorted(known))}, or those that 'rostopic echo -p' writes"
         )
+    return table
+
+
+def _channels(table: Table) -> dict[str, Array]:
+    """What a robot recorded, by channel, with ``t`` if it is there."""
     if not table.rows:
         raise RecordingError(f"{table.file}: expected a line with the names of columns, then numbers")
     channels: dict[str, Array] = {TIME: table.numbers([TIME])[:, 0]} if TIME in table.names else {}
@@ -193,7 +217,7 @@ def _robot_of(name: str, table: Table) -> RobotRecord:
                     f"{one_line(', '.join(table.names))}"
                 )
             channels[channel] = table.numbers(columns)
-    return robot_of(name, channels)
+    return channels
 
 
 def _read_holds(path: Path) -> tuple[tuple[float, float], ...]:
