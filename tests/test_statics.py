@@ -179,7 +179,7 @@ def test_holds_of_any_orientation_are_used() -> None:
 
 def test_a_load_that_turns_within_a_hold_is_refused(tmp_path: Path) -> None:
     held = statics()
-    pose, wrench = held.pose[:, [0, 1, 2, 3, 4, 5]], held.wrench
+    pose, wrench = held.pose[:, [0, 0, 1, 1, 1, 1]], held.wrench
     write_lines(tmp_path, replace(held, pose=pose, wrench=wrench), np.array([0.0, 0.01, 0.02, 5.0, 5.01, 5.02]))
     with pytest.raises(RecordingError, match=r"hold 1, samples 1 to 3: the load turns by \d+°, expected one that is"):
         read_holds(tmp_path)

@@ -80,4 +80,5 @@ def _spans(time: Array | None, pose: Array, name: str) -> list[tuple[int, int]] 
 def _turns(pose: Array) -> Array:
     """By how much each line is turned against the one before, shape (n - 1,) [rad]."""
     along = np.abs(np.einsum("ki,ki->k", pose[:-1, 3:], pose[1:, 3:]))
-    return 2.0 * np.arccos(np.minimum(along, 1.0))
+    turns: Array = 2.0 * np.arccos(np.minimum(along, 1.0))
+    return turns
