@@ -38,8 +38,21 @@ class Stream:
 
     @property
     def step(self) -> float:
-        """Usual time from sample to sample [s]."""
-        return float(np.median(np.diff(self.time)))
+        """Mean time from sample to sample [s]: the usual one may be far shorter, if samples come in bursts."""
+        return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
+
+    @property
+    def gaps(self) -> list[tuple[float, float]]:
+        """From when to when there are no samples for too long [s]."""
+        steps = np.diff(self.time)
+        found = np.flatnonzero(steps > max(_GAP_STEPS * float(np.median(steps)), _GAP))
+        return [(float(self.time[k]), float(self.time[k + 1])) for k in found]
+
+    def between(self, start: float, end: float) -> Stream:
+        """The samples from some time to another, with those just outside, if there are none just there."""
+        first = max(0, int(np.searchsorted(self.time, start, "right")) - 1)
+        last = min(len(self.time), int(np.searchsorted(self.time, end, "left")) + 1)
+        return Stream(self.time[first:last], self.values[first:last])
 
 
 def aligned(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, RobotRecord], list[str]]:
@@ -60,13 +73,17 @@ def aligned(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, Robo
     for name, stream in named.items():
         if len(stream.time) < _FEWEST:
             raise RecordingError(f"{name}: found {len(stream.time)} samples, expected at least {_FEWEST}")
+        if not (np.diff(stream.time) > 0.0).all():
+            raise RecordingError(f"{name}: expected times that grow: sort the samples, and remove what is there twice")
     start, end, remarks = _covered(named)
+    streams = {robot: {c: s.between(start, end) for c, s in own.items()} for robot, own in streams.items()}
+    named = {f"'{channel}' of {robot}": s for robot, own in streams.items() for channel, s in own.items()}
     slowest = max(named, key=lambda name: named[name].step)
     time = _common_times(named.values(), start, end)
     if time is None:
         step = named[slowest].step
         count = int((end - start) / step + _SAME) + 1
-        if count < _FEWEST:
+        if count < _FEWEST or min(len(stream.time) for stream in named.values()) < _FEWEST:
             raise RecordingError(f"all sensors together cover {start:g} s to {end:g} s: too little. Record for longer")
         time = start + step * np.arange(count, dtype=np.float64)
         remarks.append(
@@ -91,10 +108,10 @@ def _covered(streams: Mapping[str, Stream]) -> tuple[float, float, list[str]]:
             f"same time. Are their clocks set alike?"
         )
     gaps = sorted(
-        (float(stream.time[k]), float(stream.time[k + 1]), name)
+        (begin, over, name)
         for name, stream in streams.items()
-        for k in np.flatnonzero(np.diff(stream.time) > max(_GAP_STEPS * stream.step, _GAP))
-        if stream.time[k + 1] > start and stream.time[k] < end
+        for begin, over in stream.gaps
+        if over > start and begin < end
     )
     if not gaps:
         return start, end, []
@@ -139,7 +156,8 @@ def _at(stream: Stream, time: Array, is_pose: bool) -> Array:
         values = low_pass(CubicSpline(stream.time, values)(own), 1.0 / stream.step, _ALIAS / step)
     found: Array = values if np.array_equal(own, time) else CubicSpline(own, values)(time)
     if is_pose:
-        lengths = np.linalg.norm(found[:, 3:], axis=1, keepdims=True)
+        with np.errstate(over="ignore"):
+            lengths = np.linalg.norm(found[:, 3:], axis=1, keepdims=True)
         is_unit = np.abs(lengths - 1.0) < 0.01  # others were none: let the checks refuse them
         found = np.hstack([found[:, :3], found[:, 3:] / np.where(is_unit, lengths, 1.0)])
     return found

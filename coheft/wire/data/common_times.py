@@ -25,7 +25,8 @@ def align(streams: Mapping[str, Mapping[str, Stream]]) -> tuple[dict[str, RobotR
     Raises:
         RecordingError: There are too few samples, or no time that all sensors cover.
     """
-    since = max((float(stream.time[0]) for own in streams.values() for stream in own.values()), default=0.0)
+    starts = [float(stream.time[0]) for own in streams.values() for stream in own.values() if len(stream.time)]
+    since = max(starts, default=0.0)
     if since > _EPOCH:
         LOG.warning(f"coheft: times count from the first that all sensors have measured, which is {since:.3f} s of ROS")
         streams = {
