@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -165,3 +167,15 @@ def test_topics_are_of_files_that_have_some(tmp_path: Path, capsys: pytest.Captu
     assert "--topics chooses among those of an MCAP file" in capsys.readouterr().err
     assert run_command_line(["identify", str(path), "--topics", "a=/b", "c=/d"]) == EXIT_ERROR
     assert "there is no topic '/b'" in capsys.readouterr().err
+
+
+def test_without_the_package_that_reads_topics_it_is_named(tmp_path: Path) -> None:
+    path = write_topics(tmp_path / "x.mcap", bar_topics("/{0}/{1}"))
+    program = (
+        "import sys; sys.modules['rosbags'] = None\n"
+        "from coheft.app.cli.main import run_command_line\n"
+        f"sys.exit(run_command_line(['identify', {str(path)!r}]))"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert run.returncode == EXIT_ERROR
+    assert "this needs the package 'rosbags': install 'coheft[record]'" in run.stderr

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
 from coheft.errors import RecordingError, UsageError
@@ -30,6 +31,7 @@ def read_any(path: Path, topics: Sequence[str] = ()) -> Recording:
         MissingPackageError: Topics are read by packages that are not installed.
     """
     if _is_of_topics(path):
+        import_module("coheft.app.recording")  # says which package is missing, if one is
         from coheft.app.identify.recorded_topics import read_topics
 
         return read_topics(path, topics)

@@ -154,7 +154,7 @@ def check_recording(recording: Recording) -> None:
         if np.ptp(steps) > 2.0 * _TIME_TOLERANCE * steps.mean() + 1e-9:
             raise RecordingError(
                 f"'t' of {name}: steps from {steps.min():.6g} s to {steps.max():.6g} s, expected equal ones: resample, "
-                f"or fill the gaps"
+                f"or fill the gaps; holds that were recorded apart are a recording of their own, for --holds"
             )
         if len(robot.time) != len(recording.time) or np.abs(robot.time - recording.time).max() > 0.5 * steps.mean():
             raise RecordingError(f"'t' of {name} is not that of {first}: resample all robots at the same times")
