@@ -50,6 +50,7 @@ def test_topics_are_brought_to_the_same_times(tmp_path: Path, caplog: pytest.Log
     assert recording.time[0] == 0.0
     assert recording.holds is not None
     assert recording.holds[0] == pytest.approx((-0.3, 8.7), abs=1e-5)
+    assert "topics as 'rostopic echo -p' writes them, by their names of left: pose, wrench; right: pose" in caplog.text
     for told in ("100 samples per second, the rate of 'pose' of", "of ROS", "taken for nanoseconds"):
         assert told in caplog.text
     robot = recording.robots["right"]

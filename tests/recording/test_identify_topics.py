@@ -66,9 +66,12 @@ def bar_topics(names: str) -> list[Topic]:
         ("/{1}_of_{0}", ("left=/ft_of_left,/pose_of_left", "right=/ft_of_right", "right=pose_of_right")),
     ],
 )
-def test_arms_are_found_in_files_of_other_software(tmp_path: Path, names: str, chosen: tuple[str, ...]) -> None:
+def test_arms_are_found_in_files_of_other_software(
+    tmp_path: Path, names: str, chosen: tuple[str, ...], caplog: pytest.LogCaptureFixture
+) -> None:
     recording = read_any(write_topics(tmp_path / "x.mcap", bar_topics(names)), chosen)
     assert recording.names == ("left", "right")
+    assert ("topics are taken, by their names, for those of left: /" in caplog.text) == (not chosen)
     assert recording.time[0] == 0.0
     found = identify(recording)
     assert found.doubts == ()

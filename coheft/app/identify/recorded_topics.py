@@ -12,7 +12,7 @@ from coheft.app.identify.bags import Bag
 from coheft.app.identify.topics import found_topics, named_topics
 from coheft.app.recording.reader import Recording as Run
 from coheft.app.recording.reader import read_recording as read_run
-from coheft.errors import RecordingError
+from coheft.errors import RecordingError, one_line
 from coheft.estimation.batch.recording import Recording, Truth, check_recording
 from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia
@@ -39,6 +39,9 @@ def read_topics(path: Path, topics: Sequence[str]) -> Recording:
             chosen = named_topics(bag.topics, topics) if topics else found_topics(bag.topics)
             streams = bag.streams({name for own in chosen.values() for name in own.values()})
             is_ours = any(topic.name == _STATUS for topic in bag.topics)
+        if not topics and not is_ours:
+            each = "; ".join(f"{robot}: {', '.join(own.values())}" for robot, own in chosen.items())
+            LOG.warning(f"coheft: topics are taken, by their names, for those of {one_line(each)}")
         robots, _ = align(
             {robot: {channel: streams[name] for channel, name in own.items()} for robot, own in chosen.items()}
         )

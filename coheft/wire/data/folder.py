@@ -22,6 +22,7 @@ from coheft.wire.data.replace import replace_files
 from coheft.wire.data.ros_columns import is_of_ros, robot_named, streams_of
 from coheft.wire.data.table import Table, read_table
 from coheft.wire.data.units import holds_in_seconds, span_of
+from coheft.wire.process.log import LOG
 
 _HOLDS = "holds"
 _HOLDS_HEADER = ("start", "end")
@@ -154,16 +155,13 @@ def _read_robots(files: Sequence[Path]) -> tuple[dict[str, RobotRecord], float]:
                     f"ROBOT_wrench.csv and ROBOT_pose.csv"
                 )
             own[channel] = stream
-    if (
-        len(streams) > 1
-        and all(len(own) == 1 for own in streams.values())
-        and len(set(map(tuple, streams.values()))) > 1
-    ):
-        each = "; ".join(f"{name}: {', '.join(own)}" for name, own in streams.items())
+    each = one_line("; ".join(f"{name}: {', '.join(own)}" for name, own in streams.items()))
+    if len(streams) > 1 and max(map(len, streams.values())) == 1 and len(set(map(tuple, streams.values()))) > 1:
         raise RecordingError(
-            f"found a robot for each file ({one_line(each)}); expected files of one robot to be named alike, as "
-            f"ROBOT_wrench.csv and ROBOT_pose.csv"
+            f"found a robot for each file ({each}); expected files of one robot to be named alike, as ROBOT_wrench.csv "
+            f"and ROBOT_pose.csv"
         )
+    LOG.warning(f"coheft: files are taken for topics as 'rostopic echo -p' writes them, by their names of {each}")
     return align(streams)
 
 
