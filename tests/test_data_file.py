@@ -123,7 +123,7 @@ def truth(**changes: object) -> dict[str, object]:
             r"'noise': expected 5 positive .*found \[1.0, 1.0, inf",
         ),
         ({"noise": np.array([1.0, 1.0, np.nan, 1.0, 1.0])}, "'noise': expected 5 positive numbers"),
-        ({"holds": [[0.0, 0.5], [5.0, 1.0]]}, "'holds': found one from 5 s to 1 s, expected its start before its end"),
+        ({"holds": [[0.0, 0.5], [5.0, 1.0]]}, "'holds': found one from 5 to 1, expected its start before its end"),
         ({"holds": [[0.0, np.nan]]}, "'holds': found nan"),
         ({"r2__t": 0.0}, r"'t' of r2: found shape \(\), expected \(1,\)"),
         ({"r2__t": np.append(np.arange(9) / 10.0, np.inf)}, "'t' of r2: found inf"),
@@ -241,7 +241,7 @@ def test_csv_files_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
     [
         ("start\n0\n", "holds.csv: found columns start; expected start, end"),
         ("from,to\n0,1\n", "holds.csv: found columns from, to; expected start, end"),
-        ("start,end\n5,1\n", "'holds': found one from 5 s to 1 s"),
+        ("start,end\n5,1\n", "'holds': found one from 5 to 1"),
     ],
 )
 def test_holds_of_a_folder_are_checked(tmp_path: Path, text: str, message: str) -> None:
@@ -332,11 +332,10 @@ def test_what_is_not_there_or_no_recording_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("run.mcap", b"\x89MCAP0\r\n", "a recording by '--record' is for 'coheft view'; identify reads what"),
         (
             "keep.json",
             b"{}",
-            "not an .npz file; expected what 'coheft run --save-data' or np.savez writes, or a folder",
+            "not an .npz file; expected what 'coheft run --save-data' or np.savez writes, a folder of CSV",
         ),
         ("PK.npz", b"PKPKPKPK", "not an .npz file; expected"),
         ("empty.npz", b"", "not an .npz file; expected"),

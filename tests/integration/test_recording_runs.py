@@ -70,6 +70,9 @@ def test_a_recording_says_what_the_report_says(start: Callable[..., Run], tmp_pa
     assert recording.begin.scene.robots == list(report["robots"])
     assert json.loads(recording.scenario)["duration"] == 4.0
     assert count_messages(path) > 0
+    assert run_command_line(["identify", str(path), "--json", str(tmp_path / "load.json")]) in (0, 3)
+    load, truth = json.loads((tmp_path / "load.json").read_text())["payload"], truths[-1].payload
+    assert load["mass_kg"] == pytest.approx(truth.mass, abs=5.0 * load["mass_std_kg"])
 
 
 def saved_so_far(path: Path, scratch: Path) -> Saved | None:

@@ -32,6 +32,8 @@ def identify(
     from_: Annotated[float | None, Parameter(name="--from")] = None,
     to: float | None = None,
     cutoff: Positive | None = None,
+    topics: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative_iterable="")] = (),
+    holds: GivenPath | None = None,
     json: ReportTarget = None,
     report: FolderTarget = None,
     quiet: Flag = False,
@@ -44,11 +46,12 @@ def identify(
     Parameters
     ----------
     recording:
-        An .npz file, or a folder with a CSV file per robot, see docs/data-format.md; 'coheft run --save-data' makes
-        both.
+        An .npz file, or a folder with a CSV file per robot, as 'coheft run --save-data' makes; an MCAP file, as 'coheft
+        run --record' makes, or a bag of ROS; see docs/data-format.md.
     method:
         batch: the paper's least squares; instruments: without their bias; pose: grasps from poses, with nothing
-        differentiated; likelihood: for sensors of known noise. Without it: what suits the recording best.
+        differentiated; likelihood: for sensors of known noise; static: from a load that is held still. Without it:
+        what suits the recording best.
     calibrate:
         The robots are not well calibrated; estimate what is wrong with them as well (method pose).
     from_:
@@ -57,6 +60,11 @@ def identify(
         Leave out what came after [s].
     cutoff:
         Of the low-pass filter [Hz]; 5 for batch, else 3; likelihood has none.
+    topics:
+        Of an MCAP file or a bag: which are of which robot, as left=/left/wrench left=/left/pose right=/right/wrench
+        right=/right/pose. Without it, robots are what topics' names begin with.
+    holds:
+        Recording of the same load, held still in some orientations by the same robots: for mass and centre of mass.
     json:
         Write the report to this file; - for standard output.
     report:
@@ -68,25 +76,34 @@ def identify(
 
     from coheft.app.figures import make_folder
     from coheft.app.identify.folder import write_identification
+    from coheft.app.identify.inputs import files_of, read_any, read_holds
     from coheft.app.identify.methods import identify as find
     from coheft.app.identify.methods import part_of
     from coheft.app.identify.report import make_report
     from coheft.app.identify.tables import print_identification
     from coheft.app.results.report import write_report
     from coheft.app.run.new_folder import gone_if_broken_off
-    from coheft.wire.data.file import read_recording
+    from coheft.estimation.batch.statics import Statics
 
     if bounds is not None and not calibrate:
         raise UsageError("bounds are of errors that --calibrate estimates: add it, or leave them out")
-    files = recording.glob("*.csv") if recording.is_dir() else [recording]
-    check_outputs(*files, json=json, report=report)
-    recorded = read_recording(recording)
+    check_outputs(*files_of(recording), *(files_of(holds) if holds else ()), json=json, report=report)
+    if method == "static" and (holds is not None or from_ is not None or to is not None):
+        raise UsageError("--method static takes all holds of RECORDING: leave --holds, --from and --to out")
+    statics: Statics | None = None
+    if method == "static" and not topics:
+        statics = read_holds(recording)
+        recorded = statics.as_recording()
+    else:
+        recorded = read_any(recording, topics)
+    if holds is not None:
+        statics = read_holds(holds, recorded.names)
     try:
         recorded = part_of(recorded, from_, to)
         with gone_if_broken_off(report):
             if report is not None:
                 make_folder(report)
-            found = find(recorded, method, (bounds or Bounds()) if calibrate else None, cutoff)
+            found = find(recorded, method, (bounds or Bounds()) if calibrate else None, cutoff, statics)
     except RecordingError as error:
         raise RecordingError(f"{recording}: {error}") from error
     result = make_report(str(recording), recorded, found)

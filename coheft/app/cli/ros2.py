@@ -15,7 +15,7 @@ Domain = Annotated[Whole, Parameter(validator=Number(gte=0, lte=232))]
 
 
 @app.command(group=PARTS)
-def ros2_bridge(run: RunFolder = None, *, domain: Domain = 0, endpoint: str = ROUTER) -> None:
+def ros2_bridge(run: RunFolder = None, *, domain: Domain = 0, endpoint: str = ROUTER, namespace: str = "") -> None:
     """Publish what a run that goes on says as stock ROS 2 messages, for nodes on rmw_zenoh; see docs/ros2.md.
 
     Parameters
@@ -24,15 +24,20 @@ def ros2_bridge(run: RunFolder = None, *, domain: Domain = 0, endpoint: str = RO
         Number of the ROS domain, as in ROS_DOMAIN_ID.
     endpoint:
         Where the router of ROS 2 listens ('ros2 run rmw_zenoh_cpp rmw_zenohd').
+    namespace:
+        All topics' names begin with it: several runs may be in one domain.
     """
     from coheft.app.ros2.bridge import bridge_run
+    from coheft.app.ros2.names import namespace_of
     from coheft.app.run.folder import find_run
 
-    bridge_run(find_run(run), endpoint, domain, lambda line: print(line, flush=True))
+    bridge_run(find_run(run), endpoint, domain, lambda line: print(line, flush=True), namespace_of(namespace))
 
 
 @app.command(group=PARTS)
-def ros2_driver(*configs: GivenPath, domain: Domain = 0, endpoint: str = ROUTER, epoch: Time | None = None) -> None:
+def ros2_driver(
+    *configs: GivenPath, domain: Domain = 0, endpoint: str = ROUTER, epoch: Time | None = None, namespace: str = ""
+) -> None:
     """Feed agents with what robots measure in ROS 2, in place of the physics server; see docs/ros2.md.
 
     Parameters
@@ -46,7 +51,10 @@ def ros2_driver(*configs: GivenPath, domain: Domain = 0, endpoint: str = ROUTER,
     epoch:
         ROS time at which the run begins [s], the same for the whole team. Needed if other processes drive other robots
         of the team; otherwise it begins when most robots measure.
+    namespace:
+        All topics' names begin with it: several teams may be in one domain.
     """
     from coheft.app.ros2.drive import drive, read_agents
+    from coheft.app.ros2.names import namespace_of
 
-    drive(read_agents(configs), endpoint, domain, epoch, lambda line: print(line, flush=True))
+    drive(read_agents(configs), endpoint, domain, epoch, lambda line: print(line, flush=True), namespace_of(namespace))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Method = Literal["batch", "instruments", "pose", "likelihood"]
+Method = Literal["batch", "instruments", "pose", "likelihood", "static"]
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,10 @@ from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import identify_batch, identify_with_instruments
 from coheft.estimation.batch.identify_poses import identify_poses
 from coheft.estimation.batch.identify_sensors import identify_sensors
+from coheft.estimation.batch.identify_statics import identify_statics, with_statics
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
+from coheft.estimation.batch.statics import Statics
 
 
 def suitable(recording: Recording) -> Method:
@@ -42,7 +44,11 @@ def part_of(recording: Recording, start: float | None, end: float | None) -> Rec
 
 
 def identify(
-    recording: Recording, method: Method | None = None, bounds: Bounds | None = None, cutoff: float | None = None
+    recording: Recording,
+    method: Method | None = None,
+    bounds: Bounds | None = None,
+    cutoff: float | None = None,
+    statics: Statics | None = None,
 ) -> Identification:
     """Identify the load.
 
@@ -51,6 +57,7 @@ def identify(
         method: None: what suits it.
         bounds: Of calibration errors, which are then estimated along; None: there are none.
         cutoff: Of the low-pass filter [Hz]; None: the method's own.
+        statics: Holds that were recorded apart, of the same robots.
 
     Raises:
         RecordingError: The recording does not hold what the method needs, or numbers that cannot be computed with.
@@ -58,7 +65,7 @@ def identify(
     """
     method = method or suitable(recording)
     try:
-        return _identify(recording, method, bounds, cutoff)
+        return _identify(recording, method, bounds, cutoff, statics)
     except (np.linalg.LinAlgError, OverflowError) as error:
         raise RecordingError(
             f"--method {method} cannot compute with these numbers ({error}): are some of them huge, or constant "
@@ -67,19 +74,28 @@ def identify(
         ) from error
 
 
-def _identify(recording: Recording, method: Method, bounds: Bounds | None, cutoff: float | None) -> Identification:
+def _identify(
+    recording: Recording, method: Method, bounds: Bounds | None, cutoff: float | None, statics: Statics | None
+) -> Identification:
     """Identify the load, arguments as of ``identify``."""
     if bounds is not None and method != "pose":
         raise UsageError(f"calibration errors are estimated by --method pose only, not by {method}")
-    if method == "batch":
-        return identify_batch(recording, cutoff or PAPER_CUTOFF)
-    if method == "instruments":
-        return identify_with_instruments(recording, cutoff or CUTOFF)
-    if method == "pose":
-        return identify_poses(recording, None if bounds is None else _tolerances(bounds), cutoff or CUTOFF)
-    if cutoff is not None:
+    if bounds is not None and statics is not None:
+        raise UsageError("--calibrate cannot correct holds that were recorded apart: leave it, or --holds, out")
+    if cutoff is not None and method in ("likelihood", "static"):
         raise UsageError(f"--method {method} has no filter: leave --cutoff out, or choose another method")
-    return identify_sensors(recording)
+    match method:
+        case "batch":
+            return identify_batch(recording, cutoff or PAPER_CUTOFF, statics)
+        case "static":
+            return identify_statics(statics or Statics.of_recording(recording))
+        case "instruments":
+            found = identify_with_instruments(recording, cutoff or CUTOFF)
+        case "pose":
+            found = identify_poses(recording, None if bounds is None else _tolerances(bounds), cutoff or CUTOFF)
+        case "likelihood":
+            found = identify_sensors(recording)
+    return found if statics is None else with_statics(found, statics)
 
 
 def _tolerances(bounds: Bounds) -> Tolerances:

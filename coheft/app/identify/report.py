@@ -216,7 +216,7 @@ def make_report(source: str, recording: Recording, found: Identification) -> Ide
         not_observable=_not_observable(found),
         doubts=list(found.doubts),
         verdict=None if found.verdict is None else _verdict(found.verdict, found.hidden),
-        remarks=[*_loose_loops(recording, found), *found.remarks],
+        remarks=[*_loose_loops(recording, found), *found.remarks, *_changes(recording)],
         loops=[
             LoopReport(
                 rotation_deg=float(np.degrees(np.linalg.norm(loop.error[:3]))),
@@ -281,6 +281,19 @@ def _loose_loops(recording: Recording, found: Identification) -> tuple[str, ...]
     return (
         f"Pairs fail to close by {worst:.1f} of their standard deviations, so true errors are larger than these say: "
         f"robots are not well calibrated, or their clocks differ. {remedy}.",
+    )
+
+
+def _changes(recording: Recording) -> tuple[str, ...]:
+    """That the load changed meanwhile, in words, where the recording tells it."""
+    start, end = float(recording.time[0]), float(recording.time[-1])
+    if recording.truth is None or recording.truth.load_between(start, end) is not None:
+        return ()
+    times = ", ".join(f"{since:g} s" for since, _ in recording.truth.loads if start < since < end)
+    if not times:
+        return ()
+    return (
+        f"The load changed at {times}, by the truth that this recording names: choose a part with --from and --to.",
     )
 
 

@@ -15,9 +15,10 @@ _UNSEEN = "not seen"
 def print_identification(console: Console, report: IdentifyReport) -> None:
     """Print tables of what was found, how sure it is, and what is not known."""
     first = report.robots[0]
+    when = "held still" if report.method == "static" else f"{report.from_s:.1f} s to {report.to_s:.1f} s"
     console.print(
-        f"{report.recording}: {len(report.robots)} robots, {report.from_s:.1f} s to {report.to_s:.1f} s, "
-        f"method {report.method}. All in the grasp frame of {first}.",
+        f"{report.recording}: {len(report.robots)} robots, {when}, method {report.method}. All in the "
+        f"grasp frame of {first}.",
         markup=False,
     )
     print_table(console, _poses(report))

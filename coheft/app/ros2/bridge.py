@@ -17,7 +17,8 @@ from coheft.app.run.observer import observe
 from coheft.wire.messages.requests import StatusRequest
 from coheft.wire.messages.structs import Estimate, Problem, Scene, Truth
 
-_NODE = "coheft"
+NODES = ("coheft", "coheft_driver")
+"""Names of bridges and drivers, which publish on the same topics."""
 _SILENCE = 2.0
 _LATCHED = "/tf_static"
 _GROUPS = {"estimate", "measured"}
@@ -73,7 +74,7 @@ class Bridge:
             self._node.publish(_ros_topic(topic), message, latched=topic == _LATCHED)
 
 
-def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[str], None]) -> None:
+def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[str], None], namespace: str = "") -> None:
     """Say in ROS 2 what a run's server and agents say, until the run has ended.
 
     Args:
@@ -81,18 +82,21 @@ def bridge_run(run_file: RunFile, endpoint: str, domain: int, tell: Callable[[st
         endpoint: Where the router of ROS 2 listens.
         domain: Number of the ROS domain.
         tell: Called with a line for the user, now and then.
+        namespace: Of all topics, such as ``/cell``.
 
     Raises:
-        LinkError: There is no router there, or the run's server does not answer, or not any more.
+        LinkError: There is no router there, or another bridge or a driver uses it with these topics, or the run's
+            server does not answer, or not any more.
         CoheftError: ROS does not take a robot's name, or the run is secure and there are no keys of an observer.
     """
-    with observe(run_file) as observer, open_node(_NODE, endpoint, domain) as node:
+    with observe(run_file) as observer, open_node(NODES[0], endpoint, domain, namespace) as node:
+        node.check_alone(NODES)
         status = observer.ask(StatusRequest())
         scene = status.scene
         check_ros_names(scene.robots)
         bridge = Bridge(node)
         bridge.show_scene(scene)
-        tell(f"node /{_NODE} in ROS domain {domain}, by the router at {endpoint}; Ctrl-C ends it, the run goes on")
+        tell(f"node {node.name} in ROS domain {domain}, by the router at {endpoint}; Ctrl-C ends it, the run goes on")
         had_router = True
         while status.state != "finished":
             news = observer.collect(scene, _SILENCE)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 
+from coheft.app.ros2.bridge import NODES
 from coheft.app.ros2.names import check_ros_names
 from coheft.app.ros2.node import open_node
 from coheft.app.ros2.team import Team
@@ -18,8 +19,6 @@ from coheft.wire.transport.inbox import Inbox
 from coheft.wire.transport.planes import SERVER, guard_observer, guard_server_for_robot
 from coheft.wire.transport.security import Credentials, credentials_in
 from coheft.wire.transport.sessions import Keys, open_session
-
-_NODE = "coheft_driver"
 
 
 def read_agents(paths: Sequence[Path]) -> list[AgentProcessConfig]:
@@ -48,6 +47,7 @@ def drive(
     domain: int,
     epoch: float | None,
     tell: Callable[[str], None],
+    namespace: str = "",
 ) -> None:
     """Feed agents with what is measured in ROS 2, and say there what they want and believe, until Ctrl-C.
 
@@ -58,10 +58,12 @@ def drive(
         epoch: ROS time at which block 0 begins [s], the same for the whole team; None: soon after robots
             begin to measure, if this process drives the whole team.
         tell: Called with a line for the user, now and then.
+        namespace: Of all topics, such as ``/cell``.
 
     Raises:
         UsageError: There is no epoch, and other processes drive neighbours of these robots.
-        LinkError: There is no router there, or something listens where the agents dial already.
+        LinkError: There is no router there, or a bridge uses it with the same topics, or something listens where the
+            agents dial already.
         CoheftError: ROS does not take a robot's name, or the run is secure and credentials are missing.
     """
     names = [config.agent.name for config in configs]
@@ -70,7 +72,8 @@ def drive(
         _check_whole(configs)
     keys, inbox = Keys(configs[0].run), Inbox()
     with ExitStack() as stack:
-        node = stack.enter_context(open_node(_NODE, endpoint, domain))
+        node = stack.enter_context(open_node(NODES[1], endpoint, domain, namespace))
+        node.check_alone(NODES[:1])  # parts of a team may have drivers of their own
         team = Team(node, inbox, tell)
         for config in configs:
             guard = guard_server_for_robot(_credentials(config, SERVER), keys, config.agent.name)

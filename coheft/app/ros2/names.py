@@ -55,28 +55,35 @@ class Topic:
 
 @dataclass(frozen=True)
 class Node:
-    """A node without namespace, the only one of its session.
+    """A node, the only one of its session.
 
     Attributes:
         domain: Number of the ROS domain.
         session: Identity of the session.
         name: The node's.
+        namespace: Such as ``/cell``; empty: none.
     """
 
     domain: int
     session: str
     name: str
+    namespace: str = ""
 
     def token(self) -> str:
         """By which others see that the node is there."""
-        return f"{self._prefix}/0/NN/%/%/{self.name}"
+        return f"{self._prefix}/0/NN/{self._place}"
 
     def endpoint_token(self, number: int, kind: Endpoint, topic: Topic) -> str:
         """By which others see that the node publishes a topic, or listens to it; ``number`` is of this session."""
         mangled = topic.name.replace("/", "%")
         # The parts of a topic's key that follow its name follow here, too.
         typed = topic.key(self.domain).split("/")[-2:]
-        return "/".join([f"{self._prefix}/{number}/{kind}/%/%/{self.name}", mangled, *typed, topic.quality])
+        return "/".join([f"{self._prefix}/{number}/{kind}/{self._place}", mangled, *typed, topic.quality])
+
+    @property
+    def _place(self) -> str:
+        """Enclave, namespace and name."""
+        return f"%/{self.namespace.replace('/', '%') or '%'}/{self.name}"
 
     @property
     def _prefix(self) -> str:
@@ -106,3 +113,16 @@ def check_ros_names(robots: Iterable[str]) -> None:
                 f"robot {name!r} cannot be in the name of a ROS topic: expected letters, digits and single '_', a "
                 "letter first and no '_' last"
             )
+
+
+def namespace_of(text: str) -> str:
+    """A namespace as topics begin with it: ``/cell`` of ``cell`` or ``/cell/``; empty of nothing.
+
+    Raises:
+        CoheftError: ROS does not take it.
+    """
+    parts = [part for part in text.split("/") if part]
+    for part in parts:
+        if not _TOKEN.fullmatch(part):
+            raise CoheftError(f"--namespace {text!r}: expected letters, digits and single '_', as in cell_1/left")
+    return "".join(f"/{part}" for part in parts)

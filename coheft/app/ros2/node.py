@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -13,11 +13,14 @@ import zenoh
 import zenoh.ext
 
 from coheft.app.recording import ros
+from coheft.app.ros2.graph import EVERYTHING, Seen, seen_in
 from coheft.app.ros2.names import GID_SIZE, Node, Topic, attachment
 from coheft.errors import LinkError
 from coheft.wire.transport.sessions import session_id
 
 _HEARTBEAT = 1.0
+_PATIENCE = 1.0
+"""For so long the router is waited for when it is asked who is there [s]."""
 
 
 class RosNode:
@@ -26,13 +29,15 @@ class RosNode:
     Attributes:
         topics: Those that it publishes, by name.
         published: Number of messages that somebody has heard.
+        domain: Number of the ROS domain.
     """
 
-    def __init__(self, session: zenoh.Session, domain: int, name: str) -> None:
+    def __init__(self, session: zenoh.Session, domain: int, name: str, namespace: str = "") -> None:
         self.topics: dict[str, Publisher] = {}
         self.published = 0
+        self.domain = domain
         self._session = session
-        self._node = Node(domain, session_id(session), name)
+        self._node = Node(domain, session_id(session), name, namespace)
         self._kept: list[Any] = []  # tokens and subscribers that nothing holds are gone
         self._announce(self._node.token())
 
@@ -40,6 +45,35 @@ class RosNode:
     def has_router(self) -> bool:
         """Whether the link with the router stands."""
         return bool(self._session.info.routers_zid())
+
+    @property
+    def name(self) -> str:
+        """The node's, with its namespace: ``/cell/coheft``."""
+        return f"{self._node.namespace}/{self._node.name}"
+
+    def full(self, topic: str) -> str:
+        """A topic's name with the namespace: ``/cell/r3/payload``."""
+        return self._node.namespace + topic
+
+    def seen(self) -> list[Seen]:
+        """Nodes and publishers of all domains that others have, as far as the router knows them."""
+        replies = self._session.liveliness().get(EVERYTHING, timeout=_PATIENCE)
+        tokens = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+        return [each for each in seen_in(tokens) if each.session != self._node.session]
+
+    def check_alone(self, names: Collection[str]) -> None:
+        """Check that no node with one of some names is there already, in this domain and namespace.
+
+        Raises:
+            LinkError: One is: its topics would be mixed with this one's.
+        """
+        own = {f"{self._node.namespace}/{name}" for name in names}
+        for other in self.seen():
+            if other.domain == self.domain and not other.topic and other.node in own:
+                raise LinkError(
+                    f"node {other.node} is in ROS domain {self.domain} already, and nodes would hear both on the same "
+                    f"topics: end it, or choose --namespace NAME, or another --domain"
+                )
 
     def publish(self, topic: str, message: ros.RosMessage, *, latched: bool = False) -> None:
         """Publish a message; all of a topic must be of one type.
@@ -49,8 +83,9 @@ class RosNode:
             message: The message.
             latched: Keep it for those who come later.
         """
+        topic = self.full(topic)
         if topic not in self.topics:
-            typed = _typed(topic, message.__msgtype__, latched=latched)
+            typed = typed_topic(topic, message.__msgtype__, latched=latched)
             self.topics[topic] = Publisher(self._session, typed.key(self._node.domain), latched=latched)
             self._announce(self._node.endpoint_token(len(self._kept), "MP", typed))
         self.published += self.topics[topic].publish(message)
@@ -63,7 +98,7 @@ class RosNode:
             kind: Type of its messages, such as ``geometry_msgs/msg/WrenchStamped``.
             hear: Called with each.
         """
-        typed = _typed(topic, kind)
+        typed = typed_topic(self.full(topic), kind)
         handler: Any = zenoh.handlers.Callback(lambda sample: hear(sample.payload.to_bytes()), indirect=False)
         self._kept.append(self._session.declare_subscriber(typed.key(self._node.domain), handler))
         self._announce(self._node.endpoint_token(len(self._kept), "MS", typed))
@@ -110,7 +145,7 @@ class Publisher:
 
 
 @contextmanager
-def open_node(name: str, endpoint: str, domain: int) -> Iterator[RosNode]:
+def open_node(name: str, endpoint: str, domain: int, namespace: str = "") -> Iterator[RosNode]:
     """A node that is linked with a router of ROS 2, and by it with all other nodes; it goes with the context.
 
     A router that goes is dialled again in the background.
@@ -119,6 +154,7 @@ def open_node(name: str, endpoint: str, domain: int) -> Iterator[RosNode]:
         name: The node's.
         endpoint: The router's.
         domain: Number of the ROS domain.
+        namespace: Of the node and of all its topics, such as ``/cell``.
 
     Raises:
         LinkError: No router listens there.
@@ -137,8 +173,9 @@ def open_node(name: str, endpoint: str, domain: int) -> Iterator[RosNode]:
             f"or say where it is: --endpoint tcp/HOST:7447"
         ) from error
     with session:
-        yield RosNode(session, domain, name)
+        yield RosNode(session, domain, name, namespace)
 
 
-def _typed(topic: str, kind: str, *, latched: bool = False) -> Topic:
+def typed_topic(topic: str, kind: str, *, latched: bool = False) -> Topic:
+    """A topic of stock messages of a type, such as ``geometry_msgs/msg/WrenchStamped``."""
     return Topic(topic, kind, ros.type_hash(kind), latched)

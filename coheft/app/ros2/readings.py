@@ -32,14 +32,19 @@ class Readings:
 
     Args:
         complain: Called with what was refused, and why.
+
+    Attributes:
+        came: Streams, by robot and kind, of which anything came, also what was refused.
     """
 
     def __init__(self, complain: Callable[[str], None]) -> None:
+        self.came: set[tuple[str, str]] = set()
         self._complain = complain
         self._waiting: SimpleQueue[tuple[str, str, bytes, int]] = SimpleQueue()
 
     def put(self, robot: str, stream: str, cdr: bytes) -> None:
         """Let a message wait, in any thread."""
+        self.came.add((robot, stream))
         if self._waiting.qsize() < _ROOM:
             self._waiting.put((robot, stream, cdr, time.monotonic_ns()))
 

@@ -42,9 +42,11 @@ def read(stream: str, cdr: bytes) -> tuple[int, Array]:
     """When it was measured [ns], and what: as many numbers as the stream's columns.
 
     Raises:
-        MessageError: It is no such message, or not all numbers are finite.
+        MessageError: It is no such message, not all numbers are finite, or nothing says when they were measured.
     """
     message = ros.from_cdr(cdr, STREAMS[stream].kind)
+    if ros.time_of(message) == 0:
+        raise MessageError("its stamp is zero: expected the time of the measurement in header.stamp")
     match stream:
         case "wrench":
             parts = [message.wrench.force, message.wrench.torque]

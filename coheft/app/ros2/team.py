@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import NoReturn
 
@@ -12,7 +12,8 @@ import zenoh
 
 from coheft.app.recording import ros
 from coheft.app.ros2.bridge import Bridge
-from coheft.app.ros2.node import RosNode
+from coheft.app.ros2.graph import reasons
+from coheft.app.ros2.node import RosNode, typed_topic
 from coheft.app.ros2.readings import Readings
 from coheft.app.ros2.samples import STREAMS, BlockBuilder
 from coheft.app.ros2.stamps import LIMIT, Stamps
@@ -27,7 +28,12 @@ from coheft.wire.transport.security import Guard
 from coheft.wire.transport.sessions import Keys
 
 _POLL = 0.02
-_SILENCE = 5.0
+_SILENCE = 4.0
+"""After so long something is said [s]."""
+_PATIENCE = 5.0
+"""For so long robots are waited for that do not measure when others do [s]."""
+_SLOW, _MANY = 0.8, 20
+"""A sensor of which less than this share of the others' measurements comes is slow, if these are so many."""
 _LINES = 20
 """Different complaints that are told."""
 
@@ -101,11 +107,11 @@ class Team:
         stamps = Stamps(len(self._links))
         if epoch is not None:
             self._set_epoch(epoch)
-        topics = ", ".join(f"/{name}/{stream}" for name in self._links for stream in STREAMS)
+        topics = ", ".join(self._node.full(f"/{name}/{stream}") for name in self._links for stream in STREAMS)
         self._tell(f"all agents are ready; waiting for measurements on {topics}")
         first_at, next_word = math.inf, time.monotonic() + _SILENCE
         soon = -math.inf if epoch is None else epoch - LIMIT
-        while (newest := stamps.settle(patient=time.monotonic() < first_at + _SILENCE)) is None or newest < soon:
+        while (newest := stamps.settle(patient=time.monotonic() < first_at + _PATIENCE)) is None or newest < soon:
             for robot, _, stamp, _, arrival in self._readings.take(_POLL):
                 stamps.hear(robot, stamp, arrival)
                 if stamp >= soon:
@@ -116,6 +122,7 @@ class Team:
             self._hear_agents(0.0)
             if time.monotonic() > next_word:
                 next_word += _SILENCE
+                self._tell_silence((name, stream) for name in self._links for stream in STREAMS)
                 if stamps.disagreement:
                     self._tell(stamps.disagreement)
                 elif newest is not None and epoch is not None:
@@ -131,24 +138,27 @@ class Team:
             for name, agent in self._configs.items()
         }
         fed_at = dict.fromkeys(builders, time.monotonic())
-        refused_at = dict.fromkeys(builders, -math.inf)
+        refused_at = dict.fromkeys(((name, stream) for name in builders for stream in STREAMS), -math.inf)
         while True:
             for robot, stream, stamp, values, arrival in self._readings.take(_POLL):
                 try:
                     block = builders[robot].add(stream, stamp, values, arrival)
                 except MessageError as error:
-                    if time.monotonic() > refused_at[robot] + _SILENCE:
-                        refused_at[robot] = time.monotonic()
+                    if time.monotonic() > refused_at[robot, stream] + _SILENCE:
+                        refused_at[robot, stream] = time.monotonic()
                         self._tell(f"refused from /{robot}/{stream}: {error}")
                     continue
                 if block is not None:
                     self._feed(robot, *block)
                     fed_at[robot] = time.monotonic()
             self._hear_agents(0.0)
-            for name, moment in fed_at.items():
-                if time.monotonic() > moment + _SILENCE:
-                    fed_at[name] = time.monotonic()
-                    self._tell(f"{name}: no complete block for {_SILENCE:g} s; {_came(builders[name])}")
+            unfed = [name for name, moment in fed_at.items() if time.monotonic() > moment + _SILENCE]
+            for name in unfed:
+                fed_at[name] = time.monotonic()
+                self._tell(f"{name}: no complete block for {_SILENCE:g} s; {_came(builders[name])}")
+            streams = [(name, stream) for name in unfed for stream in STREAMS]
+            self._tell_silence(streams)
+            self._readings.came.difference_update(streams)
 
     def stop(self, reason: str) -> None:
         """Tell all agents that the run is over."""
@@ -223,11 +233,24 @@ class Team:
             self._told.add(text)
             self._tell(text)
 
+    def _tell_silence(self, streams: Iterable[tuple[str, str]]) -> None:
+        """Say of which streams nothing has come, and what is published instead."""
+        silent = [(name, stream) for name, stream in streams if (name, stream) not in self._readings.came]
+        if not silent:
+            return
+        topics = [typed_topic(self._node.full(f"/{name}/{stream}"), STREAMS[stream].kind) for name, stream in silent]
+        for reason in reasons(topics, self._node.seen(), self._node.domain):
+            self._complain(f"nothing has come on {reason}")
+
 
 def _came(builder: BlockBuilder) -> str:
     """What has come since the last complete block, and why it may have made none."""
     came = ", ".join(f"{count} of {stream}" for stream, count in builder.counts.items())
     text = f"since the last one there came {came}"
+    most = max(builder.counts.values())
+    slow = [stream for stream, count in builder.counts.items() if 0 < count < _SLOW * most]
+    if slow and most > _MANY:
+        text += f"; each sample needs one of each, so {', '.join(slow)} must come more often"
     if builder.behind:
         text += f", stamped {builder.behind:.1f} s before the next block at the end: check its clock if that stays so"
     return text

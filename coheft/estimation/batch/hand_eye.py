@@ -37,7 +37,8 @@ from coheft.estimation.geometry.body_motion import perturbed
 from coheft.estimation.geometry.observability import Visibility
 from coheft.estimation.geometry.spatial import Array, Pose
 
-_STEPS = 15
+_STEPS, _STEPS_OF_FEW = 15, 100
+"""The latter where samples are few: weights of angles and positions then settle slowly."""
 _CLOSE = 1e-7
 """No more steps are taken after one that is smaller than this [rad, m]."""
 _SMALL = 0.1
@@ -75,19 +76,23 @@ class HandEye:
     is_settled: bool
 
 
-def fit_hand_eye(wrists: WristPoses, start: Sequence[Pose], tolerances: Tolerances | None = None) -> HandEye:
+def fit_hand_eye(
+    wrists: WristPoses, start: Sequence[Pose], tolerances: Tolerances | None = None, *, is_independent: bool = False
+) -> HandEye:
     """Fit all poses.
 
     Args:
         wrists: What was measured.
         start: Rough poses of the grasp frames in the first one.
         tolerances: How well the robots are calibrated; None: perfectly.
+        is_independent: Samples are few, but have errors of their own each: more than twelve numbers of each robot but
+            the first. Otherwise how certain all is follows from how errors change over time.
     """
     count = len(wrists.angles)
     prior, free = _prior(count, tolerances)
     guess = _start(wrists, start)
     noise = (_ANGLE_NOISE, _POSITION_NOISE)
-    for _ in range(_STEPS):
+    for _ in range(_STEPS_OF_FEW if is_independent else _STEPS):
         equations = normal_equations(wrists, guess, noise)
         shown = _Shown.of(equations.matrix[np.ix_(free, free)], prior[free])
         step = np.zeros(count * UNKNOWNS)
@@ -99,7 +104,12 @@ def fit_hand_eye(wrists: WristPoses, start: Sequence[Pose], tolerances: Toleranc
         if is_noise_known and np.abs(step).max() < _CLOSE:
             break
     covariance = np.zeros((count * UNKNOWNS, count * UNKNOWNS))
-    covariance[np.ix_(free, free)] = shown.covariance(batch_scatter(equations.scores[:, free], wrists.rate))
+    if is_independent:  # the unknowns and the load's poses take up some of the residuals
+        residuals = (count - 1) * 6 * wrists.angles.shape[1]
+        scatter = equations.matrix[np.ix_(free, free)] * residuals / (residuals - len(free))
+    else:
+        scatter = batch_scatter(equations.scores[:, free], wrists.rate)
+    covariance[np.ix_(free, free)] = shown.covariance(scatter)
     poses = np.intersect1d(free, unknowns_of(count, slice(0, GRASP.stop)))
     covariance[poses, poses] += EXACT**2
     spread = np.sqrt(np.diag(covariance)).reshape(count, UNKNOWNS)

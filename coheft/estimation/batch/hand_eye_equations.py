@@ -84,7 +84,7 @@ def residuals_and_derivatives(
     arm = rotations @ grasp.translation
     reach = arm + positions - home.translation
     place = reach @ home.rotation
-    to_zero = wrists.zeros[robot].T @ to_home
+    to_zero = wrists.zeros[robot].swapaxes(-1, -2) @ to_home
     angles = gimbal_angles(to_zero @ rotations @ grasp.rotation)
     angle_scale, scale = 1.0 + errors[ANGLE_SCALE], 1.0 + float(errors[POSITION_SCALE][0])
     residual = np.empty((len(angles), 6))

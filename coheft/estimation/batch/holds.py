@@ -114,6 +114,16 @@ def holds_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Holds:
     )
 
 
+def both_holds(one: Holds, other: Holds) -> Holds:
+    """All holds of two recordings."""
+    return Holds(
+        spans=(*one.spans, *other.spans),
+        down=np.concatenate([one.down, other.down]),
+        wrench=np.concatenate([one.wrench, other.wrench]),
+        scatter=np.concatenate([one.scatter, other.scatter]),
+    )
+
+
 def orientations(directions: Array) -> int:
     """How many different ones there are among directions of gravity (H, 3)."""
     different: list[Array] = []

@@ -10,7 +10,7 @@ import numpy as np
 from coheft.errors import RecordingError
 from coheft.estimation.batch.body import body_motions, own_motions, total_wrench
 from coheft.estimation.batch.doubts import unsettled
-from coheft.estimation.batch.holds import StaticEstimate, holds_of, static_estimate
+from coheft.estimation.batch.holds import StaticEstimate, both_holds, holds_of, static_estimate
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.inertia_fit import LinearFit, fit_parameters, fit_tensor
 from coheft.estimation.batch.loop_closure import ClosedLoops, LoopError, close_loops, loop_errors
@@ -20,6 +20,7 @@ from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF, Signals
+from coheft.estimation.batch.statics import Statics
 from coheft.estimation.batch.team_poses import TeamPoses
 from coheft.estimation.geometry.observability import PoseEstimate
 from coheft.estimation.geometry.spatial import Array, Pose
@@ -30,8 +31,15 @@ _COM_STEP = 1e-4
 """For differences [m]."""
 
 
-def identify_batch(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Identification:
+def identify_batch(
+    recording: Recording, cutoff: float = PAPER_CUTOFF, statics: Statics | None = None
+) -> Identification:
     """The paper's way (Zhang et al., sec. III): least squares, one thing after the other.
+
+    Args:
+        recording: What was recorded.
+        cutoff: Of the filter [Hz].
+        statics: Holds that were recorded apart; those within the recording are used as well.
 
     Raises:
         RecordingError: Something is missing; no two orientations were held still.
@@ -40,6 +48,8 @@ def identify_batch(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Identi
     grasps, loops = grasps_from_twists(signals, with_instruments=False)
     team = grasps.team
     holds = holds_of(recording, cutoff)
+    if statics is not None:
+        holds = both_holds(holds, statics.as_holds())
     wrench = _wrench(signals)
 
     def solve(poses: Sequence[Pose], com: Array | None = None) -> tuple[Array, StaticEstimate, LinearFit]:

@@ -20,7 +20,9 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.rigid_body.unseen import unseen_quantities
 
 _TOO_LARGE = 1.3
-"""Residuals are suspicious from this share of what noise explains on."""
+"""Residuals are suspicious from this share of what noise explains on,"""
+_FAR_TOO_LARGE = 3.0
+"""and no number is to be trusted from this one on: no sensor's noise is known so badly."""
 
 _HIDDEN = 1e6
 """What is not seen of poses has so many times the variance that a fit lets it have: a stand-in for infinity."""
@@ -57,6 +59,7 @@ def identify_sensors(recording: Recording) -> Identification:
     size = float(np.sqrt(np.mean(np.square(found.residual) / np.diag(found.expected))))
     remark = f"Residuals of the total wrench are {size:.2f} times as large as the sensors' noise explains"
     remark += _SUSPECTS if size > _TOO_LARGE else "."
+    is_refuted = size > _FAR_TOO_LARGE
     return Identification(
         method="likelihood",
         names=recording.names,
@@ -67,8 +70,8 @@ def identify_sensors(recording: Recording) -> Identification:
             covariance=covariance,
             unseen=unseen_quantities(covariance, inertia.mass, estimate.size),
         ),
-        remarks=(remark,),
-        suspicions=unsettled(team, found.is_settled),
+        remarks=() if is_refuted else (remark,),
+        suspicions=((remark,) if is_refuted else ()) + unsettled(team, found.is_settled),
         time=recording.time[: len(found.residual) * found.row_samples].reshape(-1, found.row_samples).mean(axis=1),
         residual=found.residual,
     )

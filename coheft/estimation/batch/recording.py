@@ -154,20 +154,29 @@ def check_recording(recording: Recording) -> None:
         if np.ptp(steps) > 2.0 * _TIME_TOLERANCE * steps.mean() + 1e-9:
             raise RecordingError(
                 f"'t' of {name}: steps from {steps.min():.6g} s to {steps.max():.6g} s, expected equal ones: resample, "
-                f"or fill the gaps"
+                f"or fill the gaps; holds that were recorded apart are a recording of their own, for --holds"
             )
         if len(robot.time) != len(recording.time) or np.abs(robot.time - recording.time).max() > 0.5 * steps.mean():
             raise RecordingError(f"'t' of {name} is not that of {first}: resample all robots at the same times")
-        for channel, width in _WIDTHS.items():
-            samples = getattr(robot, channel)
-            if samples is None:
-                continue
-            if samples.shape != (len(robot.time), width):
-                raise RecordingError(
-                    f"'{channel}' of {name}: found shape {samples.shape}, expected {(len(robot.time), width)}"
-                )
-            if not np.isfinite(samples).all():
-                bad = float(robot.time[~np.isfinite(samples).all(axis=1)][0])
-                raise RecordingError(f"'{channel}' of {name}: not a finite number at {bad:g} s")
-        if robot.pose is not None and np.abs(np.linalg.norm(robot.pose[:, 3:], axis=1) - 1.0).max() > 1e-3:
-            raise RecordingError(f"'pose' of {name}: expected unit quaternions qx qy qz qw in the last four columns")
+        check_samples(name, robot)
+
+
+def check_samples(name: str, robot: RobotRecord) -> None:
+    """Check that what a robot measured can be computed on, whenever that was.
+
+    Raises:
+        RecordingError: Something cannot; says what, and why.
+    """
+    for channel, width in _WIDTHS.items():
+        samples = getattr(robot, channel)
+        if samples is None:
+            continue
+        if samples.shape != (len(robot.time), width):
+            raise RecordingError(
+                f"'{channel}' of {name}: found shape {samples.shape}, expected {(len(robot.time), width)}"
+            )
+        if not np.isfinite(samples).all():
+            bad = float(robot.time[~np.isfinite(samples).all(axis=1)][0])
+            raise RecordingError(f"'{channel}' of {name}: not a finite number at {bad:g} s")
+    if robot.pose is not None and np.abs(np.linalg.norm(robot.pose[:, 3:], axis=1) - 1.0).max() > 1e-3:
+        raise RecordingError(f"'pose' of {name}: expected unit quaternions qx qy qz qw in the last four columns")

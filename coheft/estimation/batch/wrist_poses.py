@@ -22,7 +22,8 @@ class WristPoses:
     Attributes:
         angles: Of the gimbals, shape (N, n, 3) [rad].
         positions: In the home frames, shape (N, n, 3) [m].
-        zeros: Orientations in the home frames where the angles are zero, shape (N, 3, 3).
+        zeros: Orientations in the home frames where the angles are zero, shape (N, 3, 3), or (N, n, 3, 3) if that is
+            elsewhere for each sample.
         rate: Samples per second.
     """
 
@@ -57,9 +58,16 @@ class WristPoses:
             )
         return WristPoses(angles, poses[..., :3], zeros, rate)
 
+    @staticmethod
+    def without_gimbals(poses: Array) -> WristPoses:
+        """From poses (N, n, 7) that may be far apart: angles count from each of them, so none is singular."""
+        zeros = Rotation.from_quat(poses[..., 3:].reshape(-1, 4)).as_matrix().reshape(*poses.shape[:2], 3, 3)
+        return WristPoses(np.zeros((*poses.shape[:2], 3)), poses[..., :3], zeros, rate=1.0)
+
     def some(self, rows: slice) -> WristPoses:
         """Only some samples."""
-        return replace(self, angles=self.angles[:, rows], positions=self.positions[:, rows])
+        zeros = self.zeros[:, rows] if self.zeros.ndim == 4 else self.zeros
+        return replace(self, angles=self.angles[:, rows], positions=self.positions[:, rows], zeros=zeros)
 
     def averaged(self, rate: float) -> WristPoses:
         """Means of neighbouring samples, about ``rate`` of them a second, slow as things move beside that."""

@@ -11,7 +11,7 @@ from coheft.estimation.batch.recording import RobotRecord, Truth
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.process.log import LOG
+from coheft.wire.data.units import samples_in_seconds
 
 TIME = "t"
 COLUMNS = {
@@ -23,9 +23,6 @@ COLUMNS = {
 }
 """Channels of a robot and the names of their columns in CSV files."""
 TRUTH = "truth"
-_UNITS = ((1e-3, "milliseconds"), (1e-6, "microseconds"), (1e-9, "nanoseconds"))
-_SLOWEST = 0.25
-"""Longest time from sample to sample from which motion could be told [s]."""
 
 
 def channels_of(robot: RobotRecord) -> dict[str, Array]:
@@ -49,27 +46,14 @@ def robot_of(name: str, table: Mapping[str, Array]) -> RobotRecord:
         allowed = ", ".join([TIME, *COLUMNS])
         raise RecordingError(f"'{one_line(min(unknown))}' of {name} is unknown; allowed: {allowed}")
     if TIME not in table:
-        raise RecordingError(f"'{TIME}' of {name} is missing: the times of its samples")
+        raise RecordingError(
+            f"'{TIME}' of {name} is missing: the times of its samples; if each line is a hold: --method static"
+        )
     _check(f"'{TIME}' of {name}", table[TIME], (table[TIME].size,))
     channels = {channel: array for channel, array in table.items() if channel != TIME}
     if "wrench" in channels and channels["wrench"].ndim == 2:
         channels["wrench"] = _swapped(channels["wrench"])
-    return RobotRecord(_in_seconds(name, table[TIME]), **channels)
-
-
-def _in_seconds(name: str, time: Array) -> Array:
-    """Times (n,), which may be in other units: in seconds, nothing would be sampled as slowly as that."""
-    if len(time) < 2:
-        return time
-    step = float(np.median(np.diff(time)))
-    for factor, unit in _UNITS:
-        if step * factor <= _SLOWEST < 1e3 * step * factor:
-            LOG.warning(
-                f"coheft: '{TIME}' of {name} grows by {step:g} from sample to sample: taken for {unit}, which makes "
-                f"{1.0 / (step * factor):.4g} samples per second"
-            )
-            return time * factor
-    return time
+    return RobotRecord(samples_in_seconds(name, table[TIME]), **channels)
 
 
 def gravity_of(array: Array) -> Array:
@@ -97,7 +81,7 @@ def noise_of(array: Array) -> SensorNoise:
 
 
 def holds_of(array: Array) -> tuple[tuple[float, float], ...]:
-    """From when to when the load was still, from an array (k, 2) [s]; one that is empty may have any shape.
+    """From when to when the load was still, from an array (k, 2), in its unit; one that is empty may have any shape.
 
     Raises:
         RecordingError: It is something else.
@@ -109,7 +93,7 @@ def holds_of(array: Array) -> tuple[tuple[float, float], ...]:
     _check("'holds'", array, array.shape)
     for start, end in array:
         if start >= end:
-            raise RecordingError(f"'holds': found one from {start:g} s to {end:g} s, expected its start before its end")
+            raise RecordingError(f"'holds': found one from {start:g} to {end:g}, expected its start before its end")
     return tuple((float(start), float(end)) for start, end in array)
 
 

@@ -7,6 +7,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +19,14 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.checks import TIME, TRUTH, channels_of, gravity_of, holds_of, noise_of, robot_of, truth_of
 from coheft.wire.data.folder import read_folder, write_folder
 from coheft.wire.data.replace import replace_files
+from coheft.wire.data.units import holds_in_seconds, span_of
 
 _SHARED = ("gravity", "holds", "noise")
 _BEGINNINGS = (b"PK\x03\x04", b"PK\x05\x06", b"\x93NUMPY")
 """Of zip archives, as ``.npz`` files are, full and empty, and of single arrays; numpy takes all else for pickles."""
-_EXPECTED = "expected what 'coheft run --save-data' or np.savez writes, or a folder of CSV files"
+_EXPECTED = (
+    "expected what 'coheft run --save-data' or np.savez writes, a folder of CSV files, an MCAP file or a bag of ROS"
+)
 _NUMBERS = "biuf"
 """Kinds of numpy's types that are real numbers."""
 _DAMAGED = (
@@ -91,7 +95,24 @@ def _arrays(recording: Recording) -> dict[str, Array]:
     return arrays
 
 
-def _read_npz(path: Path) -> Recording:
+def read_arrays(path: Path) -> tuple[dict[str, dict[str, Array]], Array]:
+    """What an ``.npz`` file holds of each robot, by channel, as it is there: without times, if it has none. Gravity.
+
+    Raises:
+        RecordingError: It is none, or holds something else.
+        OSError: It cannot be read.
+    """
+    tables, shared = _parts(path)
+    tables.pop(TRUTH, None)
+    return tables, _gravity(shared)
+
+
+def _gravity(shared: Mapping[str, Array]) -> Array:
+    return gravity_of(shared["gravity"]) if "gravity" in shared else np.array(GRAVITY)
+
+
+def _parts(path: Path) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
+    """What is of robots, and of the truth, by name and channel; and what is of the whole."""
     tables: dict[str, dict[str, Array]] = {}
     shared: dict[str, Array] = {}
     for key, array in _load(path).items():
@@ -102,14 +123,20 @@ def _read_npz(path: Path) -> Recording:
             shared[key] = array
         else:
             raise RecordingError(f"key '{one_line(key)}' is unknown; allowed: {', '.join(_SHARED)}, ROBOT/CHANNEL")
+    return tables, shared
+
+
+def _read_npz(path: Path) -> Recording:
+    tables, shared = _parts(path)
     truth = tables.pop(TRUTH, {})
     if not tables:
         raise RecordingError(f"no robots in this file; expected arrays ROBOT/{TIME} and ROBOT/CHANNEL of each")
+    robots = {name: robot_of(name, table) for name, table in tables.items()}
     return Recording(
-        robots={name: robot_of(name, table) for name, table in tables.items()},
-        gravity=gravity_of(shared["gravity"]) if "gravity" in shared else np.array(GRAVITY),
+        robots=robots,
+        gravity=_gravity(shared),
         noise=noise_of(shared["noise"]) if "noise" in shared else None,
-        holds=holds_of(shared["holds"]) if "holds" in shared else None,
+        holds=holds_in_seconds("'holds'", holds_of(shared["holds"]), span_of(robots)) if "holds" in shared else None,
         truth=truth_of(truth, len(tables)),
     )
 
@@ -118,7 +145,8 @@ def _load(path: Path) -> dict[str, Array]:
     """All arrays of an ``.npz`` file, by their keys."""
     try:
         with path.open("rb") as file:  # numpy itself leaves damaged ones open
-            _check_beginning(file.read(max(map(len, _BEGINNINGS))), path)
+            if not file.read(max(map(len, _BEGINNINGS))).startswith(_BEGINNINGS):
+                raise RecordingError(f"not an .npz file; {_EXPECTED}")
             file.seek(0)
             loaded = np.load(file, allow_pickle=False)
             if not isinstance(loaded, np.lib.npyio.NpzFile):
@@ -136,14 +164,3 @@ def _load(path: Path) -> dict[str, Array]:
         if array.dtype.kind not in _NUMBERS:
             raise RecordingError(f"not an .npz file of numbers: '{one_line(key)}' holds values of type {array.dtype}")
     return {key: array.astype(np.float64) for key, array in arrays.items()}
-
-
-def _check_beginning(start: bytes, path: Path) -> None:
-    """Check that numpy can be asked to read a file."""
-    if start.startswith(_BEGINNINGS):
-        return
-    if path.suffix == ".mcap":
-        raise RecordingError(
-            "a recording by '--record' is for 'coheft view'; identify reads what 'coheft run --save-data' writes"
-        )
-    raise RecordingError(f"not an .npz file; {_EXPECTED}")

@@ -1,9 +1,11 @@
-"""Recordings as folders: a CSV file per robot, and maybe ``holds.csv``. ``docs/data-format.md`` describes them."""
+"""Recordings as folders: a CSV file per robot, or per topic of ROS, and maybe ``holds.csv``.
+
+``docs/data-format.md`` describes them.
+"""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import BinaryIO
@@ -11,10 +13,16 @@ from typing import BinaryIO
 import numpy as np
 
 from coheft.errors import RecordingError, one_line
+from coheft.estimation.batch.alignment import Stream
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.data.checks import COLUMNS, TIME, channels_of, holds_of, robot_of
+from coheft.wire.data.common_times import align
 from coheft.wire.data.replace import replace_files
+from coheft.wire.data.ros_columns import is_of_ros, robot_named, streams_of
+from coheft.wire.data.table import Table, read_table
+from coheft.wire.data.units import holds_in_seconds, span_of
+from coheft.wire.process.log import LOG
 
 _HOLDS = "holds"
 _HOLDS_HEADER = ("start", "end")
@@ -35,11 +43,23 @@ def read_folder(folder: Path) -> Recording:
             raise RecordingError(
                 f"{one.name} and {other.name} are both of {one.stem}: expected one file, remove the other"
             )
-    robots = {file.stem: _read_robot(file) for file in files if file.stem != _HOLDS}
+    robots, since = _read_robots([file for file in files if file.stem != _HOLDS])
     if not robots:
         raise RecordingError("no .csv files in this folder; expected one per robot")
     holds = [file for file in files if file.stem == _HOLDS]
-    return Recording(robots=robots, holds=_read_holds(holds[0]) if holds else None)
+    return Recording(robots=robots, holds=_holds_in(holds[0], robots, since) if holds else None)
+
+
+def _holds_in(file: Path, robots: Mapping[str, RobotRecord], since: float) -> tuple[tuple[float, float], ...]:
+    """Holds by the time of the samples, which count from ``since`` [s]; holds may count from there or from 0."""
+    holds, (start, end) = _read_holds(file), span_of(robots)
+    if not since:
+        return holds_in_seconds(file.name, holds, (start, end))
+    try:
+        whole = holds_in_seconds(file.name, holds, (since + start, since + end))
+    except RecordingError:
+        return holds_in_seconds(file.name, holds, (start, end))
+    return tuple((begin - since, over - since) for begin, over in whole)
 
 
 def _tables(folder: Path) -> list[Path]:
@@ -117,84 +137,90 @@ def _writer(header: tuple[str, ...], rows: Array) -> Callable[[BinaryIO], None]:
     return write
 
 
-def _read_robot(path: Path) -> RobotRecord:
-    table = _read_table(path)
+def _read_robots(files: Sequence[Path]) -> tuple[dict[str, RobotRecord], float]:
+    """Robots by name, and the time from which theirs count [s]: not 0 if clocks count from 1970, as those of ROS."""
+    tables = {file: read_table(file) for file in files}
+    if not any(is_of_ros(table) for table in tables.values()):
+        return {file.stem: _robot_of(file.stem, table) for file, table in tables.items()}, 0.0
+    streams: dict[str, dict[str, Stream]] = {}
+    for file, table in tables.items():
+        is_topic = is_of_ros(table)
+        name = robot_named(file.stem) if is_topic else file.stem
+        found = streams_of(table) if is_topic else _streams(_robot_of(name, table))
+        own = streams.setdefault(name, {})
+        for channel, stream in found.items():
+            if channel in own:
+                raise RecordingError(
+                    f"{file.name}: a second '{channel}' of {name}, expected one: files of one robot are named "
+                    f"ROBOT_wrench.csv and ROBOT_pose.csv"
+                )
+            own[channel] = stream
+    each = one_line("; ".join(f"{name}: {', '.join(own)}" for name, own in streams.items()))
+    if len(streams) > 1 and max(map(len, streams.values())) == 1 and len(set(map(tuple, streams.values()))) > 1:
+        raise RecordingError(
+            f"found a robot for each file ({each}); expected files of one robot to be named alike, as ROBOT_wrench.csv "
+            f"and ROBOT_pose.csv"
+        )
+    LOG.warning(f"coheft: files are taken for topics as 'rostopic echo -p' writes them, by their names of {each}")
+    return align(streams)
+
+
+def _streams(robot: RobotRecord) -> dict[str, Stream]:
+    """What a robot recorded, each channel on its own."""
+    found = {channel: getattr(robot, channel) for channel in COLUMNS}
+    return {channel: Stream(robot.time, values) for channel, values in found.items() if values is not None}
+
+
+def _robot_of(name: str, table: Table) -> RobotRecord:
+    return robot_of(name, _channels(_known(table)))
+
+
+def read_channels(folder: Path) -> dict[str, dict[str, Array]]:
+    """What files of a folder hold of each robot, by channel, as it is there: without times, if it has none.
+
+    Raises:
+        RecordingError: A file is no table of what a robot measures.
+        OSError: A file cannot be read.
+    """
+    return {file.stem: _channels(_known(read_table(file))) for file in _tables(folder) if file.stem != _HOLDS}
+
+
+def _known(table: Table) -> Table:
+    """A table, if all of its columns are known.
+
+    Raises:
+        RecordingError: One is not.
+    """
     known = _header(COLUMNS)
-    unknown = [column for column in table if column not in known]
+    unknown = [column for column in table.names if column not in known]
     if unknown:
         raise RecordingError(
-            f"{path.name}: column '{one_line(unknown[0])}' is unknown; allowed: {', '.join(sorted(known))}"
+            f"{table.file}: column '{one_line(unknown[0])}' is unknown; found {one_line(', '.join(table.names))}; "
+            f"allowed: {', '.join(sorted(known))}, or those that 'rostopic echo -p' writes"
         )
-    if not len(next(iter(table.values()))):
-        raise RecordingError(f"{path.name}: expected a line with the names of columns, then numbers")
-    channels: dict[str, Array] = {TIME: table[TIME]} if TIME in table else {}
+    return table
+
+
+def _channels(table: Table) -> dict[str, Array]:
+    """What a robot recorded, by channel, with ``t`` if it is there."""
+    if not table.rows:
+        raise RecordingError(f"{table.file}: expected a line with the names of columns, then numbers")
+    channels: dict[str, Array] = {TIME: table.numbers([TIME])[:, 0]} if TIME in table.names else {}
     for channel, columns in COLUMNS.items():
-        missing = [column for column in columns if column not in table]
+        missing = [column for column in columns if column not in table.names]
         if len(missing) < len(columns):
             if missing:
                 raise RecordingError(
-                    f"{path.name}: '{channel}' lacks column{'s' * (len(missing) > 1)} {', '.join(missing)}"
+                    f"{table.file}: '{channel}' lacks column{'s' * (len(missing) > 1)} {', '.join(missing)}; found "
+                    f"{one_line(', '.join(table.names))}"
                 )
-            channels[channel] = np.column_stack([table[column] for column in columns])
-    return robot_of(path.stem, channels)
+            channels[channel] = table.numbers(columns)
+    return channels
 
 
 def _read_holds(path: Path) -> tuple[tuple[float, float], ...]:
-    table = _read_table(path)
-    if sorted(table) != sorted(_HOLDS_HEADER):
-        found = one_line(", ".join(table))
+    table = read_table(path)
+    if sorted(table.names) != sorted(_HOLDS_HEADER):
+        found = one_line(", ".join(table.names))
         raise RecordingError(f"{path.name}: found columns {found}; expected {', '.join(_HOLDS_HEADER)}")
-    return holds_of(np.column_stack([table[column] for column in _HOLDS_HEADER]))
-
-
-def _read_table(path: Path) -> dict[str, Array]:
-    """The columns of a CSV file, by their names; each has shape (n,), and n may be 0."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            lines = [(reader.line_num, row) for row in reader if any(map(str.strip, row))]
-    except UnicodeDecodeError as error:
-        raise RecordingError(
-            f"{path.name}: not UTF-8 text ({error.reason} at byte {error.start}), but UTF-16 or Latin-1 perhaps, as "
-            f"Excel exports; save it again as 'CSV UTF-8 (comma delimited)'"
-        ) from error
-    except csv.Error as error:
-        raise RecordingError(f"{path.name}: no table of numbers separated by commas: {error}") from error
-    header = [name.strip() for name in lines[0][1]] if lines else []
-    if header and not header[-1]:  # lines end with a comma
-        header.pop()
-    if not header:
-        raise RecordingError(f"{path.name}: expected a line with the names of columns, then numbers")
-    if len(header) == 1 and any(other in header[0] for other in ";\t"):
-        raise RecordingError(
-            f"{path.name}: found '{one_line(header[0])}' as the first line, expected names separated by commas: save "
-            f"it again as 'CSV UTF-8 (comma delimited)', with decimal points"
-        )
-    twice = [name for name in header if header.count(name) > 1]
-    if twice:
-        raise RecordingError(
-            f"{path.name}: column '{one_line(twice[0])}' is there {header.count(twice[0])} times, expected once: "
-            f"remove or rename the others"
-        )
-    numbers = np.empty((len(lines) - 1, len(header)))
-    for i, (line, row) in enumerate(lines[1:]):
-        values = row[:-1] if len(row) == len(header) + 1 and not row[-1].strip() else row
-        if len(values) != len(header):
-            raise RecordingError(f"{path.name}: line {line}: found {len(values)} values, expected {len(header)}")
-        try:
-            numbers[i] = np.array(values, dtype=np.float64)
-        except ValueError:
-            column, value = next(pair for pair in zip(header, values, strict=True) if not _is_number(pair[1]))
-            raise RecordingError(
-                f"{path.name}: line {line}, column '{one_line(column)}': found '{one_line(value)}'; expected a number "
-                f"such as 1.5"
-            ) from None
-    return dict(zip(header, numbers.T, strict=True))
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    return holds_of(table.numbers(_HOLDS_HEADER))

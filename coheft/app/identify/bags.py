@@ -1,0 +1,174 @@
+"""Recordings of topics: MCAP files, by coheft or by others, bags of ROS 2, bags of ROS 1.
+
+Takes the packages of the extra ``record``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag2 import Reader as Ros2Reader
+from rosbags.typesys import Stores, get_typestore
+
+from coheft.app.recording import ros
+from coheft.app.recording.mcap_records import is_finished
+from coheft.errors import RecordingError, one_line
+from coheft.estimation.batch.alignment import Stream
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.process.log import LOG
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A type of messages that tells what a robot measured.
+
+    Attributes:
+        channel: Which attribute of ``RobotRecord``.
+        numbers: What a message tells, in the order of that attribute.
+    """
+
+    channel: str
+    numbers: Callable[[Any], Sequence[float]]
+
+
+def _xyz(part: Any) -> tuple[float, float, float]:
+    return part.x, part.y, part.z
+
+
+def _pose(pose: Any) -> tuple[float, ...]:
+    return *_xyz(pose.position), *_xyz(pose.orientation), pose.orientation.w
+
+
+KINDS = {
+    "geometry_msgs/msg/WrenchStamped": Kind("wrench", lambda m: _xyz(m.wrench.force) + _xyz(m.wrench.torque)),
+    "geometry_msgs/msg/PoseStamped": Kind("pose", lambda m: _pose(m.pose)),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": Kind("pose", lambda m: _pose(m.pose.pose)),
+    "geometry_msgs/msg/TransformStamped": Kind(
+        "pose", lambda m: (*_xyz(m.transform.translation), *_xyz(m.transform.rotation), m.transform.rotation.w)
+    ),
+    "geometry_msgs/msg/TwistStamped": Kind("twist", lambda m: _xyz(m.twist.angular) + _xyz(m.twist.linear)),
+    "geometry_msgs/msg/AccelStamped": Kind("acceleration", lambda m: _xyz(m.accel.linear)),
+}
+"""By the names of types."""
+
+
+@dataclass(frozen=True)
+class BagTopic:
+    """A topic of a file: its name, the type of its messages, how many there are."""
+
+    name: str
+    kind: str
+    count: int
+
+    @property
+    def words(self) -> str:
+        """For people."""
+        return f"{one_line(self.name)} ({one_line(self.kind.replace('/msg/', '/'))}, {self.count})"
+
+
+class Bag:
+    """A file or folder of messages, while it is open. Use it as a context.
+
+    Attributes:
+        topics: All that it holds.
+
+    Raises:
+        RecordingError: It cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.topics: tuple[BagTopic, ...] = ()
+        self._path = path
+        self._is_ros1 = path.suffix == ".bag"
+        self._reader: Any = None
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Bag:
+        if self._path.suffix == ".mcap":
+            with self._path.open("rb") as file:
+                if not is_finished(file):
+                    raise RecordingError(
+                        f"it has no end: whoever wrote it was killed, or writes still. To save what there is: coheft "
+                        f"recover {self._path}"
+                    )
+        try:
+            self._reader = Ros1Reader(self._path) if self._is_ros1 else Ros2Reader(self._path)
+            self._stack.enter_context(self._reader)
+            counts: dict[tuple[str, str], int] = {}
+            for each in self._reader.connections:
+                counts[each.topic, each.msgtype] = counts.get((each.topic, each.msgtype), 0) + each.msgcount
+        except OSError:
+            raise
+        except Exception as error:  # each of the libraries below has errors of its own for what is cut or damaged
+            raise RecordingError(f"cannot be read as a recording of topics: {one_line(str(error))}") from error
+        self.topics = tuple(BagTopic(*key, count) for key, count in sorted(counts.items()))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def streams(self, names: Collection[str]) -> dict[str, Stream]:
+        """What was measured on some topics, by the times in the headers, whose types ``KINDS`` lists.
+
+        Raises:
+            RecordingError: The file is damaged, or messages make no sense.
+        """
+        chosen = [each for each in self._reader.connections if each.topic in names and each.msgtype in KINDS]
+        stamps: dict[str, list[int]] = {name: [] for name in names}
+        received: dict[str, list[int]] = {name: [] for name in names}
+        values: dict[str, list[Sequence[float]]] = {name: [] for name in names}
+        read = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1 if self._is_ros1 else ros.from_cdr
+        try:
+            for connection, time, data in self._reader.messages(chosen) if chosen else ():
+                message = read(data, connection.msgtype)
+                stamps[connection.topic].append(ros.time_of(message))
+                received[connection.topic].append(time)
+                values[connection.topic].append(KINDS[connection.msgtype].numbers(message))
+        except OSError:
+            raise
+        except Exception as error:  # as above
+            raise RecordingError(f"it is damaged: {one_line(str(error))}") from error
+        return {
+            name: _stream(name, stamps[name], received[name], np.array(values[name], dtype=np.float64))
+            for name in names
+        }
+
+
+def _stream(name: str, stamps: list[int], received: list[int], values: Array) -> Stream:
+    """The messages of a topic in the order of their stamps, each once.
+
+    Raises:
+        RecordingError: A number is not finite, or stamps are missing of some.
+    """
+    time = np.array(stamps, dtype=np.int64)
+    zeros = int(np.count_nonzero(time == 0))
+    if zeros > 1:
+        if zeros < len(time):
+            raise RecordingError(
+                f"{one_line(name)}: {zeros} of {len(time)} messages have a stamp of zero: expected the time of each "
+                f"measurement"
+            )
+        LOG.warning(f"coheft: {one_line(name)}: all stamps are zero: messages are taken for measured when recorded")
+        time = np.array(received, dtype=np.int64)
+    time, kept = np.unique(time, return_index=True)
+    if len(kept) < len(values):
+        LOG.warning(
+            f"coheft: {one_line(name)}: {len(values) - len(kept)} of {len(values)} messages have the stamp of another: "
+            f"left out"
+        )
+    if not len(kept):
+        return Stream(time / 1e9, values)
+    values = values[kept]
+    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if len(bad):
+        raise RecordingError(
+            f"{one_line(name)}: {len(bad)} of {len(values)} messages hold numbers that are not finite, the first of "
+            f"{time[bad[0]] / 1e9:.3f} s"
+        )
+    return Stream(time / 1e9, values)

@@ -1,0 +1,76 @@
+"""From a file of topics to a recording of a team."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from coheft.app.identify.bags import Bag
+from coheft.app.identify.topics import found_topics, named_topics
+from coheft.app.recording.reader import Recording as Run
+from coheft.app.recording.reader import read_recording as read_run
+from coheft.errors import RecordingError, one_line
+from coheft.estimation.batch.recording import Recording, Truth, check_recording
+from coheft.estimation.geometry.spatial import Pose
+from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.wire.data.common_times import align
+from coheft.wire.messages.structs import Truth as TruthMessage
+from coheft.wire.process.log import LOG
+from coheft.wire.scenario.schema import Scenario
+
+_STATUS = "/coheft/status"
+
+
+def read_topics(path: Path, topics: Sequence[str]) -> Recording:
+    """Read what robots measured from an MCAP file, or a bag of ROS.
+
+    Args:
+        path: The file, or the folder of a bag.
+        topics: Which are of which robot, ``ROBOT=TOPIC`` each; none: as their names say.
+
+    Raises:
+        RecordingError: It cannot be read, holds other topics, or what cannot be computed with; says what it holds.
+    """
+    try:
+        with Bag(path) as bag:
+            chosen = named_topics(bag.topics, topics) if topics else found_topics(bag.topics)
+            streams = bag.streams({name for own in chosen.values() for name in own.values()})
+            is_ours = any(topic.name == _STATUS for topic in bag.topics)
+        if not topics and not is_ours:
+            each = "; ".join(f"{robot}: {', '.join(own.values())}" for robot, own in chosen.items())
+            LOG.warning(f"coheft: topics are taken, by their names, for those of {one_line(each)}")
+        robots, _ = align(
+            {robot: {channel: streams[name] for channel, name in own.items()} for robot, own in chosen.items()}
+        )
+        recording = Recording(robots)
+        check_recording(recording)
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return _with_truth(recording, read_run(path)) if is_ours and not topics else recording
+
+
+def _with_truth(recording: Recording, run: Run) -> Recording:
+    """Add what a run of ours knows: the sensors' noise, and the truth."""
+    scene = run.begin.scene
+    try:
+        scenario = msgspec.json.decode(run.scenario, type=Scenario)
+    except msgspec.DecodeError as error:
+        LOG.warning(f"coheft: the scenario is damaged, or of another version: noise and truth are not used ({error})")
+        return recording
+    order = [scene.robots.index(name) for name in recording.names]
+    grasps = [Pose(scene.rotations[k], scene.translations[k]) for k in order]
+    to_first = grasps[0].inverse()
+    loads: list[tuple[float, Inertia]] = []
+    for _, news in run.news:
+        if isinstance(news, TruthMessage):
+            payload = news.payload
+            load = Inertia(payload.mass, payload.com, payload.tensor).carried(to_first)
+            if not loads or not np.allclose(load.barycentric(), loads[-1][1].barycentric(), rtol=1e-9, atol=0.0):
+                loads.append((news.time - scenario.block_duration, load))
+    truth = Truth(tuple(to_first @ grasp for grasp in grasps), tuple(loads))
+    return Recording(recording.robots, noise=None if scenario.sensors.encoders else scenario.noise, truth=truth)

@@ -1,0 +1,115 @@
+"""Who publishes what in ROS 2, as liveliness tokens tell it, and why what is expected on a topic may not come."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from coheft.app.ros2.names import Topic
+from coheft.errors import one_line
+
+EVERYTHING = "@ros2_lv/**"
+"""Key of all tokens."""
+_PREFIX = "@ros2_lv"
+_PARTS_OF_NODE, _PARTS_OF_ENDPOINT = 9, 12
+_SHOWN = 8
+"""So many other topics are named."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A node, or a publisher of one, that somebody has.
+
+    Attributes:
+        domain: Number of the ROS domain.
+        session: Identity of its session.
+        node: Its name, with its namespace: ``/cell/talker``.
+        topic: What it publishes; empty for the node itself.
+        kind: Type of the messages, such as ``geometry_msgs/msg/Wrench``.
+        type_hash: Of the type's definition, as the node says it.
+    """
+
+    domain: int
+    session: str
+    node: str
+    topic: str = ""
+    kind: str = ""
+    type_hash: str = ""
+
+
+def seen_in(tokens: Iterable[str]) -> list[Seen]:
+    """Nodes and publishers among tokens; others, and those of other versions, are left out."""
+    found = []
+    for token in tokens:
+        parts = token.split("/")
+        if len(parts) < _PARTS_OF_NODE or parts[0] != _PREFIX or not parts[1].isdecimal():
+            continue
+        node = f"{_unmangled(parts[7]).rstrip('/')}/{parts[8]}"
+        if parts[5] == "NN" and len(parts) == _PARTS_OF_NODE:
+            found.append(Seen(int(parts[1]), parts[2], node))
+        elif parts[5] == "MP" and len(parts) >= _PARTS_OF_ENDPOINT:
+            kind = parts[10].replace("::msg::dds_::", "/msg/").removesuffix("_")
+            found.append(Seen(int(parts[1]), parts[2], node, _unmangled(parts[9]), kind, parts[11]))
+    return found
+
+
+def reasons(silent: Sequence[Topic], seen: Sequence[Seen], domain: int) -> list[str]:
+    """Why nothing comes on some topics, in words: a line for each reason, with all topics that it holds for.
+
+    Args:
+        silent: The topics, with the types that are expected.
+        seen: Who is there.
+        domain: In which they are expected.
+    """
+    publishers = [each for each in seen if each.topic]
+    lines: dict[str, list[str]] = {}
+    for topic in silent:
+        lines.setdefault(_reason(topic, publishers, domain), []).append(topic.name)
+    return [f"{', '.join(names)}: {reason}" for reason, names in lines.items()]
+
+
+def _reason(topic: Topic, publishers: Sequence[Seen], domain: int) -> str:
+    expected = _short(topic.kind)
+    same_name = [each for each in publishers if each.topic == topic.name]
+    here = [each for each in same_name if each.domain == domain]
+    for each in here:
+        if (each.kind, each.type_hash) == (topic.kind, topic.type_hash):
+            return f"{_node(each)} has a publisher, but nothing comes from it"
+    for each in here:
+        if each.kind != topic.kind:
+            stamp = ", which has no stamp" if f"{each.kind}Stamped" == topic.kind else ""
+            return f"{_node(each)} publishes {_short(each.kind)}{stamp}; expected {expected}"
+    for each in here:
+        unknown = " (as in Humble)" if not each.type_hash.startswith("RIHS01_") else ""
+        return (
+            f"{_node(each)} publishes {expected} with the type hash {one_line(each.type_hash)}{unknown}; expected "
+            f"{topic.type_hash}, which is that of Jazzy and later"
+        )
+    for each in same_name:
+        return f"{_node(each)} publishes in ROS domain {each.domain}, expected {domain}: choose it with --domain"
+    elsewhere = sorted({each.topic for each in publishers if each.domain == domain and each.topic.endswith(topic.name)})
+    if elsewhere:
+        namespace = one_line(elsewhere[0].removesuffix(topic.name))
+        return (
+            f"not published, but {', '.join(map(one_line, elsewhere))} is: remap it, or choose --namespace {namespace}"
+        )
+    others = sorted({each.topic for each in publishers if each.domain == domain and each.kind == topic.kind})
+    if others:
+        more = " and others" if len(others) > _SHOWN else ""
+        return f"not published; of type {expected} there is {', '.join(map(one_line, others[:_SHOWN]))}{more}"
+    domains = sorted({each.domain for each in publishers})
+    if domain in domains or not domains:
+        return f"not published, nor anything else of type {expected}, in ROS domain {domain}"
+    return f"not published: there is nothing in ROS domain {domain}, but in {', '.join(map(str, domains))}"
+
+
+def _node(publisher: Seen) -> str:
+    return f"node {one_line(publisher.node)}"
+
+
+def _short(kind: str) -> str:
+    return one_line(kind.replace("/msg/", "/"))
+
+
+def _unmangled(name: str) -> str:
+    return name.replace("%", "/")

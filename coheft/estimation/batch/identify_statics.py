@@ -1,0 +1,195 @@
+"""From a load that is held still in some orientations to where robots hold it, its mass and its centre of mass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from coheft.errors import RecordingError
+from coheft.estimation.batch.doubts import unsettled
+from coheft.estimation.batch.hand_eye import fit_hand_eye
+from coheft.estimation.batch.holds import Holds, orientations, static_estimate
+from coheft.estimation.batch.identification import Identification
+from coheft.estimation.batch.pairs import kabsch
+from coheft.estimation.batch.payload import hidden_covariance, make_payload, of_central_numbers
+from coheft.estimation.batch.plausibility import check_weight
+from coheft.estimation.batch.pose_differences import derivative_by_poses
+from coheft.estimation.batch.statics import Statics
+from coheft.estimation.batch.team_poses import TeamPoses
+from coheft.estimation.batch.wrist_poses import WristPoses
+from coheft.estimation.geometry.spatial import Array, Pose
+
+_FEWEST = 3
+"""Holds of which grasps follow."""
+_KNOWN = 4
+"""Numbers that holds show: mass and centre of mass."""
+_ASIDE = 0.05
+"""Share of the weight that forces may add up to across gravity."""
+_ROUNDING = 1e-12
+"""Share of variances below which they are rounding."""
+_APART = 7.0
+"""Standard deviations by which holds and motion may differ; few holds do not say well how certain they are."""
+
+
+def identify_statics(statics: Statics) -> Identification:
+    """Grasps from the poses, mass and centre of mass from the wrenches; nothing shows the inertia.
+
+    Raises:
+        RecordingError: There are too few, or too few orientations; forces pull the load down.
+    """
+    count = statics.pose.shape[1]
+    if count < _FEWEST:
+        raise RecordingError(
+            f"found {count} holds, expected at least {_FEWEST}: where robots hold the load follows from how their "
+            f"poses change between orientations of it"
+        )
+    holds = statics.as_holds()
+    check_weight(statics.as_recording(), statics.wrench, -holds.down.swapaxes(0, 1))
+    starts = [Pose.identity(), *(_grasp(statics.pose[0], pose) for pose in statics.pose[1:])]
+    grasps = fit_hand_eye(WristPoses.without_gimbals(statics.pose), starts, is_independent=True)
+    team = grasps.team
+    if any(team.relative(0, k).unseen for k in range(1, len(team.poses))):
+        raise RecordingError(
+            f"found {orientations(holds.down[:, 0])} orientations in {count} holds: they do not show where robots hold "
+            f"the load; expected orientations that differ by turns about two axes at least, far apart"
+        )
+    found, covariance = _estimate(holds, team.poses)
+    numbers = np.concatenate([found, found[0] * np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])])
+    whole = hidden_covariance(np.eye(10)[:, _KNOWN:], numbers[0])
+    whole[:_KNOWN, :_KNOWN] = covariance + _by_poses(holds, team)
+    return Identification(
+        method="static",
+        names=statics.names,
+        team=team,
+        payload=make_payload(of_central_numbers(numbers), whole, team.poses),
+        remarks=(_held(holds),),
+        suspicions=(*_not_along(holds, team.poses), *unsettled(team, grasps.is_settled)),
+        time=np.arange(count, dtype=np.float64),
+        residual=_residual(holds, team.poses, found),
+    )
+
+
+def with_statics(found: Identification, statics: Statics) -> Identification:
+    """What was found from motion, and holds that were recorded apart, together.
+
+    The errors of grasps are in both alike: both ask where forces act. So they are no reason to trust one more than the
+    other, and stay as they are.
+
+    Args:
+        found: From motion.
+        statics: Of the same robots, which hold the same load in the same way.
+
+    Raises:
+        RecordingError: There are too few orientations.
+    """
+    team, holds = found.team, statics.as_holds()
+    if any(team.relative(0, k).unseen for k in range(1, len(team.poses))):
+        remark = "Holds that were recorded apart are not used: the motion does not show where robots hold the load."
+        return replace(found, remarks=(*found.remarks, remark))
+    still, spread = _estimate(holds, team.poses)
+    shared = _by_poses(holds, team)
+    numbers, covariance = found.payload.measured.central(), found.payload.covariance
+    own = _positive(covariance[:_KNOWN, :_KNOWN] - shared)
+    difference = still - numbers[:_KNOWN]
+    innovation = own + spread + _ROUNDING * np.diag(np.diag(covariance)[:_KNOWN])
+    gain = covariance[:, :_KNOWN].copy()
+    gain[:_KNOWN] = own
+    gain = gain @ np.linalg.inv(innovation)
+    numbers = numbers + gain @ difference
+    whole = _positive(covariance - gain @ innovation @ gain.T)
+    apart = float(np.sqrt(difference @ np.linalg.solve(innovation, difference)))
+    suspicion = (
+        f"Held still the load weighs {still[0]:.4g} kg with its centre at "
+        f"({', '.join(f'{x:.4f}' for x in still[1:])}) m, {apart:.0f} standard deviations from what it is in motion: "
+        f"is it the same load, held in the same way, and have sensors been tared the same way?"
+    )
+    return replace(
+        found,
+        payload=make_payload(of_central_numbers(numbers), whole, team.poses),
+        remarks=(*found.remarks, _held(holds)),
+        suspicions=(*found.suspicions, *((suspicion,) if apart > _APART else ()), *_not_along(holds, team.poses)),
+    )
+
+
+def _grasp(first: Array, other: Array) -> Pose:
+    """Rough pose of one grasp frame in another from poses (H, 7) of both: ``A X = X B`` between any two holds."""
+    turns, shifts = zip(*(_changes(poses) for poses in (first, other)), strict=True)
+    rotation = kabsch(turns[0].as_rotvec(), turns[1].as_rotvec())
+    matrix = (turns[0].as_matrix() - np.eye(3)).reshape(-1, 3)
+    position = np.linalg.lstsq(matrix, (shifts[1] @ rotation.T - shifts[0]).ravel(), rcond=1e-3)[0]
+    return Pose(rotation, position.astype(np.float64))
+
+
+def _changes(poses: Array) -> tuple[Rotation, Array]:
+    """How a grasp frame turns and shifts between any two of its poses (H, 7), seen from the former."""
+    before, after = np.triu_indices(len(poses), 1)
+    rotations = Rotation.from_quat(poses[:, 3:])
+    start = rotations[before].inv()
+    return start * rotations[after], start.apply(poses[after, :3] - poses[before, :3])
+
+
+def _estimate(holds: Holds, poses: Sequence[Pose]) -> tuple[Array, Array]:
+    """``(m, h)`` (4,), and their covariance (4, 4) with the uncertainty of how large noise is: holds are few."""
+    static = static_estimate(holds, poses)
+    numbers = np.concatenate([[static.mass], static.com])
+    residual, count = _residual(holds, poses, numbers), len(holds.down)
+    of_force, of_torque = 3 * count - 1, 3 * count - 3
+    strength = float(np.linalg.norm(holds.down[0, 0]))
+    force = float(np.square(residual[:, :3]).sum()) / of_force / count / strength**2
+    covariance = static.covariance.copy()
+    covariance[0, 0] = max(covariance[0, 0], force * _heavy(of_force))
+    covariance[1:, 1:] *= _heavy(of_torque)
+    return numbers, covariance
+
+
+def _heavy(degrees: int) -> float:
+    """Variance of Student's t."""
+    return degrees / (degrees - 2.0)
+
+
+def _by_poses(holds: Holds, team: TeamPoses) -> Array:
+    """What uncertain poses add to the covariance of ``(m, h)``, (4, 4)."""
+    derivative = derivative_by_poses(lambda poses: _estimate(holds, poses)[0], team.poses)
+    result: Array = derivative @ team.covariance @ derivative.T
+    return result
+
+
+def _residual(holds: Holds, poses: Sequence[Pose], numbers: Array) -> Array:
+    """Total wrench at rest that this mass and centre do not explain, shape (H, 6)."""
+    weight = -numbers[0] * holds.down[:, 0]
+    result: Array = _total(holds, poses) - np.hstack([weight, np.cross(numbers[1:], weight)])
+    return result
+
+
+def _total(holds: Holds, poses: Sequence[Pose]) -> Array:
+    result: Array = np.sum([holds.wrench[:, i] @ pose.adjoint().T for i, pose in enumerate(poses)], axis=0)
+    return result
+
+
+def _not_along(holds: Holds, poses: Sequence[Pose]) -> tuple[str, ...]:
+    """That forces at rest do not add up to something that gravity holds, in words."""
+    force, down = _total(holds, poses)[:, :3], holds.down[:, 0]
+    direction = down / np.linalg.norm(down, axis=1, keepdims=True)
+    along = np.einsum("ha,ha->h", force, direction)
+    aside = float(np.sqrt(np.mean(np.square(force - along[:, None] * direction).sum(axis=1))))
+    if aside <= _ASIDE * abs(float(along.mean())):
+        return ()
+    return (
+        f"At rest forces add up to {abs(float(along.mean())):.3g} N along gravity, but also to {aside:.3g} N across "
+        f"it: are they in the axes of the grasp frames, sensors tared, and home frames level?",
+    )
+
+
+def _held(holds: Holds) -> str:
+    down = holds.down[:, 0]
+    return f"Holds apart from the motion: {len(down)}, in {orientations(down)} orientations."
+
+
+def _positive(matrix: Array) -> Array:
+    """The nearest matrix without negative variances."""
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    result: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return result

@@ -1,0 +1,110 @@
+"""A load that is held still in some places, recorded apart from its motion, or without any."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from coheft.errors import RecordingError
+from coheft.estimation.batch.holds import Holds, find_holds
+from coheft.estimation.batch.recording import Recording, RobotRecord
+from coheft.estimation.geometry.spatial import Array
+
+_STILL = np.radians(2.0)
+"""What turns by more is not held still [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Statics:
+    """Means over H holds, by N robots.
+
+    Attributes:
+        names: Of the robots.
+        pose: Of grasp frames in home frames, as in ``RobotRecord``, shape (N, H, 7).
+        wrench: ``(f, t)`` on the load, shape (N, H, 6).
+        gravity: In the home frames, which are level with each other, shape (3,) [m/s²].
+    """
+
+    names: tuple[str, ...]
+    pose: Array
+    wrench: Array
+    gravity: Array
+
+    @staticmethod
+    def of_samples(recording: Recording, spans: Sequence[tuple[int, int]]) -> Statics:
+        """Means of a recording's samples, from the first to one past the last of each hold.
+
+        Raises:
+            RecordingError: The load turns within one; or poses or wrenches are missing.
+        """
+        pose, wrench = recording.stacked("pose"), recording.stacked("wrench")
+        poses, wrenches = [], []
+        for number, (start, end) in enumerate(spans, 1):
+            part = pose[:, start:end]
+            means = []
+            for own in part:
+                rotations = Rotation.from_quat(own[:, 3:])
+                mean = rotations.mean()
+                turn = float((mean.inv() * rotations).magnitude().max())
+                if turn > _STILL:
+                    raise RecordingError(
+                        f"hold {number}, samples {start + 1} to {end}: the load turns by {np.degrees(turn):.2g}°, "
+                        f"expected one that is held still, within {np.degrees(_STILL):g}°"
+                    )
+                means.append(np.concatenate([own[:, :3].mean(axis=0), mean.as_quat()]))
+            poses.append(means)
+            wrenches.append(wrench[:, start:end].mean(axis=1))
+        return Statics(
+            names=recording.names,
+            pose=np.array(poses).reshape(-1, len(pose), 7).swapaxes(0, 1),
+            wrench=np.array(wrenches).reshape(-1, len(pose), 6).swapaxes(0, 1),
+            gravity=recording.gravity,
+        )
+
+    @staticmethod
+    def of_recording(recording: Recording) -> Statics:
+        """The holds within a recording, those that it names or those that are found.
+
+        Raises:
+            RecordingError: There are none; or poses or wrenches are missing.
+        """
+        wrench, time = recording.stacked("wrench"), recording.time
+        if recording.holds is None:
+            spans = find_holds(wrench[..., :3], time)
+        else:
+            borders = np.searchsorted(time, np.array(recording.holds).reshape(-1, 2))
+            spans = [(int(start), int(end)) for start, end in borders if end > start]
+        if not spans:
+            raise RecordingError(
+                f"the load is never held still from {recording.span}: expected forces that change by less than 0.5 N "
+                f"for 6 s, or 'holds' that say when"
+            )
+        return Statics.of_samples(recording, spans)
+
+    def of(self, names: Sequence[str]) -> Statics:
+        """The same in another order of robots.
+
+        Raises:
+            RecordingError: They are of other robots.
+        """
+        if sorted(names) != sorted(self.names):
+            raise RecordingError(f"found holds of {', '.join(self.names)}, expected those of {', '.join(names)}")
+        order = [self.names.index(name) for name in names]
+        return replace(self, names=tuple(names), pose=self.pose[order], wrench=self.wrench[order])
+
+    def as_holds(self) -> Holds:
+        """What they say of forces at rest."""
+        flat = Rotation.from_quat(self.pose[..., 3:].reshape(-1, 4))
+        down = flat.inv().apply(self.gravity).reshape(*self.pose.shape[:2], 3)
+        wrench = self.wrench.swapaxes(0, 1)
+        return Holds(spans=(), down=down.swapaxes(0, 1), wrench=wrench, scatter=np.zeros_like(wrench))
+
+    def as_recording(self) -> Recording:
+        """A recording of nothing but holds, a sample each; its times count them."""
+        time = np.arange(self.pose.shape[1], dtype=np.float64)
+        samples = zip(self.names, self.pose, self.wrench, strict=True)
+        robots = {name: RobotRecord(time, pose=pose, wrench=wrench) for name, pose, wrench in samples}
+        return Recording(robots, gravity=self.gravity)

@@ -1,0 +1,138 @@
+"""Columns as ``rostopic echo -p`` names them: a file per topic, stamps in nanoseconds, texts between numbers."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from coheft.errors import RecordingError, one_line
+from coheft.estimation.batch.alignment import Stream
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.data.table import Table
+from coheft.wire.process.log import LOG
+
+_RECEIVED = "%time"
+_STAMP = "header.stamp"
+_FIELD = "field."
+_TO_SECONDS = 1e-9
+_PARTS = {
+    "pose": (("position", "xyz"), ("orientation", "xyzw")),
+    "twist": (("twist.angular", "xyz"), ("twist.linear", "xyz")),
+    "acceleration": (("accel.linear", "xyz"),),
+    "wrench": (("force", "xyz"), ("torque", "xyz")),
+}
+"""Last parts of the columns' names, in the order of ``RobotRecord``."""
+_OTHER_NAMES = {
+    "transform.translation": "position",
+    "transform.rotation": "orientation",
+    "linear_acceleration": "accel.linear",
+}
+"""What poses of other types, and accelerations of an IMU, are called: the same here."""
+_WORDS = frozenset(
+    [
+        *("wrench", "wrenches", "ft", "force", "forces", "torque", "pose", "poses", "tcp", "twist", "velocity"),
+        *("accel", "acceleration", "imu", "stamped", "topic"),
+    ]
+)
+"""Words in a file's name that tell of the topic, not of the robot."""
+
+
+def is_of_ros(table: Table) -> bool:
+    """Whether a table has the columns of a ROS topic."""
+    return table.names[0] == _RECEIVED or any(name.startswith(_FIELD) for name in table.names)
+
+
+def robot_named(stem: str) -> str:
+    """Which robot a file is of: its name without words as ``wrench`` and ``pose``: ``left`` of ``left_wrench``."""
+    words = [word for word in re.split(r"[-_. ]+", stem) if word]
+    kept = [word for word in words if word.lower() not in _WORDS]
+    return "_".join(kept) or stem
+
+
+def streams_of(table: Table) -> dict[str, Stream]:
+    """What a topic's messages measured, by channel, with the stamps of their headers, in seconds.
+
+    Without stamps, the times at which messages were received are taken; a line of the log says so.
+
+    Raises:
+        RecordingError: Columns are missing, or hold something else than numbers; times do not grow.
+    """
+    columns = _known_columns(table)
+    found: dict[str, Array] = {}
+    for channel, parts in _PARTS.items():
+        wanted = [f"{part}.{axis}" for part, axes in parts for axis in axes]
+        missing = [name for name in wanted if name not in columns]
+        if set(wanted[:3]) <= set(missing):  # an IMU has an orientation without a position
+            continue
+        if missing:
+            raise RecordingError(
+                f"{table.file}: '{channel}' lacks column{'s' * (len(missing) > 1)} "
+                f"{', '.join(_FIELD + name for name in missing)}; found {_listed(table)}"
+            )
+        values = table.numbers([columns[name] for name in wanted])
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        if len(bad):
+            raise RecordingError(f"{table.file}: line {table.rows[bad[0]][0]}: found a number that is not finite")
+        found[channel] = values
+    if not found:
+        expected = "; ".join(
+            f"{channel}: " + " ".join(f"{_FIELD}….{part}.{axis}" for part, axes in parts for axis in axes)
+            for channel, parts in _PARTS.items()
+        )
+        raise RecordingError(
+            f"{table.file}: found columns {_listed(table)}: none of what a robot measures; expected {expected}"
+        )
+    time = _times(table)
+    return {channel: Stream(time, values) for channel, values in found.items()}
+
+
+def _known_columns(table: Table) -> dict[str, str]:
+    """Columns by the last parts of their names, as ``_PARTS`` has them: ``force.x`` for ``field.wrench.force.x``."""
+    ends = {f"{part}.{axis}" for parts in _PARTS.values() for part, axes in parts for axis in axes}
+    found: dict[str, str] = {}
+    for name in table.names:
+        plain = name
+        for other, ours in _OTHER_NAMES.items():
+            plain = plain.replace(other, ours)
+        for end in ends:
+            if f".{plain}".endswith(f".{end}"):
+                if end in found:
+                    raise RecordingError(
+                        f"{table.file}: columns '{one_line(found[end])}' and '{one_line(name)}' both tell {end}: "
+                        f"expected one, remove the other"
+                    )
+                found[end] = name
+    return found
+
+
+def _times(table: Table) -> Array:
+    """When samples were measured, shape (n,) [s]."""
+    stamps = [name for name in table.names if name.endswith(_STAMP)]
+    names = [*stamps[:1], *(name for name in (_RECEIVED,) if name in table.names)]
+    if not names:
+        raise RecordingError(
+            f"{table.file}: found no column {_RECEIVED} or {_FIELD}{_STAMP}: expected one with times in nanoseconds"
+        )
+    times = table.numbers(names)
+    if len(times) < 2:
+        raise RecordingError(f"{table.file}: found {len(times)} messages, expected a line for each")
+    time = times[:, 0]
+    if not time.any() and len(names) > 1:
+        LOG.warning(f"coheft: {table.file}: all stamps are zero: taken from {_RECEIVED}, when messages were received")
+        time = times[:, 1]
+    elif names[0] == _RECEIVED:
+        LOG.warning(f"coheft: {table.file}: no {_FIELD}{_STAMP}: taken from {_RECEIVED}, when messages were received")
+    falling = np.flatnonzero(~(np.diff(time) > 0.0))
+    if len(falling):
+        at = int(falling[0]) + 1
+        raise RecordingError(
+            f"{table.file}: line {table.rows[at][0]} is of {time[at]:.0f} ns, the one before of {time[at - 1]:.0f} ns "
+            f"(in all, {len(falling)} are not later than the one before); expected times that grow: sort the lines, "
+            f"and remove what is there twice"
+        )
+    return time * _TO_SECONDS
+
+
+def _listed(table: Table) -> str:
+    return one_line(", ".join(table.names))

@@ -1,0 +1,84 @@
+"""Holds that are recorded apart: a line, or a stretch of samples, for each orientation in which the load was held."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from coheft.errors import RecordingError, one_line
+from coheft.estimation.batch.recording import GRAVITY, Recording, check_samples
+from coheft.estimation.batch.statics import Statics
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.data.checks import TIME, robot_of
+from coheft.wire.data.file import read_arrays, read_recording
+from coheft.wire.data.folder import read_channels
+
+_GAP = 10.0
+"""Holds are apart if nothing was recorded for so many samples."""
+_TURN = np.radians(2.0)
+"""Lines that differ by more are holds each [rad]: no one moves as fast from sample to sample."""
+_NEEDED = ("pose", "wrench")
+
+
+def read_statics(path: Path) -> Statics:
+    """Read holds, from an ``.npz`` file or a folder of CSV files: poses and wrenches of each robot.
+
+    Without times, or if the load turns from line to line, each line is a hold. Else a hold lasts until there is a gap;
+    if there is none, it is as long as forces do not change.
+
+    Raises:
+        RecordingError: They cannot be used; says what, and why.
+        OSError: They cannot be read.
+    """
+    tables, gravity = (read_channels(path), np.array(GRAVITY)) if path.is_dir() else read_arrays(path)
+    if not tables:
+        raise RecordingError("no robots; expected poses and wrenches of each")
+    for name, table in tables.items():
+        missing = [channel for channel in _NEEDED if channel not in table]
+        if missing:
+            found = one_line(", ".join(table))
+            raise RecordingError(
+                f"'{missing[0]}' of {name} is missing; found {found}; expected pose and wrench of holds"
+            )
+    lengths = {name: len(table["pose"]) for name, table in tables.items()}
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{count} of {name}" for name, count in lengths.items())
+        raise RecordingError(f"found different numbers of lines: {told}; expected one for each hold of every robot")
+    first = next(iter(tables))
+    time = np.arange(lengths[first], dtype=np.float64)
+    robots = {name: robot_of(name, {**table, TIME: time}) for name, table in tables.items()}
+    for name, robot in robots.items():
+        check_samples(name, robot)
+    spans = _spans(tables[first].get(TIME), tables[first]["pose"], first)
+    if spans is None:
+        return Statics.of_recording(read_recording(path))
+    return Statics.of_samples(Recording(robots, gravity=gravity), spans)
+
+
+def _spans(time: Array | None, pose: Array, name: str) -> list[tuple[int, int]] | None:
+    """First and one past the last line of each hold; None: it was recorded without gaps.
+
+    Args:
+        time: Of each line, in any unit; None: not recorded.
+        pose: At each line, shape (n, 7).
+        name: Whose they are, for words.
+    """
+    count = len(pose)
+    if time is None or count < 2 or np.median(_turns(pose)) > _TURN:
+        return [(k, k + 1) for k in range(count)]
+    steps = np.diff(time)
+    if not (steps > 0.0).all():
+        raise RecordingError(f"'{TIME}' of {name}: expected times that grow, or none")
+    gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
+    if not len(gaps):
+        return None
+    return list(pairwise([0, *gaps.tolist(), count]))
+
+
+def _turns(pose: Array) -> Array:
+    """By how much each line is turned against the one before, shape (n - 1,) [rad]."""
+    along = np.abs(np.einsum("ki,ki->k", pose[:-1, 3:], pose[1:, 3:]))
+    turns: Array = 2.0 * np.arccos(np.minimum(along, 1.0))
+    return turns

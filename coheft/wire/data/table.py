@@ -1,0 +1,99 @@
+"""Tables of numbers in CSV files, as people and programs write them."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from coheft.errors import RecordingError, one_line
+from coheft.estimation.geometry.spatial import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A CSV file with a line of names.
+
+    Attributes:
+        file: Name of the file, for words.
+        names: Of the columns.
+        rows: The number of each line in the file, from 1, and what is in it, as text; as many as there are names.
+    """
+
+    file: str
+    names: tuple[str, ...]
+    rows: Sequence[tuple[int, Sequence[str]]]
+
+    def numbers(self, names: Sequence[str]) -> Array:
+        """Some of the columns, shape (n, columns).
+
+        Raises:
+            RecordingError: Something in them is no number; says which line and column.
+        """
+        places = [self.names.index(name) for name in names]
+        found = np.empty((len(self.rows), len(names)))
+        for i, (line, row) in enumerate(self.rows):
+            values = [row[place] for place in places]
+            try:
+                found[i] = np.array(values, dtype=np.float64)
+            except ValueError:
+                column, value = next(pair for pair in zip(names, values, strict=True) if not _is_number(pair[1]))
+                raise RecordingError(
+                    f"{self.file}: line {line}, column '{one_line(column)}': found '{one_line(value)}'; expected a "
+                    f"number such as 1.5"
+                ) from None
+        return found
+
+
+def read_table(path: Path) -> Table:
+    """Read a CSV file. Blank lines, spaces around values, and commas at the ends of lines do not matter.
+
+    Raises:
+        RecordingError: It is no table of values separated by commas.
+        OSError: It cannot be read.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file)
+            lines = [(reader.line_num, row) for row in reader if any(map(str.strip, row))]
+    except UnicodeDecodeError as error:
+        raise RecordingError(
+            f"{path.name}: not UTF-8 text ({error.reason} at byte {error.start}), but UTF-16 or Latin-1 perhaps, as "
+            f"Excel exports; save it again as 'CSV UTF-8 (comma delimited)'"
+        ) from error
+    except csv.Error as error:
+        raise RecordingError(f"{path.name}: no table of numbers separated by commas: {error}") from error
+    header = [name.strip() for name in lines[0][1]] if lines else []
+    if header and not header[-1]:  # lines end with a comma
+        header.pop()
+    if not header:
+        raise RecordingError(f"{path.name}: expected a line with the names of columns, then numbers")
+    if len(header) == 1 and any(other in header[0] for other in ";\t"):
+        raise RecordingError(
+            f"{path.name}: found '{one_line(header[0])}' as the first line, expected names separated by commas: save "
+            f"it again as 'CSV UTF-8 (comma delimited)', with decimal points"
+        )
+    twice = [name for name in header if header.count(name) > 1]
+    if twice:
+        raise RecordingError(
+            f"{path.name}: column '{one_line(twice[0])}' is there {header.count(twice[0])} times, expected once: "
+            f"remove or rename the others"
+        )
+    rows = []
+    for line, row in lines[1:]:
+        values = row[:-1] if len(row) == len(header) + 1 and not row[-1].strip() else row
+        if len(values) != len(header):
+            raise RecordingError(f"{path.name}: line {line}: found {len(values)} values, expected {len(header)}")
+        rows.append((line, values))
+    return Table(path.name, tuple(header), rows)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,88 @@
+"""In which unit times are: seconds, unless nothing could be told from samples as slow, or nothing was recorded then."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from coheft.errors import RecordingError
+from coheft.estimation.batch.recording import RobotRecord
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.process.log import LOG
+
+_UNITS = ((1.0, "seconds"), (1e-3, "milliseconds"), (1e-6, "microseconds"), (1e-9, "nanoseconds"))
+_SLOWEST = 0.25
+"""Longest time from sample to sample from which motion could be told [s]."""
+_ROUNDING = 1e-9
+
+
+def samples_in_seconds(name: str, time: Array) -> Array:
+    """Times of samples (n,) in seconds; a line of the log says so if they were in another unit.
+
+    Args:
+        name: Whose they are, for words.
+        time: In whatever unit.
+    """
+    if len(time) < 2:
+        return time
+    step = float(np.median(np.diff(time)))
+    for factor, unit in _UNITS[1:]:
+        if step * factor <= _SLOWEST < 1e3 * step * factor:
+            LOG.warning(
+                f"coheft: 't' of {name} grows by {step:g} from sample to sample: taken for {unit}, which makes "
+                f"{1.0 / (step * factor):.4g} samples per second"
+            )
+            return time * factor
+    return time
+
+
+def span_of(robots: Mapping[str, RobotRecord]) -> tuple[float, float]:
+    """From when to when any robot recorded something [s]; (0, 0) if none did."""
+    times = [robot.time for robot in robots.values() if len(robot.time)]
+    return min((float(time.min()) for time in times), default=0.0), max(
+        (float(time.max()) for time in times), default=0.0
+    )
+
+
+def holds_in_seconds(
+    name: str, holds: Sequence[tuple[float, float]], span: tuple[float, float]
+) -> tuple[tuple[float, float], ...]:
+    """Holds in seconds; a line of the log says so if they were in another unit.
+
+    The unit is the one in which most of them are within the time that was recorded; if that is none, they are no holds
+    of this recording.
+
+    Args:
+        name: Where they are given, for words.
+        holds: From when to when, in whatever unit.
+        span: From when to when something was recorded [s].
+
+    Raises:
+        RecordingError: None of them is of a time at which something was recorded, in any unit.
+    """
+    if not holds:
+        return ()
+    array = np.array(holds)
+    slack = _ROUNDING * max(map(abs, span)) + _SLOWEST
+    within = [
+        int(np.count_nonzero((factor * array[:, 0] >= span[0] - slack) & (factor * array[:, 1] <= span[1] + slack)))
+        for factor, _ in _UNITS
+    ]
+    touching = [
+        int(np.count_nonzero((factor * array[:, 1] > span[0]) & (factor * array[:, 0] < span[1])))
+        for factor, _ in _UNITS
+    ]
+    best = int(np.argmax(within)) if any(within) else int(np.argmax(touching))
+    if not within[best] and not touching[best]:
+        raise RecordingError(
+            f"{name}: holds are from {array.min():g} to {array.max():g}, but samples from {span[0]:g} s to "
+            f"{span[1]:g} s: expected times by the same clock, in seconds (or in ms, µs or ns)"
+        )
+    factor, unit = _UNITS[best]
+    if best:
+        LOG.warning(
+            f"coheft: {name}: holds are from {array.min():g} to {array.max():g}: taken for {unit}, as samples are from "
+            f"{span[0]:g} s to {span[1]:g} s"
+        )
+    return tuple((factor * start, factor * end) for start, end in holds)
