@@ -25,8 +25,17 @@ from coheft.estimation.measurement import MeasurementBlock
 from coheft.estimation.moments.claims import Claim, claim_of
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.found_errors import found_errors
+from coheft.estimation.moments.untold import Untold
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate, SensorErrorEstimate
+
+_SENSOR_NAMES = {
+    "gyro": "gyro",
+    "velocity": "velocity sensor",
+    "acceleration": "accelerometer",
+    "force": "force sensor",
+    "torque": "torque sensor",
+}
 
 
 class EfficientEstimator:
@@ -73,6 +82,8 @@ class EfficientEstimator:
         if team is None:
             return ("the team is not known yet",)
         session = team.session
+        if session.untold is not None:
+            return (_untold_in_words(session.untold, team.names),)
         if session.stage is not Stage.ESTIMATING and session.verdict.outcome is not Outcome.FITS:
             return (_in_words(session.verdict, team.names),)
         if session.estimate is None:
@@ -175,6 +186,13 @@ def _in_words(verdict: Verdict, names: list[str]) -> str:
     robot, sensor = verdict.rival
     which = f"a {sensor} sensor" if robot is None else f"the {sensor} sensor of {names[robot]}"
     return f"either the load has changed or {which} reads something in excess"
+
+
+def _untold_in_words(found: Untold, names: list[str]) -> str:
+    """Which sensor is off, though it was told to be exact."""
+    sensor, _, what = found.kind.partition("_")
+    seems = {"bias": "to have an offset", "mounting": "to be turned", "scale": "to have another scale"}.get(what, "")
+    return f"the {_SENSOR_NAMES[sensor]} of {names[found.robot]} seems {seems or 'to be elsewhere'}, but is told to be exact"
 
 
 def _in_first(names: list[str], poses: tuple[Pose, ...]) -> dict[str, Pose]:

@@ -20,6 +20,7 @@ from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
 from coheft.estimation.moments.unknowns import Flags, State
+from coheft.estimation.moments.untold import Untold, untold_error
 
 _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
 """A memory that fades does so in so many steps; each leaves the newest rows to go on from."""
@@ -51,7 +52,7 @@ class Knowledge:
     def __init__(
         self, count: int, anchor: int, settings: FitSettings, guards: Guards, prior: Prior | None = None
     ) -> None:
-        self._count, self._anchor, self._settings = count, anchor, settings
+        self._count, self._anchor, self._settings, self._guards = count, anchor, settings, guards
         self._growth = guards.growth_of_many if settings.errors.count or count > MANY else guards.growth
         self.least = max(4, round(guards.first_rows / settings.period))
         memory, size = settings.memory, ROW_SIZE * count * (1 + settings.errors.has_rates) + 1
@@ -84,6 +85,19 @@ class Knowledge:
         if estimate is None or estimate.misses_poses or estimate.state.load is None:
             return None
         return self._chapter.summed_up(estimate, self._guess)
+
+    @property
+    def first_untold(self) -> int:
+        """Rows with which errors that no robot was told of are looked for first."""
+        return 3 * self.least
+
+    def untold_error(self) -> Untold | None:
+        """An error of a sensor that was told to be zero, but that rows ask for; large teams do not look for any."""
+        if self.estimate is None or self._count > _EXACT_UP_TO:
+            return None
+        return untold_error(
+            self.estimate, self._guess, self._chapter, self._settings, self._anchor, self._guards.untold
+        )
 
     def see_again(self) -> None:
         """Rows have moved in the buffer."""

@@ -27,6 +27,7 @@ from coheft.estimation.moments.likelihood import wrench_evidence
 from coheft.estimation.moments.misfit import KnownLoad
 from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.unknowns import THETA
+from coheft.estimation.moments.untold import Untold
 
 _ALIKE = 3.0
 """Steps of the mass are of one drift if neither is so many times the other."""
@@ -49,6 +50,7 @@ class Session:
         changes: Of the load: number of its first row, and of the row at which that was noticed.
         suspect: Place of a robot whose motion sensors contradict the others at present, or None.
         verdict: On the last fit.
+        untold: An error of a sensor that was told to be zero, but that rows ask for; None if they ask for none.
         total_wrench: About the origin of the body frame, mean over the newest row, shape (6,); None before the first.
     """
 
@@ -74,6 +76,8 @@ class Session:
         self.changes: list[tuple[int, int]] = []
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
+        self.untold: Untold | None = None
+        self._untold_rows, self._untold_lasts = 0, rows(guards.untold_lasts)
         self._loads = list[Array]()  # theta before each change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(prior)
@@ -90,6 +94,7 @@ class Session:
         self._unconfirmed = 0  # so many rows must still fit what was known
         self._doubted_at, self._contradicted_at = -1, -self._confirming
         self._forgot_at = -self._calm
+        self._next_untold = self._known.first_untold
 
     @property
     def estimate(self) -> Estimate | None:
@@ -100,7 +105,8 @@ class Session:
         """All that is known, for another team of which this robot is part; None if there is nothing to rely upon."""
         if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._look_for_change(self._newest):
             self._fit_and_judge()  # the newest rows have to be judged as well
-        return self._known.prior() if self.stage is Stage.ESTIMATING else None
+        is_relied_upon = self.stage is Stage.ESTIMATING and self.untold is None
+        return self._known.prior() if is_relied_upon else None
 
     def claimable(self, estimate: Estimate) -> Estimate:
         """The estimate as it may be told: a load that becomes lighter again and again, or heavier, drifts meanwhile.
@@ -217,6 +223,23 @@ class Session:
                 self.stage = TRANSITIONS[self.stage, Event.UNDECIDED]
             case _:
                 self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
+                self._look_for_untold_errors()
+
+    def _look_for_untold_errors(self) -> None:
+        """Whether a sensor is off though it was told to be exact: then all begins anew, and nothing holds meanwhile.
+
+        That is over when as many rows do not show it any more.
+        """
+        rows = self._known.buffer.load_rows
+        if rows < self._next_untold or self._known.misses_poses:
+            return
+        self._next_untold = round(self._guards.untold_growth * rows)
+        found = self._known.untold_error()
+        if found is not None:
+            self.untold, self._untold_rows = found, min(rows, self._untold_lasts)
+            self._start_over()
+        elif rows >= self._untold_rows:
+            self.untold = None
 
     def _start_over(self) -> None:
         self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]

@@ -29,7 +29,7 @@ _TESTED = (
     "acceleration_place",
 )
 _LEAST_SHARE = 1e-3
-"""Of the information on an error that has to be left when all else is unknown: with less, what was linearised counts."""
+"""Of the information on an error that has to be left when all else is unknown: less is what was linearised."""
 
 
 class Untold(NamedTuple):
