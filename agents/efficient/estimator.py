@@ -86,6 +86,8 @@ class EfficientEstimator:
             return (_untold_in_words(session.untold, team.names),)
         if session.stage is not Stage.ESTIMATING and session.verdict.outcome is not Outcome.FITS:
             return (_in_words(session.verdict, team.names),)
+        if session.is_held:
+            return ("rows have not fitted again and again, and not for long enough since: a sensor may be off",)
         if session.estimate is None:
             return ("the team's measurements have just begun",)
         if team.session.suspect is not None:
@@ -192,7 +194,8 @@ def _untold_in_words(found: Untold, names: list[str]) -> str:
     """Which sensor is off, though it was told to be exact."""
     sensor, _, what = found.kind.partition("_")
     seems = {"bias": "to have an offset", "mounting": "to be turned", "scale": "to have another scale"}.get(what, "")
-    return f"the {_SENSOR_NAMES[sensor]} of {names[found.robot]} seems {seems or 'to be elsewhere'}, but is told to be exact"
+    where = f"the {_SENSOR_NAMES[sensor]} of {names[found.robot]}"
+    return f"{where} seems {seems or 'to be elsewhere'}, but is told to be exact"
 
 
 def _in_first(names: list[str], poses: tuple[Pose, ...]) -> dict[str, Pose]:

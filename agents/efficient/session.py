@@ -78,6 +78,8 @@ class Session:
         self.total_wrench: Array | None = None
         self.untold: Untold | None = None
         self._untold_rows, self._untold_lasts = 0, rows(guards.untold_lasts)
+        self._relapse, self._relapse_waits = rows(guards.relapse), rows(guards.relapse_waits)
+        self._misfit_at, self._waits_now, self._held_until = -self._relapse, 0, -1
         self._loads = list[Array]()  # theta before each change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(prior)
@@ -136,6 +138,11 @@ class Session:
     def is_confirmed(self) -> bool:
         """Whether what was known before rows were missing, or in a former team, has fitted rows since."""
         return self._unconfirmed == 0
+
+    @property
+    def is_held(self) -> bool:
+        """Whether rows have failed to fit again and again, and have not fitted for long enough since."""
+        return self._newest < self._held_until
 
     def hear_of_change(self, first: int, number: int) -> None:
         """Another robot has found that the load changed at row ``first``: look for oneself for a while."""
@@ -214,6 +221,8 @@ class Session:
             since, size = sight.likeliest_change(buffer)
             if size > guards.fresh_change:
                 self.verdict, first = Verdict(Outcome.NO_LOAD), buffer.start + since
+        if self.verdict.outcome in (Outcome.NO_BODY, Outcome.MORE_THAN_TOLD, Outcome.NO_LOAD):
+            self._relapse_once_more()
         match self.verdict.outcome:
             case Outcome.NO_BODY | Outcome.MORE_THAN_TOLD:
                 self._start_over()
@@ -224,6 +233,15 @@ class Session:
             case _:
                 self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
                 self._look_for_untold_errors()
+
+    def _relapse_once_more(self) -> None:
+        """Rows do not fit: what is fitted next has to fit for the longer, the more often that has happened lately."""
+        is_relapse = self._newest - self._misfit_at < self._relapse
+        longest = 4 * self._relapse_waits
+        self._waits_now = min(max(2 * self._waits_now, self._relapse_waits), longest) if is_relapse else 0
+        self._misfit_at = self._newest
+        if self._waits_now:
+            self._held_until = self._newest + 2 * self._known.least + self._waits_now
 
     def _look_for_untold_errors(self) -> None:
         """Whether a sensor is off though it was told to be exact: then all begins anew, and nothing holds meanwhile.

@@ -57,6 +57,8 @@ class Guards:
         untold: Probability that the errors of one kind of one robot seem to be there by chance, though told to be zero.
         untold_growth: They are looked for when the load has so many times as many rows as the last time.
         untold_lasts: What has asked for them is over when it does not for so long at most [s], or for as many rows.
+        relapse: If rows do not fit again within this time [s], they have to fit for longer before anything holds:
+        relapse_waits: so long the second time, and twice as long each time after that, up to four times [s].
         energy: Standard deviations by which the sum of squares of all residuals may be larger than noise makes it.
         noise_tolerance: Share by which the variance of noise may be larger than it was told to be.
         excess: Probability that a sensor seems to explain wrenches of another load, without reading anything in excess.
@@ -86,7 +88,9 @@ class Guards:
     tolerance: float = 1e-8
     untold: float = 1e-9
     untold_growth: float = 1.5
-    untold_lasts: float = 6.0
+    untold_lasts: float = 2.5
+    relapse: float = 8.0
+    relapse_waits: float = 0.6
     energy: float = 6.0
     noise_tolerance: float = 0.2
     excess: float = 1e-4
