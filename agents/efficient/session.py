@@ -77,7 +77,8 @@ class Session:
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
         self.untold: Untold | None = None
-        self._untold_rows, self._untold_lasts = 0, rows(guards.untold_lasts)
+        self._untold_rows = self._untold_until = 0  # with which it was found, and with which it is over
+        self._untold_lasts = rows(guards.untold_lasts)
         self._relapse, self._relapse_waits = rows(guards.relapse), rows(guards.relapse_waits)
         self._misfit_at, self._waits_now, self._held_until = -self._relapse, 0, -1
         self._loads = list[Array]()  # theta before each change
@@ -246,7 +247,7 @@ class Session:
     def _look_for_untold_errors(self) -> None:
         """Whether a sensor is off though it was told to be exact: then all begins anew, and nothing holds meanwhile.
 
-        That is over when as many rows do not show it any more.
+        That is over when as many rows do not show it any more, the first time already after a shorter while.
         """
         rows = self._known.buffer.load_rows
         if rows < self._next_untold or self._known.misses_poses:
@@ -254,10 +255,14 @@ class Session:
         self._next_untold = round(self._guards.untold_growth * rows)
         found = self._known.untold_error()
         if found is not None:
-            self.untold, self._untold_rows = found, min(rows, self._untold_lasts)
+            is_again = self._untold_rows > 0
+            self.untold, self._untold_rows = found, max(rows, self._untold_rows)
+            self._untold_until = self._untold_rows if is_again else min(rows, self._untold_lasts)
             self._start_over()
-        elif rows >= self._untold_rows:
+        elif rows >= self._untold_until:
             self.untold = None
+            if rows > 2 * self._untold_rows:
+                self._untold_rows = 0
 
     def _start_over(self) -> None:
         self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]
