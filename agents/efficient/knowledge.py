@@ -24,8 +24,8 @@ from coheft.estimation.moments.untold import Untold, untold_error
 
 _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
 """A memory that fades does so in so many steps; each leaves the newest rows to go on from."""
-_PAGE_OF_DRIFT, _LONGEST_OF_DRIFT = 2.0, 10.0
-"""Sensors drift in steps of this time; fits are as frequent as if rows were not kept for longer than that [s]."""
+_LONGEST_PAGE_OF_DRIFT, _LONGEST_OF_DRIFT = 2.0, 10.0
+"""Sensors drift in steps of this time at most; fits are as frequent as if rows were not kept for longer than that [s]."""
 _EXACT_UP_TO = 12
 """Robots of a team whose moments are kept exactly: beyond, what is seen from one state is faster."""
 
@@ -57,7 +57,7 @@ class Knowledge:
         self.least = max(4, round(guards.first_rows / settings.period))
         memory, size = settings.memory, ROW_SIZE * count * (1 + settings.errors.has_rates) + 1
         pages = [memory / _PAGES_IN_MEMORY] if memory is not None else []
-        pages += [_PAGE_OF_DRIFT] if settings.drift.is_any else []
+        pages += [min(_LONGEST_PAGE_OF_DRIFT, settings.steady)] if settings.drift.is_any else []
         self._page = max(4, round(min(pages) / settings.period)) if pages else 0
         self.buffer = RowBuffer(size, count > _EXACT_UP_TO)
         self._chapter = Chapter(self.buffer, settings, prior)

@@ -54,9 +54,9 @@ class Guards:
         lasting: A contradiction that lasts so long may be the poses' own: all begins anew [s].
         misfit: Probability that a stretch of rows fits as badly as that without any fault; a fit has some ten thousand.
         tolerance: Probability that the sensors of a robot are off by so much more than told, if tolerances are right.
-        untold: Probability that the errors of one kind of one robot seem to be there by chance, though told to be zero.
+        untold: Probability that the errors of one kind of one robot seem to be there by chance, if told to be zero.
         untold_growth: They are looked for when the load has so many times as many rows as the last time.
-        untold_lasts: What has asked for them once is over when it does not for so long at most [s], or for as many rows.
+        untold_lasts: What has asked for them once is over when it does not for so long [s], or for as many rows.
         relapse: If rows do not fit again within this time [s], they have to fit for longer before anything holds:
         relapse_waits: so long the second time, and twice as long each time after that, up to four times [s].
         energy: Standard deviations by which the sum of squares of all residuals may be larger than noise makes it.

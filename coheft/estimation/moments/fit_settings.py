@@ -5,6 +5,7 @@ offset of the total wrench = sum_i Ad(g_i) offset_i,    gyro offset of the fused
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.linear_algebra import inverse as inverse_of
+from coheft.estimation.moments import rows
 from coheft.estimation.moments.body import FORCING, BodyModel
 from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.moments import Moments
@@ -137,6 +139,24 @@ class FitSettings:
     def offset_covariance(self, body: BodyModel) -> Array:
         """Prior covariance (6, 6) of the total wrench's offset."""
         return _of_total(body, max(self.force_offset, _EXACT), max(self.torque_offset, _EXACT))
+
+    @property
+    def steady(self) -> float:
+        """Time within which no sensor wanders by more than half of what noise leaves of its mean, ``inf`` if none does [s].
+
+        A random walk is off its own mean by a third of its variance, and noise averages out: ``d^2 t / 3 = s^2 T / (4 t)``.
+        """
+        kinematics, wrench = self.noise.kinematics.min(axis=0), self.noise.wrench.min(axis=0)
+        each = (
+            (kinematics[rows.W.start], self.drift.gyro),
+            (kinematics[rows.A.start], self.drift.acceleration),
+            (wrench[0], self.drift.force),
+            (wrench[3], self.drift.torque),
+        )
+        return min(
+            (math.sqrt(0.75 * 60.0 * self.period) * float(noise) / drift for noise, drift in each if drift > 0.0),
+            default=math.inf,
+        )
 
     def drifted(self, body: BodyModel, seconds: float) -> tuple[Indices, Array]:
         """Places (k,) of what wanders, and the covariance (k, k) of how far it does so in a time [s]."""

@@ -1,0 +1,64 @@
+"""Errors of sensors that were not told: rows ask for the right one, and for none that is not there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coheft.estimation.moments.fit_settings import FitSettings
+from coheft.estimation.moments.sensor_errors import SensorErrors
+from coheft.estimation.moments.unknowns import Unknowns
+from coheft.estimation.moments.untold import Untold, untold_error
+from tests.estimation.moments.fitting import IDEAL, fit
+from tests.estimation.moments.moving_team import NOISE, PERIOD, make_team, misread, noisy_for
+
+SIZES = {
+    "acceleration_bias": 0.05,
+    "gyro_mounting": 0.01,
+    "velocity_mounting": 0.03,
+    "acceleration_mounting": 0.01,
+    "gyro_scale": 0.02,
+    "velocity_scale": 0.05,
+    "acceleration_scale": 0.01,
+    "force_scale": 0.02,
+    "torque_scale": 0.2,
+    "velocity_place": 0.02,
+    "acceleration_place": 0.03,
+}
+
+
+def asked_for(seed: int, kind: str | None, settings: FitSettings = IDEAL, false_alarm: float = 1e-9) -> Untold | None:
+    """Of a team of which the second robot has an error of a kind."""
+    rng, team = np.random.default_rng(seed), make_team(seed, count=4, number=400)
+    team = team.seen_from(team.poses[0])
+    rows = noisy_for(settings.errors, team, rng)
+    if kind is not None:
+        errors = SensorErrors({kind: SIZES[kind]} | settings.errors.tolerance)
+        state, unknowns = team.state(errors), Unknowns(4, errors)
+        step = np.zeros(unknowns.size)
+        is_kind = [name == kind for name in errors.names]
+        step[unknowns.eta[1, is_kind]] = SIZES[kind] * np.array([1.0, -1.0, 1.0])
+        rows = misread(rows, state.moved(step, unknowns, 6.0))
+    found = fit(rows, settings)
+    return untold_error(found.estimate, found.guess, found.chapter, settings, 0, false_alarm)
+
+
+@pytest.mark.parametrize("kind", SIZES)
+def test_rows_ask_for_the_error_that_is_there(kind: str) -> None:
+    found = asked_for(3, kind)
+    assert found is not None
+    assert (found.robot, found.kind) == (1, kind)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rows_of_exact_sensors_ask_for_none(seed: int) -> None:
+    assert asked_for(seed, None, false_alarm=1e-4) is None
+
+
+def test_what_was_told_is_not_asked_for_but_the_rest_is() -> None:
+    told = FitSettings(NOISE, PERIOD, SensorErrors({"gyro_mounting": 0.01, "clock": 0.001}))
+    assert asked_for(5, None, told) is None
+    found = asked_for(5, "acceleration_scale", told)
+    assert found is not None
+    assert (found.robot, found.kind) == (1, "acceleration_scale")
+    assert asked_for(5, "gyro_mounting", told) is None
