@@ -25,7 +25,7 @@ from coheft.estimation.moments.untold import Untold, untold_error
 _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
 """A memory that fades does so in so many steps; each leaves the newest rows to go on from."""
 _LONGEST_PAGE_OF_DRIFT, _LONGEST_OF_DRIFT = 2.0, 10.0
-"""Sensors drift in steps of this time at most; fits are as frequent as if rows were not kept for longer than that [s]."""
+"""Sensors drift in steps of this time at most; fits are as frequent as if rows were kept for so long only [s]."""
 _EXACT_UP_TO = 12
 """Robots of a team whose moments are kept exactly: beyond, what is seen from one state is faster."""
 

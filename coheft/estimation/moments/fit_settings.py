@@ -142,9 +142,10 @@ class FitSettings:
 
     @property
     def steady(self) -> float:
-        """Time within which no sensor wanders by more than half of what noise leaves of its mean, ``inf`` if none does [s].
+        """Time within which what sensors wander is half of what noise leaves of a mean, ``inf`` if none wanders [s].
 
-        A random walk is off its own mean by a third of its variance, and noise averages out: ``d^2 t / 3 = s^2 T / (4 t)``.
+        A random walk is off its own mean by a third of its variance, and noise averages out,
+        ``d^2 t / 3 = s^2 T / (4 t)``.
         """
         kinematics, wrench = self.noise.kinematics.min(axis=0), self.noise.wrench.min(axis=0)
         each = (
