@@ -149,4 +149,5 @@ class CartAgent:
             covariance=covariance,
             not_known=not_known(covariance) if self.config.learns else {},
             jumps=self._knowledge.jumps,
+            doubts=self._knowledge.doubts(),
         )

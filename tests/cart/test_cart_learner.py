@@ -16,7 +16,7 @@ from coheft.estimation.cart.filter import Belief, Prediction, Push, Sighting, Up
 from coheft.estimation.cart.jump import FALSE_ALARMS
 from coheft.estimation.cart.learner import CartLearner
 from coheft.estimation.cart.model import UNICYCLE, CartBody
-from coheft.estimation.cart.observability import not_known
+from coheft.estimation.cart.observability import QUANTITIES, not_known
 from coheft.estimation.cart.prior import CartPrior, nearest_possible
 from coheft.estimation.geometry.spatial import Array
 from tests.cart.carts import CONSTRAINTS
@@ -60,7 +60,7 @@ def test_friction_that_is_guessed_wrong_by_a_factor_of_two_costs_little() -> Non
         estimates = run(5, 1, 13.0, factor).estimates["p1"]
         at_ten = next(e for e in estimates if e.time >= 10.0)
         assert abs(at_ten.cart.mass - 20.0) < 0.1
-        assert estimates[-1].cart.friction == pytest.approx(5.0, abs=0.05)
+        assert estimates[-1].cart.friction[0] == pytest.approx(5.0, abs=0.05)
 
 
 def test_on_a_straight_line_it_says_what_it_cannot_know() -> None:
@@ -72,16 +72,16 @@ def test_on_a_straight_line_it_says_what_it_cannot_know() -> None:
 
 def test_before_the_first_push_nothing_is_known() -> None:
     prior = CartPrior()
-    guess = CartBody(16.0, (0.3, 0.0), 1.8, 5.0)
+    guess = CartBody(16.0, (0.3, 0.0), 1.8, (5.0, 5.0))
     learner = CartLearner(guess, Sighting(np.zeros(6), 2.5e-5 * np.eye(6)), prior)
-    assert set(not_known(learner.body_covariance())) == {"mass", "d_x", "d_y", "inertia", "friction"}
+    assert set(not_known(learner.body_covariance())) == set(QUANTITIES)
     deviations = np.sqrt(np.diag(learner.body_covariance()))
-    np.testing.assert_allclose(deviations, [9.6, 0.15, 0.15, 1.08, 5.0], rtol=1e-9)
+    np.testing.assert_allclose(deviations, [9.6, 0.15, 0.15, 1.08, 5.0, 5.0], rtol=1e-9)
 
 
 def test_nothing_is_learned_from_a_cart_that_creeps() -> None:
     """Static friction holds it back; below 0.05 m/s that is no news of its mass."""
-    guess = CartBody(16.0, (0.3, 0.0), 1.8, 5.0)
+    guess = CartBody(16.0, (0.3, 0.0), 1.8, (5.0, 5.0))
     sighting = Sighting(np.zeros(6), 2.5e-5 * np.eye(6))
     learner = CartLearner(guess, sighting, CartPrior())
     before = learner.body_covariance()
@@ -123,8 +123,8 @@ def test_an_unchanged_cart_is_not_taken_for_another() -> None:
 def test_false_alarms_are_as_rare_with_any_number_of_axles(wheels: str, probability: float, jumps: int) -> None:
     """All goes as expected, but for one sample that is about as improbable as a false alarm may be."""
     constraints, prior = CONSTRAINTS[wheels], CartPrior()
-    body, noise = CartBody(16.0, (0.3, 0.0), 1.8, 5.0), 2.5e-5 * np.eye(6)
-    state = np.concatenate([np.zeros(6), body.phi, [body.friction]])
+    body, noise = CartBody(16.0, (0.3, 0.0), 1.8, (5.0, 5.0)), 2.5e-5 * np.eye(6)
+    state = np.concatenate([np.zeros(6), body.parameters])
     wrench = np.array([40.0, 0.0, 0.0])
     push = Push(wrench, np.zeros((3, 3)), PERIOD, wrench)
     learner = CartLearner(body, Sighting(state[:6], noise), prior, constraints)
@@ -160,7 +160,7 @@ def test_noise_of_the_wrench_does_not_make_the_cart_look_heavier() -> None:
 
 @pytest.mark.parametrize("phi", [[-3.0, 0.0, 0.0, 1.0], [20.0, 6.0, 3.0, 1.0], [20.0, 6.0, 3.0, -4.0]])
 def test_there_is_a_cart_near_every_estimate(phi: list[float]) -> None:
-    body = CartBody.of(nearest_possible(np.array(phi), 4.0, 0.5), 0.0)
+    body = CartBody.of(nearest_possible(np.array(phi), 4.0, 0.5), (0.0, 0.0))
     assert body.mass >= 4.0
     assert body.inertia >= 0.5 - 1e-12
 
@@ -168,9 +168,9 @@ def test_there_is_a_cart_near_every_estimate(phi: list[float]) -> None:
 def test_smoothed_states_are_those_of_least_squares() -> None:
     """Of a short linear chain: prior, three measurements, three steps, all about one point."""
     rng = np.random.default_rng(2)
-    body = CartBody(20.0, (0.3, 0.1), 2.0, 5.0)
-    point = np.concatenate([[0.0, 0.0, 0.2, 1.0, 0.2, 0.3], body.phi, [5.0]])
-    root = 0.1 * rng.standard_normal((11, 11))
+    body = CartBody(20.0, (0.3, 0.1), 2.0, (5.0, 5.0))
+    point = np.concatenate([[0.0, 0.0, 0.2, 1.0, 0.2, 0.3], body.parameters])
+    root = 0.1 * rng.standard_normal((12, 12))
     belief = Belief(point, root @ root.T)
     wrench = np.array([20.0, 0.0, -2.0])
     push = Push(wrench, np.diag([4.0, 4.0, 0.1]), 0.1, wrench)
@@ -178,7 +178,7 @@ def test_smoothed_states_are_those_of_least_squares() -> None:
     sightings = [Sighting(point[:6] + 0.05 * rng.standard_normal(6), 0.01 * np.eye(6)) for _ in range(3)]
     for sighting in sightings:
         updated = update(belief, sighting, 0.1, point, UNICYCLE, corrects_cart=True)
-        prediction = predict(updated.belief, push, 1e-3 * np.eye(5), point, UNICYCLE)
+        prediction = predict(updated.belief, push, 1e-3 * np.eye(6), point, UNICYCLE)
         steps.append((updated, prediction))
         belief = prediction.belief
     # The last measurement tells of the state before as well: condition their joint distribution on all measurements.
@@ -193,6 +193,6 @@ def test_smoothed_states_are_those_of_least_squares() -> None:
     mean = np.concatenate([first.mean, steps[0][1].belief.mean])
     later = smooth(steps)[1]
     # Smoothing the first state from the second one, smoothed with the update undone (Rauch, Tung, Striebel).
-    gain = joint[:11, 11:] @ np.linalg.pinv(joint[11:, 11:], rcond=1e-13)
-    np.testing.assert_allclose(smooth(steps)[0], mean[:11] + gain @ (later - mean[11:]), atol=1e-6)
+    gain = joint[:12, 12:] @ np.linalg.pinv(joint[12:, 12:], rcond=1e-13)
+    np.testing.assert_allclose(smooth(steps)[0], mean[:12] + gain @ (later - mean[12:]), atol=1e-6)
     np.testing.assert_allclose(smooth(steps)[-1], steps[-1][0].belief.mean, atol=1e-12)

@@ -37,7 +37,7 @@ def look(load: UnknownLoad, phi: Array, noise: Array) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize("com", [(0.3, 0.15), (0.0, 0.0)])
 def test_loads_spread_phi_as_it_is_said(com: tuple[float, float]) -> None:
-    phi = CartBody(20.0, com, 2.0, 5.0).phi
+    phi = CartBody(20.0, com, 2.0, (5.0, 5.0)).phi
     mean, spread = UnknownLoad(phi, KNOWN, PRIOR, 1.0).start()
     changes = change_of_phi(loads(com, 200_000, 1))
     scale = np.sqrt(np.outer(np.diag(spread), np.diag(spread)))
@@ -56,7 +56,7 @@ def test_the_law_for_a_known_load_is_the_tangent() -> None:
 def test_where_a_load_lies_says_what_it_does_to_the_moment_of_inertia() -> None:
     """Straight on, all but the moment of inertia shows; the cart's is then as sure as the load's own."""
     com, placed = (0.3, 0.0), np.array([5.0, 0.35, 0.02, 0.0])
-    body = CartBody(20.0, com, 2.0, 5.0)
+    body = CartBody(20.0, com, 2.0, (5.0, 5.0))
     load = UnknownLoad(body.phi, KNOWN, PRIOR, 1.0)
     truth = body.phi + change_of_phi(placed)
     _, unsure = load.start()
@@ -70,7 +70,7 @@ def test_where_a_load_lies_says_what_it_does_to_the_moment_of_inertia() -> None:
 def test_what_is_said_of_the_cart_after_a_load_is_true() -> None:
     """Normalised errors squared of many carts whose parameters are measured directly, and several times anew."""
     com, noise = (0.3, 0.15), np.diag([1e-2, 3e-3, 3e-3, 1.0])
-    body, rng, total = CartBody(20.0, com, 2.0, 5.0), np.random.default_rng(2), 0.0
+    body, rng, total = CartBody(20.0, com, 2.0, (5.0, 5.0)), np.random.default_rng(2), 0.0
     placed = loads(com, 500, 3)
     for each in placed:
         before = rng.multivariate_normal(body.phi, KNOWN)

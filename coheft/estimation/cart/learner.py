@@ -28,10 +28,11 @@ from coheft.estimation.cart.filter import (
     smooth,
     update,
 )
-from coheft.estimation.cart.jump import WINDOWS, changed_since
-from coheft.estimation.cart.linearisation import FRICTION, PHI, POSE, RATES
+from coheft.estimation.cart.jump import USUAL_OF, WINDOWS, JumpTest
+from coheft.estimation.cart.linearisation import FRICTION, PHI, POSE, RATES, STATE_SIZE
 from coheft.estimation.cart.load import UnknownLoad
 from coheft.estimation.cart.model import UNICYCLE, CartBody, Constraints, axes
+from coheft.estimation.cart.noise import WhiteNoise, doubts, misfit
 from coheft.estimation.cart.prior import CartPrior, nearest_possible
 from coheft.estimation.geometry.spatial import Array
 
@@ -51,6 +52,8 @@ _LEAST_NEWS = 4
 """With a known cart, steps are done again only when at least one in so many is new."""
 _FIRST = 200
 """A cart is unknown until there have been so many steps with something to learn from."""
+_JUDGED_EVERY = 50
+"""After so many steps innovations are judged."""
 _GROWN = 3
 """With an unknown cart, whose slopes are soon far off, steps are done again when one in so many is new."""
 
@@ -63,6 +66,7 @@ class _Step:
         sighting: The measurement.
         push: The push.
         corrects_cart: Whether the cart was fast enough to learn from.
+        levels: How many times its noise is as large as is said, so far as that is new in every sample, shape (6,).
         before: What was believed before it.
         update: What the measurement did.
         prediction: What the push did.
@@ -71,6 +75,7 @@ class _Step:
     sighting: Sighting
     push: Push
     corrects_cart: bool
+    levels: Array
     before: Belief
     update: Update | None = None
     prediction: Prediction | None = None
@@ -119,11 +124,11 @@ class CartLearner:
         self._least = prior.least * guess.mass, prior.least * guess.inertia
         parameters = prior.covariance(guess)
         self._drift = prior.drift**2 * parameters
-        covariance = np.zeros((MOTION_SIZE + 5, MOTION_SIZE + 5))
+        covariance = np.zeros((STATE_SIZE, STATE_SIZE))
         covariance[POSE, POSE] = _VAGUE * first.covariance[POSE, POSE]
         covariance[RATES, RATES] = prior.start**2 * np.eye(3)
         covariance[PARAMETERS, PARAMETERS] = parameters
-        self.belief = Belief(np.concatenate([first.motion[:3], np.zeros(3), guess.phi, [guess.friction]]), covariance)
+        self.belief = Belief(np.concatenate([first.motion[:3], np.zeros(3), guess.parameters]), covariance)
         self.jumps = 0
         force, torque = prior.drag
         self._drag = np.diag(np.square([force, force, torque]))
@@ -134,19 +139,27 @@ class CartLearner:
         self._news = 0
         self._lessons = 0
         self._change: _Change | None = None
+        self._white_noise = WhiteNoise()
+        self._jump_test = JumpTest(MOTION_SIZE + len(constraints.rows_b))
+        self._misfit = np.ones(MOTION_SIZE)
+        self._judged = 0
 
     @property
     def body(self) -> CartBody:
         """The cart, as estimated."""
         parameters = self._parameters
-        return CartBody.of(parameters[:4], float(parameters[4]))
+        return CartBody.of(parameters[:4], (float(parameters[4]), float(parameters[5])))
 
     def body_covariance(self) -> Array:
-        """Covariance of ``(m, d_x, d_y, I, sigma)``, shape (5, 5)."""
-        inverse = np.eye(5)
+        """Covariance of ``(m, d_x, d_y, I, sigma)``, shape (6, 6)."""
+        inverse = np.eye(6)
         inverse[:4, :4] = np.linalg.inv(self.body.phi_derivative())
         result: Array = inverse @ self.belief.covariance[PARAMETERS, PARAMETERS] @ inverse.T
         return result
+
+    def doubts(self) -> list[str]:
+        """What is measured worse than is said, in words; empty if nothing is. Covariances count with that already."""
+        return doubts(self._white_noise.levels * self._misfit)
 
     def ahead(self, wrenches_b: list[Array], duration: float) -> Array:
         """``(q, qd)`` after further steps with these wrenches, each of ``duration`` [s]."""
@@ -158,34 +171,44 @@ class CartLearner:
 
     def step(self, sighting: Sighting, push: Push) -> None:
         """Take in a measurement, and what the hands did from then on."""
+        self._take_in(sighting, push, is_louder=self._white_noise.see(sighting))
+
+    def coast(self, push: Push) -> None:
+        """A push without a measurement before it."""
+        nothing = Sighting(self.belief.mean[:MOTION_SIZE], _NOTHING * np.eye(MOTION_SIZE))
+        self._take_in(nothing, push, is_louder=False)
+
+    def _take_in(self, sighting: Sighting, push: Push, *, is_louder: bool) -> None:
+        """One step; whether noise has been found to be larger than before."""
         is_fast = self._is_fast()
         casters_turn = self._casters_turn(push.duration, is_fast=is_fast)
         if casters_turn:
             push = replace(push, covariance=push.covariance + self._drag)
-        step = _Step(sighting, push, is_fast and not casters_turn, self.belief)
+        step = _Step(sighting, push, is_fast and not casters_turn, self._white_noise.levels, self.belief)
         if len(self._steps) == _KEPT:
             self._change = None  # the steps that are kept begin later
         self._steps.append(step)
         self._lessons += step.corrects_cart
         self._news += step.corrects_cart
         self._do(step)
+        self._judged += 1
+        is_worse = self._judged >= _JUDGED_EVERY and self._judge()
         since = self._changed_since()
-        if since or self._is_due():
+        is_louder = is_louder or (since > 0 and self._white_noise.is_new())
+        if is_louder:
+            for recent in islice(reversed(self._steps), self._white_noise.seen):
+                recent.levels = np.maximum(recent.levels, self._white_noise.levels)
+        if since or is_louder or is_worse or self._is_due():
             self._do_again()
             since = self._changed_since()
         if since:
             self._expect_another_cart(since)
 
-    def coast(self, push: Push) -> None:
-        """A push without a measurement before it."""
-        self.step(Sighting(self.belief.mean[:MOTION_SIZE], _NOTHING * np.eye(MOTION_SIZE)), push)
-
     @property
     def _parameters(self) -> Array:
-        """``(phi, sigma)``, shape (5,), such as a cart can have."""
-        return np.append(
-            nearest_possible(self.belief.mean[PHI], *self._least), max(float(self.belief.mean[FRICTION]), 0.0)
-        )
+        """``(phi, sigma)``, shape (6,), such as a cart can have."""
+        phi = nearest_possible(self.belief.mean[PHI], *self._least)
+        return np.concatenate([phi, np.maximum(self.belief.mean[FRICTION], 0.0)])
 
     def _point(self, state: Array) -> Array:
         """Where to linearise: at this motion, and at the parameters that all slopes belong to."""
@@ -213,8 +236,10 @@ class CartLearner:
         """One step, with slopes at the motion that is believed in, or at one that is known better by now."""
         step.before = self.belief
         at = self._point(self.belief.mean if smoothed is None else smoothed)
+        levels = step.levels * self._misfit
+        sighting = replace(step.sighting, covariance=step.sighting.covariance * np.outer(levels, levels))
         step.update = update(
-            self.belief, step.sighting, self._prior.slip, at, self._constraints, corrects_cart=step.corrects_cart
+            self.belief, sighting, self._prior.slip, at, self._constraints, corrects_cart=step.corrects_cart
         )
         if smoothed is None:
             at = self._point(step.update.belief.mean)
@@ -235,6 +260,19 @@ class CartLearner:
         for step, state in zip(self._steps, smoothed, strict=True):
             self._do(step, state)
 
+    def _judge(self) -> bool:
+        """Whether innovations say that what is measured, or the model, is worse than was thought.
+
+        The newest are left out: they may be of a cart that has just changed.
+        """
+        self._judged = 0
+        judged = list(self._steps)[: -max(WINDOWS)]
+        innovations = [step.update.innovation for step in judged if step.corrects_cart and step.update is not None]
+        if not innovations:
+            return False
+        before, self._misfit = self._misfit, misfit(np.array(innovations), self._misfit)
+        return bool((self._misfit > before).any())
+
     def _is_due(self) -> bool:
         """Whether to do all again: enough is new, and the cart looks different, or little was known the last time."""
         if self._lessons < _FIRST:
@@ -248,8 +286,8 @@ class CartLearner:
         return bool((np.abs(self._parameters[:4] - self._slopes_of[:4]) > _MOVED * scale).any())
 
     def _changed_since(self) -> int:
-        newest = [_surprise(step) for step in islice(reversed(self._steps), max(WINDOWS))]
-        return changed_since(newest, MOTION_SIZE + len(self._constraints.rows_b))
+        newest = islice(reversed(self._steps), max(WINDOWS) + USUAL_OF)
+        return self._jump_test.changed_since([_surprise(step) for step in newest])
 
     def _expect_another_cart(self, since: int) -> None:
         """A load came or went so many steps ago: go back, be unsure of parameters and velocity, and come again."""

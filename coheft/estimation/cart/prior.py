@@ -16,7 +16,7 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         mass: Standard deviation as a share of the guess.
         com: Standard deviation per axis [m].
         inertia: Standard deviation as a share of the guess.
-        friction: Standard deviation as a share of the guess.
+        friction: Standard deviations of moving and of turning friction, as shares of the guess.
         least: No cart has less mass, or moment of inertia, than this share of the guess.
         drift: Standard deviation of the change in one second, as a share of the first standard deviation.
         slip: Of the wheels, sideways [m/s].
@@ -26,14 +26,14 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         start: Standard deviation of the first velocity, from standing still [m/s, rad/s].
         load: Standard deviation of the mass that may suddenly come or go [kg].
         place: Standard deviation per axis of where it lies, from the centre of mass [m].
-        size: Its radius of gyration may be about so much [m].
+        size: Its radius of gyration is between none and about so much [m].
         jolt: Standard deviation of the velocity that the cart may suddenly lose or gain with it [m/s, rad/s].
     """
 
     mass: float = 0.6
     com: float = 0.15
     inertia: float = 0.6
-    friction: float = 1.0
+    friction: tuple[float, float] = (1.0, 1.0)
     least: float = 0.25
     drift: float = 1e-4
     slip: float = 1e-3
@@ -41,18 +41,18 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     turning: float = 0.3
     drag: tuple[float, float] = (10.0, 2.0)
     start: float = 0.02
-    load: float = 5.0
-    place: float = 0.1
-    size: float = 0.1
+    load: float = 10.0
+    place: float = 0.2
+    size: float = 0.4
     jolt: float = 0.3
 
     def covariance(self, guess: CartBody) -> Array:
-        """Of ``(phi, sigma)`` around a guess, shape (5, 5)."""
+        """Of ``(phi, sigma)`` around a guess, shape (6, 6)."""
         deviations = guess.mass * self.mass, self.com, self.com, guess.inertia * self.inertia
         derivative = guess.phi_derivative()
-        result = np.zeros((5, 5))
+        result = np.zeros((6, 6))
         result[:4, :4] = derivative @ np.diag(np.square(deviations)) @ derivative.T
-        result[4, 4] = (guess.friction * self.friction) ** 2
+        result[4:, 4:] = np.diag(np.square(np.multiply(guess.friction, self.friction)))
         return result
 
 

@@ -28,7 +28,7 @@ class CartGuess(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     mass: float
     com: tuple[float, float]
     inertia: float
-    friction: float
+    friction: tuple[float, float]
 
     @property
     def body(self) -> CartBody:
@@ -47,12 +47,14 @@ class CartLoad(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     Attributes:
         at: When [s].
         mass: What comes, or goes where negative [kg].
-        place: Where it lies in ``{b}`` [m].
+        place: Where its middle lies in ``{b}`` [m].
+        size: Length and width of a box, filled evenly, whose sides are along the cart's [m]; a point mass without.
     """
 
     at: float
     mass: float
     place: tuple[float, float]
+    size: tuple[float, float] = (0.0, 0.0)
 
 
 TrajectoryName = Literal["straight", "curves", "there and back"]
