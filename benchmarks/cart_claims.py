@@ -1,7 +1,7 @@
 """Whether what pushers of a cart claim to know is true: friction of turning and loads' extents drawn at random.
 
-``python -m benchmarks.cart_claims --seeds 20`` runs the tests of Table I so often, and counts, of all reports in which a
-quantity is claimed to be known, those in which it is within five of its own standard deviations.
+``python -m benchmarks.cart_claims --seeds 20`` runs the tests of Table I so often, and counts, of all reports in which
+a quantity is claimed to be known, those in which it is within five of its own standard deviations.
 """
 
 from __future__ import annotations

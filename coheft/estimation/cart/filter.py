@@ -1,10 +1,10 @@
 """The cart's state and parameters from what it does under known pushes: the steps of an extended Kalman filter.
 
-As in Aguilera et al., eqs (8)-(20): the state is augmented by ``phi``, here by the friction ``sigma`` of moving
-and turning too, because a model with the wrong friction finds the wrong mass. Differences: the transition is of second order in the time step,
-where one of first order loses definiteness; the update has Joseph's form; what the wheels forbid is a measurement;
-noise enters through the wrench. Each step is linearised about a point that may be another than the mean, so that a step
-can be done again about a better one.
+As in Aguilera et al., eqs (8)-(20): the state is augmented by ``phi``, here by the friction ``sigma`` of moving and
+turning too, because a model with the wrong friction finds the wrong mass. Differences: the transition is of second
+order in the time step, where one of first order loses definiteness; the update has Joseph's form; what the wheels
+forbid is a measurement; noise enters through the wrench. Each step is linearised about a point that may be another than
+the mean, so that a step can be done again about a better one.
 """
 
 from __future__ import annotations
@@ -168,7 +168,13 @@ def update(
     rest = np.eye(STATE_SIZE) - gain @ by_state
     covariance = rest @ belief.covariance @ rest.T + gain @ noise @ gain.T  # Joseph: right for any gain
     updated = Belief(belief.mean + gain @ innovation, 0.5 * (covariance + covariance.T))
-    return Update(updated, surprise, (innovation / np.sqrt(np.diag(spread)))[:MOTION_SIZE], rest, pull)
+    return Update(
+        belief=updated,
+        surprise=surprise,
+        innovation=(innovation / np.sqrt(np.diag(spread)))[:MOTION_SIZE],
+        rest=rest,
+        pull=pull,
+    )
 
 
 def smooth(steps: Sequence[tuple[Update, Prediction]]) -> list[Array]:

@@ -21,11 +21,13 @@ class FixedCart:
     Attributes:
         body: The guess.
         jumps: 0: it notices nothing.
+        is_judged: Never: it does not look.
     """
 
     def __init__(self, guess: CartBody, constraints: Constraints = UNICYCLE) -> None:
         self.body = guess
         self.jumps = 0
+        self.is_judged = False
         self._constraints = constraints
         self._state = np.zeros(MOTION_SIZE)
 

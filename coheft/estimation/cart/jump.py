@@ -28,7 +28,7 @@ class JumpTest:
     def __init__(self, freedom: int) -> None:
         self._freedom = freedom
         self._median = freedom * (1.0 - 2.0 / (9.0 * freedom)) ** 3  # Wilson and Hilferty's
-        self._usual = {window: 0.0 for window in WINDOWS}
+        self._usual = dict.fromkeys(WINDOWS, 0.0)
 
     def changed_since(self, surprises: Sequence[float]) -> int:
         """Number of newest samples that cannot be of the same cart, 0 if all can.

@@ -52,8 +52,19 @@ _LEAST_NEWS = 4
 """With a known cart, steps are done again only when at least one in so many is new."""
 _FIRST = 200
 """A cart is unknown until there have been so many steps with something to learn from."""
-_JUDGED_EVERY = 50
+_JUDGED_EVERY = 25
 """After so many steps innovations are judged."""
+_TOO_NEW = 16
+"""But not those of the newest steps."""
+_LEAST_JUDGED = 64
+"""And not fewer."""
+_MOST_MISFIT, _LITTLE_MISFIT = 10.0, 3.0
+"""Where the noise of the motion would have to be so many times as large, it is rather a wrench that the model does not
+know; if with that it need not be, that is the reason."""
+_UNKNOWN_WRENCHES = (0.3, 1.0, 3.0, 10.0)
+"""Standard deviations that are tried [N]."""
+_LEVER = 0.2
+"""Its torque has this multiple [m]."""
 _GROWN = 3
 """With an unknown cart, whose slopes are soon far off, steps are done again when one in so many is new."""
 
@@ -116,6 +127,7 @@ class CartLearner:
     Attributes:
         belief: Of state and parameters, after the last push.
         jumps: How many sudden changes have been noticed.
+        is_judged: Whether enough has been measured to see whether it fits the model.
     """
 
     def __init__(self, guess: CartBody, first: Sighting, prior: CartPrior, constraints: Constraints = UNICYCLE) -> None:
@@ -142,7 +154,9 @@ class CartLearner:
         self._white_noise = WhiteNoise()
         self._jump_test = JumpTest(MOTION_SIZE + len(constraints.rows_b))
         self._misfit = np.ones(MOTION_SIZE)
+        self._unknown_wrench = 0.0
         self._judged = 0
+        self.is_judged = False
 
     @property
     def body(self) -> CartBody:
@@ -159,7 +173,7 @@ class CartLearner:
 
     def doubts(self) -> list[str]:
         """What is measured worse than is said, in words; empty if nothing is. Covariances count with that already."""
-        return doubts(self._white_noise.levels * self._misfit)
+        return doubts(self._white_noise.levels * self._misfit, self._unknown_wrench)
 
     def ahead(self, wrenches_b: list[Array], duration: float) -> Array:
         """``(q, qd)`` after further steps with these wrenches, each of ``duration`` [s]."""
@@ -192,13 +206,14 @@ class CartLearner:
         self._news += step.corrects_cart
         self._do(step)
         self._judged += 1
-        is_worse = self._judged >= _JUDGED_EVERY and self._judge()
+        if self._judged >= _JUDGED_EVERY:
+            self._judge()
         since = self._changed_since()
         is_louder = is_louder or (since > 0 and self._white_noise.is_new())
         if is_louder:
             for recent in islice(reversed(self._steps), self._white_noise.seen):
                 recent.levels = np.maximum(recent.levels, self._white_noise.levels)
-        if since or is_louder or is_worse or self._is_due():
+        if since or is_louder or self._is_due():
             self._do_again()
             since = self._changed_since()
         if since:
@@ -243,7 +258,9 @@ class CartLearner:
         )
         if smoothed is None:
             at = self._point(step.update.belief.mean)
-        step.prediction = predict(step.update.belief, step.push, self._drift, at, self._constraints)
+        force, torque = self._unknown_wrench**2, (_LEVER * self._unknown_wrench) ** 2
+        push = replace(step.push, covariance=step.push.covariance + np.diag([force, force, torque]))
+        step.prediction = predict(step.update.belief, push, self._drift, at, self._constraints)
         self.belief = step.prediction.belief
 
     def _do_again(self) -> None:
@@ -260,18 +277,30 @@ class CartLearner:
         for step, state in zip(self._steps, smoothed, strict=True):
             self._do(step, state)
 
-    def _judge(self) -> bool:
-        """Whether innovations say that what is measured, or the model, is worse than was thought.
-
-        The newest are left out: they may be of a cart that has just changed.
-        """
+    def _judge(self) -> None:
+        """Let noise be larger if innovations say so: that of the motion, or if it were far too large, of the wrench."""
         self._judged = 0
-        judged = list(self._steps)[: -max(WINDOWS)]
-        innovations = [step.update.innovation for step in judged if step.corrects_cart and step.update is not None]
-        if not innovations:
-            return False
-        before, self._misfit = self._misfit, misfit(np.array(innovations), self._misfit)
-        return bool((self._misfit > before).any())
+        found = self._found_misfit()
+        if found is None:
+            return
+        self.is_judged = True
+        before, self._misfit = self._misfit, found
+        if found.max() > _MOST_MISFIT:
+            for unknown in _UNKNOWN_WRENCHES:
+                if unknown > self._unknown_wrench:
+                    self._unknown_wrench, self._misfit = unknown, np.ones(MOTION_SIZE)
+                    self._do_again()
+                    found = self._found_misfit()
+                    if found is None or found.max() < _LITTLE_MISFIT:
+                        return
+        elif (found > before).any():
+            self._do_again()
+
+    def _found_misfit(self) -> Array | None:
+        """From all innovations but the newest, which may be of a cart that has just changed; None if they are few."""
+        old = list(self._steps)[:-_TOO_NEW]
+        innovations = [step.update.innovation for step in old if step.corrects_cart and step.update is not None]
+        return misfit(np.array(innovations), self._misfit) if len(innovations) >= _LEAST_JUDGED else None
 
     def _is_due(self) -> bool:
         """Whether to do all again: enough is new, and the cart looks different, or little was known the last time."""

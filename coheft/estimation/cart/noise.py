@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coheft.estimation.cart.filter import MOTION_SIZE, Sighting
 from coheft.estimation.chi_square import chi_square_threshold
@@ -86,7 +87,7 @@ class WhiteNoise:
         return is_new
 
 
-def _white_levels(motions: Array, is_noticed: Array) -> Array:
+def _white_levels(motions: Array, is_noticed: NDArray[np.bool_]) -> Array:
     """From motions in units of their noise, shape (samples, 6). Medians: jolts and outliers are no noise.
 
     What is noticed already (6,) stays so until it is nearly gone.
@@ -126,10 +127,18 @@ def misfit(innovations: Array, before: Array) -> Array:
     return np.maximum(before * np.sqrt(found), 1.0)
 
 
-def doubts(levels: Array) -> list[str]:
-    """In words, what is measured worse than is said, from how many times its noise is as large (6,)."""
-    return [
+def doubts(levels: Array, unknown_wrench: float) -> list[str]:
+    """In words, what does not fit what is said of measurements.
+
+    Args:
+        levels: How many times as large as is said the noise of the motion is, shape (6,).
+        unknown_wrench: Standard deviation of a force that the model does not know [N].
+    """
+    found = [
         f"{kind} is measured {levels[components[0]]:.1f} times as badly as is said"
         for kind, components in KINDS.items()
         if levels[components[0]] > 1.0
     ]
+    if unknown_wrench > 0.0:
+        found.append(f"the cart is pushed by about {unknown_wrench:.1f} N more or less than is measured")
+    return found

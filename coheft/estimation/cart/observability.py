@@ -21,12 +21,18 @@ _SHOWN_BY = (
 )
 
 
-def not_known(body_covariance: Array) -> dict[str, str]:
+_NOT_JUDGED = "too little has been measured to see whether it fits: drive on"
+
+
+def not_known(body_covariance: Array, *, is_judged: bool = True) -> dict[str, str]:
     """Quantities of which the motion has not shown enough, and what would show them, by name.
 
     Args:
         body_covariance: Of ``(m, d_x, d_y, I, sigma)``, shape (6, 6).
+        is_judged: Whether measurements have been compared with what they should be.
     """
+    if not is_judged:
+        return dict.fromkeys(QUANTITIES, _NOT_JUDGED)
     deviations = np.sqrt(np.diag(body_covariance))
     return {
         name: advice

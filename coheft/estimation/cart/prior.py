@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import hypot
+
 import msgspec
 import numpy as np
 
@@ -56,8 +58,14 @@ class CartPrior(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return result
 
 
+_FARTHEST = 2.0
+"""No cart's centre of mass is farther from its axle [m]."""
+
+
 def nearest_possible(phi: Array, least_mass: float, least_inertia: float) -> Array:
-    """``phi`` (4,) with mass, and moment of inertia about the centre of mass, raised to what a cart has at least."""
+    """``phi`` (4,) of a cart: mass and moment of inertia about the centre of mass at least so much, that not far off."""
     mass = max(float(phi[0]), least_mass)
     _, x, y, turning = phi.tolist()
+    far = max(1.0, hypot(x, y) / (mass * _FARTHEST))
+    x, y = x / far, y / far
     return np.array([mass, x, y, max(turning, (x * x + y * y) / mass + least_inertia)])
