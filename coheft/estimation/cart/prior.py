@@ -63,7 +63,7 @@ _FARTHEST = 2.0
 
 
 def nearest_possible(phi: Array, least_mass: float, least_inertia: float) -> Array:
-    """``phi`` (4,) of a cart: mass and moment of inertia about the centre of mass at least so much, that not far off."""
+    """``phi`` (4,) of a cart that can be: its mass and its own moment of inertia at least so much, its centre near."""
     mass = max(float(phi[0]), least_mass)
     _, x, y, turning = phi.tolist()
     far = max(1.0, hypot(x, y) / (mass * _FARTHEST))

@@ -94,7 +94,7 @@ def _arrays(recording: Recording) -> dict[str, Array]:
 def _read_npz(path: Path) -> Recording:
     tables: dict[str, dict[str, Array]] = {}
     shared: dict[str, Array] = {}
-    for key, array in _load(path).items():
+    for key, array in load_arrays(path).items():
         name, slash, channel = key.rpartition("/")
         if slash:
             tables.setdefault(name, {})[channel] = array
@@ -114,8 +114,13 @@ def _read_npz(path: Path) -> Recording:
     )
 
 
-def _load(path: Path) -> dict[str, Array]:
-    """All arrays of an ``.npz`` file, by their keys."""
+def load_arrays(path: Path) -> dict[str, Array]:
+    """All arrays of an ``.npz`` file, by their keys.
+
+    Raises:
+        RecordingError: It is damaged, or holds something else.
+        OSError: It cannot be read.
+    """
     try:
         with path.open("rb") as file:  # numpy itself leaves damaged ones open
             _check_beginning(file.read(max(map(len, _BEGINNINGS))), path)

@@ -118,7 +118,7 @@ def _writer(header: tuple[str, ...], rows: Array) -> Callable[[BinaryIO], None]:
 
 
 def _read_robot(path: Path) -> RobotRecord:
-    table = _read_table(path)
+    table = read_table(path)
     known = _header(COLUMNS)
     unknown = [column for column in table if column not in known]
     if unknown:
@@ -140,15 +140,20 @@ def _read_robot(path: Path) -> RobotRecord:
 
 
 def _read_holds(path: Path) -> tuple[tuple[float, float], ...]:
-    table = _read_table(path)
+    table = read_table(path)
     if sorted(table) != sorted(_HOLDS_HEADER):
         found = one_line(", ".join(table))
         raise RecordingError(f"{path.name}: found columns {found}; expected {', '.join(_HOLDS_HEADER)}")
     return holds_of(np.column_stack([table[column] for column in _HOLDS_HEADER]))
 
 
-def _read_table(path: Path) -> dict[str, Array]:
-    """The columns of a CSV file, by their names; each has shape (n,), and n may be 0."""
+def read_table(path: Path) -> dict[str, Array]:
+    """The columns of a CSV file, by their names; each has shape (n,), and n may be 0.
+
+    Raises:
+        RecordingError: It is no table of numbers; says where, and why.
+        OSError: It cannot be read.
+    """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)
