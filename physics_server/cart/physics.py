@@ -124,7 +124,7 @@ class CartSimulation:
         return CartMeasurement(
             robot=name,
             block=self.block,
-            motion=motion + self._scenario.noise * noise[:6],
+            motion=motion + self._scenario.noise * self._scenario.noise_factor * noise[:6],
             wrench=wrench + sensor * noise[6:],
             hand=self._hands[name],
         )

@@ -26,6 +26,7 @@ class Case:
         pushers: How many.
         friction_guess: See ``table_one``.
         turning_friction: See ``table_one``.
+        noise_factor: See ``CartScenario``.
     """
 
     test: int
@@ -34,6 +35,7 @@ class Case:
     pushers: int = 1
     friction_guess: float | None = None
     turning_friction: float = 1.0
+    noise_factor: float = 1.0
 
     @property
     def scenario(self) -> CartScenario:
@@ -45,6 +47,7 @@ class Case:
             pushers=self.pushers,
             friction_guess=self.friction_guess,
             turning_friction=self.turning_friction,
+            noise_factor=self.noise_factor,
         )
 
 

@@ -50,6 +50,7 @@ def table_one(
     pushers: int = 1,
     friction_guess: float | None = None,
     turning_friction: float = 1.0,
+    noise_factor: float = 1.0,
 ) -> CartScenario:
     """A test of Table I, or the one that is modelled on the paper's hardware experiment 5.
 
@@ -61,6 +62,7 @@ def table_one(
         friction_guess: What the pushers take the friction of moving for, as a share of what it is; None if they know
             it, as in the paper. That of turning they take for the same number, and learn.
         turning_friction: As a share of the friction of moving [m²]; in the paper they are one number.
+        noise_factor: See ``CartScenario``.
     """
     row: _Row = ("there and back", 16.0, (0.3, 0.15), 0.005, False) if number == REVERSAL else _ROWS[number]
     trajectory, guessed_mass, com, noise, slides = row
@@ -78,6 +80,7 @@ def table_one(
         prior=CartPrior(friction=(0.0 if friction_guess is None else 1.0, 1.0)),
         trajectory=trajectory,
         noise=noise,
+        noise_factor=noise_factor,
         force_noise=3.0 if number == REVERSAL else 0.0,
         casters=number == REVERSAL,
         slides=slides,

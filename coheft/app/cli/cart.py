@@ -44,6 +44,7 @@ def cart(
     pushers: Count = 1,
     friction_guess: Positive | None = None,
     turning_friction: Positive = 1.0,
+    noise_factor: Positive = 1.0,
     processes: Flag = False,
     jobs: Count | None = None,
     json: ReportTarget = None,
@@ -72,6 +73,8 @@ def cart(
         otherwise. That of turning they never know.
     turning_friction:
         Friction of turning as a share of that of moving; the pushers take them for the same number.
+    noise_factor:
+        Motion is measured with so many times the noise that the pushers are told.
     processes:
         One process per pusher and one for the cart, linked by Zenoh, instead of all in this one.
     jobs:
@@ -105,15 +108,9 @@ def cart(
         raise UsageError("--jobs is for runs side by side, but with --processes they come one after the other")
     check_outputs(json=json, figures=figures)
     chosen = TESTS if all_tests or test is None else (test,)
-    cases = [
-        Case(number, seed, pushers=pushers, friction_guess=friction_guess, turning_friction=turning_friction)
-        for number in chosen
-        for seed in range(first_seed, first_seed + seeds)
-    ]
-    cases += [
-        Case(number, first_seed, learns=False, friction_guess=friction_guess, turning_friction=turning_friction)
-        for number in chosen
-    ]
+    case = partial(Case, friction_guess=friction_guess, turning_friction=turning_friction, noise_factor=noise_factor)
+    cases = [case(number, seed, pushers=pushers) for number in chosen for seed in range(first_seed, first_seed + seeds)]
+    cases += [case(number, first_seed, learns=False) for number in chosen]
     console = Console(stderr=json == "-")
     with gone_if_broken_off(figures), show_progress(console, "runs", len(cases), quiet=quiet) as told:
         if figures is not None:

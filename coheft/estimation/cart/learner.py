@@ -9,7 +9,7 @@ within them, all slopes belong to one and the same cart.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from math import cos, hypot, inf, sin, sqrt
 
@@ -19,10 +19,8 @@ from coheft.estimation.cart.filter import (
     MOTION_SIZE,
     PARAMETERS,
     Belief,
-    Prediction,
     Push,
     Sighting,
-    Update,
     move,
     predict,
     smooth,
@@ -34,6 +32,7 @@ from coheft.estimation.cart.load import UnknownLoad
 from coheft.estimation.cart.model import UNICYCLE, CartBody, Constraints, axes
 from coheft.estimation.cart.noise import WhiteNoise, doubts, misfit
 from coheft.estimation.cart.prior import CartPrior, nearest_possible
+from coheft.estimation.cart.steps import Change, Step, surprise
 from coheft.estimation.geometry.spatial import Array
 
 _MASS = 6
@@ -59,56 +58,13 @@ _TOO_NEW = 16
 _LEAST_JUDGED = 64
 """And not fewer."""
 _MOST_MISFIT, _LITTLE_MISFIT = 10.0, 3.0
-"""Where the noise of the motion would have to be so many times as large, it is rather a wrench that the model does not
-know; if with that it need not be, that is the reason."""
+"""Noise of the motion that had to be so many times as large is rather a wrench; with that it need not be."""
 _UNKNOWN_WRENCHES = (0.3, 1.0, 3.0, 10.0)
 """Standard deviations that are tried [N]."""
 _LEVER = 0.2
 """Its torque has this multiple [m]."""
 _GROWN = 3
 """With an unknown cart, whose slopes are soon far off, steps are done again when one in so many is new."""
-
-
-@dataclass(eq=False)
-class _Step:
-    """One step: a measurement, then a push.
-
-    Attributes:
-        sighting: The measurement.
-        push: The push.
-        corrects_cart: Whether the cart was fast enough to learn from.
-        levels: How many times its noise is as large as is said, so far as that is new in every sample, shape (6,).
-        before: What was believed before it.
-        update: What the measurement did.
-        prediction: What the push did.
-    """
-
-    sighting: Sighting
-    push: Push
-    corrects_cart: bool
-    levels: Array
-    before: Belief
-    update: Update | None = None
-    prediction: Prediction | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class _Change:
-    """A load has come or gone.
-
-    Attributes:
-        before: What was believed before, but for the jolt.
-        load: What is known of it.
-    """
-
-    before: Belief
-    load: UnknownLoad
-
-    def start(self) -> Belief:
-        """What is to be believed after it."""
-        mean, covariance = self.before.mean.copy(), self.before.covariance.copy()
-        mean[PHI], covariance[PHI, PHI] = self.load.start()
-        return Belief(mean, covariance)
 
 
 class CartLearner:
@@ -146,11 +102,11 @@ class CartLearner:
         self._drag = np.diag(np.square([force, force, torque]))
         self._direction = 0.0
         self._rolled = inf
-        self._steps: deque[_Step] = deque(maxlen=_KEPT)
+        self._steps: deque[Step] = deque(maxlen=_KEPT)
         self._slopes_of = self._parameters
         self._news = 0
         self._lessons = 0
-        self._change: _Change | None = None
+        self._change: Change | None = None
         self._white_noise = WhiteNoise()
         self._jump_test = JumpTest(MOTION_SIZE + len(constraints.rows_b))
         self._misfit = np.ones(MOTION_SIZE)
@@ -198,7 +154,7 @@ class CartLearner:
         casters_turn = self._casters_turn(push.duration, is_fast=is_fast)
         if casters_turn:
             push = replace(push, covariance=push.covariance + self._drag)
-        step = _Step(sighting, push, is_fast and not casters_turn, self._white_noise.levels, self.belief)
+        step = Step(sighting, push, is_fast and not casters_turn, self._white_noise.levels, self.belief)
         if len(self._steps) == _KEPT:
             self._change = None  # the steps that are kept begin later
         self._steps.append(step)
@@ -247,7 +203,7 @@ class CartLearner:
         self._rolled += abs(speed) * duration
         return self._rolled < self._prior.turning
 
-    def _do(self, step: _Step, smoothed: Array | None = None) -> None:
+    def _do(self, step: Step, smoothed: Array | None = None) -> None:
         """One step, with slopes at the motion that is believed in, or at one that is known better by now."""
         step.before = self.belief
         at = self._point(self.belief.mean if smoothed is None else smoothed)
@@ -298,7 +254,7 @@ class CartLearner:
 
     def _found_misfit(self) -> Array | None:
         """From all innovations but the newest, which may be of a cart that has just changed; None if they are few."""
-        old = list(self._steps)[:-_TOO_NEW]
+        old = islice(self._steps, max(0, len(self._steps) - _TOO_NEW))
         innovations = [step.update.innovation for step in old if step.corrects_cart and step.update is not None]
         return misfit(np.array(innovations), self._misfit) if len(innovations) >= _LEAST_JUDGED else None
 
@@ -316,7 +272,7 @@ class CartLearner:
 
     def _changed_since(self) -> int:
         newest = islice(reversed(self._steps), max(WINDOWS) + USUAL_OF)
-        return self._jump_test.changed_since([_surprise(step) for step in newest])
+        return self._jump_test.changed_since([surprise(step) for step in newest])
 
     def _expect_another_cart(self, since: int) -> None:
         """A load came or went so many steps ago: go back, be unsure of parameters and velocity, and come again."""
@@ -332,7 +288,7 @@ class CartLearner:
             self._steps.append(step)
             self._do(step)
 
-    def _change_after(self, before: Belief) -> _Change | None:
+    def _change_after(self, before: Belief) -> Change | None:
         """Of any load; None if that is believed already: the alarm may be one of several for the same change."""
         missing = 1.0 - float(before.covariance[_MASS, _MASS]) / self._prior.load**2
         if missing <= 0.0:
@@ -341,9 +297,4 @@ class CartLearner:
         covariance = before.covariance.copy()
         covariance[RATES, RATES] += missing * self._prior.jolt**2 * free @ free.T
         load = UnknownLoad(before.mean[PHI], covariance[PHI, PHI], self._prior, missing)
-        return _Change(Belief(before.mean, covariance), load)
-
-
-def _surprise(step: _Step) -> float:
-    """Of a step from which something can be learned; what casters do is no news."""
-    return step.update.surprise if step.corrects_cart and step.update is not None else 0.0
+        return Change(Belief(before.mean, covariance), load)

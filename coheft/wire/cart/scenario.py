@@ -69,6 +69,7 @@ class CartScenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         guess: As the pushers take it to be at first.
         trajectory: Where it shall go.
         noise: Standard deviation of measured positions and velocities, each component [m, rad, m/s, rad/s].
+        noise_factor: It is so many times what the pushers are told, who are told ``noise``.
         force_noise: Standard deviation of measured forces [N]; that of torques is ``arm`` times as much.
         slides: Whether hands slide along the handle to where they push best.
         learns: Whether the pushers correct their guess.
@@ -94,6 +95,7 @@ class CartScenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     guess: CartGuess
     trajectory: TrajectoryName
     noise: float = 0.005
+    noise_factor: float = 1.0
     force_noise: float = 0.0
     slides: bool = False
     learns: bool = True
