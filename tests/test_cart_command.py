@@ -29,6 +29,7 @@ GOOD = CartReport(
     mean_effort_n=10.0,
     slip_m_s=1e-7,
     jumps=0,
+    doubts=[],
     loads=[],
     diverged=False,
 )

@@ -147,6 +147,7 @@ class CartAgent:
             members=self._newest.members,
             cart=CartGuess.of(self._knowledge.body),
             covariance=covariance,
-            not_known=not_known(covariance) if self.config.learns else {},
+            not_known=not_known(covariance, is_judged=self._knowledge.is_judged) if self.config.learns else {},
             jumps=self._knowledge.jumps,
+            doubts=self._knowledge.doubts(),
         )

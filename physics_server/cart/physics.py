@@ -124,7 +124,7 @@ class CartSimulation:
         return CartMeasurement(
             robot=name,
             block=self.block,
-            motion=motion + self._scenario.noise * noise[:6],
+            motion=motion + self._scenario.noise * self._scenario.noise_factor * noise[:6],
             wrench=wrench + sensor * noise[6:],
             hand=self._hands[name],
         )
@@ -155,11 +155,11 @@ class CartSimulation:
         ahead, aside, torque = wrench_b.tolist()
         if self._casters is not None:
             ahead += self._casters.drag(speed, model.opt.timestep)
-        friction = self._cart.friction
+        moving, turning = self._cart.friction
         data.qfrc_applied[:] = (
-            c * ahead - s * aside - friction * x_rate,
-            s * ahead + c * aside - friction * y_rate,
-            torque - friction * turn_rate,
+            c * ahead - s * aside - moving * x_rate,
+            s * ahead + c * aside - moving * y_rate,
+            torque - turning * turn_rate,
         )
         mujoco.mj_forward(model, data)
         row = UNICYCLE.rows(theta)
@@ -182,8 +182,10 @@ class CartSimulation:
 
 
 def with_load(body: CartBody, load: CartLoad) -> CartBody:
-    """The cart with a point mass more, or less."""
-    return CartBody.of(body.phi + change_of_phi(np.array([load.mass, *load.place, 0.0])), body.friction)
+    """The cart with a load more, or less."""
+    length, width = load.size
+    gyration = (length**2 + width**2) / 12.0
+    return CartBody.of(body.phi + change_of_phi(np.array([load.mass, *load.place, gyration])), body.friction)
 
 
 def _moving_mass(body: CartBody) -> Array:

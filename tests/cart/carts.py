@@ -23,7 +23,7 @@ bodies = st.builds(
     mass=st.floats(5.0, 60.0),
     com=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.3, 0.3)),
     inertia=st.floats(0.5, 8.0),
-    friction=st.floats(0.0, 20.0),
+    friction=st.tuples(st.floats(0.0, 20.0), st.floats(0.0, 20.0)),
 )
 angles = st.floats(-4.0, 4.0)
 constraints = st.sampled_from(sorted(CONSTRAINTS)).map(CONSTRAINTS.__getitem__)

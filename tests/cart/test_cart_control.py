@@ -11,7 +11,7 @@ from coheft.estimation.cart.filter import move
 from coheft.estimation.cart.model import UNICYCLE, CartBody
 from coheft.estimation.cart.trajectory import CURVES, STRAIGHT, TRAJECTORIES, Trajectory
 
-BODY = CartBody(20.0, (0.3, 0.15), 2.0, 5.0)
+BODY = CartBody(20.0, (0.3, 0.15), 2.0, (5.0, 5.0))
 
 
 @pytest.mark.parametrize("name", sorted(TRAJECTORIES))
@@ -74,7 +74,7 @@ def test_the_regulator_minimises_its_cost() -> None:
 def test_a_known_cart_comes_to_the_path_and_stays(start: tuple[float, float, float], limit: float) -> None:
     """Also from aside, where no push helps at once."""
     tracker, period = Tracker(Tracking()), 0.005
-    state = np.concatenate([start, np.zeros(3), BODY.phi, [BODY.friction]])
+    state = np.concatenate([start, np.zeros(3), BODY.parameters])
     for step in range(round(20.0 / period)):
         wrench_b = tracker.push(CURVES.at(step * period), state[:6], BODY)
         assert wrench_b[1] == 0.0
@@ -90,5 +90,5 @@ def test_backwards_it_steers_the_other_way() -> None:
     for trajectory, sign in ((ahead, -1.0), (back, 1.0)):
         target = trajectory.at(1.0)
         motion = np.array([target.pose[0], 0.1, 0.0, target.speed, 0.0, 0.0])
-        centred = CartBody(20.0, (0.3, 0.0), 2.0, 5.0)
+        centred = CartBody(20.0, (0.3, 0.0), 2.0, (5.0, 5.0))
         assert np.sign(tracker.push(target, motion, centred)[2]) == sign

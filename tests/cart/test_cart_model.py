@@ -21,6 +21,7 @@ from coheft.estimation.cart.model import (
     mass_matrix,
     projection,
     regressor,
+    resistance,
 )
 from coheft.estimation.geometry.spatial import Array
 from tests.cart.carts import CONSTRAINTS, angles, bodies, constraints, vectors
@@ -51,7 +52,7 @@ def test_the_derivative_of_phi(body: CartBody) -> None:
     numbers = np.array([body.mass, *body.com, body.inertia])
 
     def phi(values: Array) -> Array:
-        return CartBody(values[0], (values[1], values[2]), values[3], 0.0).phi
+        return CartBody(values[0], (values[1], values[2]), values[3], (0.0, 0.0)).phi
 
     steps = 1e-5 * np.eye(4)
     expected = np.array([(phi(numbers + step) - phi(numbers - step)) / 2e-5 for step in steps]).T
@@ -108,7 +109,9 @@ def test_forward_dynamics_are_the_projected_ones(
     rates = admissible(theta, parameters, wheels)
     inverse = np.linalg.inv(mass_matrix(body.phi, theta))
     rows = wheels.rows(theta)
-    gamma = axes(theta) @ wrench_b - coriolis(body.phi, theta, float(rates[2])) @ rates - body.friction * rates
+    gamma = (
+        axes(theta) @ wrench_b - coriolis(body.phi, theta, float(rates[2])) @ rates - resistance(body.friction, rates)
+    )
     bending = wheels.rows_rate(theta, float(rates[2])) @ rates
     expected = inverse @ projection(body.phi, theta, wheels) @ gamma
     expected -= inverse @ rows.T @ np.linalg.solve(rows @ inverse @ rows.T, bending)
@@ -138,7 +141,7 @@ def test_wheels_do_no_work(
     def energy(time: float) -> float:
         return kinetic_energy(body, theta + rates[2] * time, rates + time * solution.accelerations)
 
-    power = rates @ axes(theta) @ wrench_b - body.friction * rates @ rates
+    power = rates @ axes(theta) @ wrench_b - resistance(body.friction, rates) @ rates
     assert (energy(step) - energy(-step)) / (2 * step) == pytest.approx(power, abs=1e-4 * (1.0 + abs(power)))
 
 

@@ -111,6 +111,25 @@ def test_what_is_dropped_on_it_takes_momentum_and_what_is_taken_off_does_not() -
         before = moving
 
 
+def test_a_crate_has_a_moment_of_inertia_of_its_own() -> None:
+    point = CartLoad(at=1.0, mass=12.0, place=(0.5, 0.1))
+    with_point, with_crate = (
+        with_load(QUIET.cart.body, load) for load in (point, structs.replace(point, size=(0.9, 0.6)))
+    )
+    assert with_crate.com == pytest.approx(with_point.com)
+    assert with_crate.inertia - with_point.inertia == pytest.approx(12.0 * (0.81 + 0.36) / 12.0)
+
+
+def test_turning_has_a_friction_of_its_own() -> None:
+    """``I w' = -sigma w`` on the spot, about the middle of the axle."""
+    cart = structs.replace(QUIET.cart, com=(0.0, 0.0), friction=(5.0, 2.0))
+    simulation = CartSimulation(structs.replace(QUIET, cart=cart))
+    simulation.data.qvel[2] = 1.0
+    for _ in range(101):
+        sample = simulation.advance({})
+    assert sample.truth.motion[5] == pytest.approx(np.exp(-2.0 / cart.inertia), rel=1e-5)
+
+
 @pytest.mark.parametrize("at", [0.0, 0.28, 0.29, 0.57, 0.575, 1.1, 1.13, 1.15])
 def test_a_load_comes_with_the_first_sample_not_before_its_time(at: float) -> None:
     simulation = CartSimulation(structs.replace(QUIET, loads=(CartLoad(at=at, mass=8.0, place=(0.5, 0.1)),)))

@@ -25,6 +25,8 @@ class Case:
         learns: With the estimator, or without.
         pushers: How many.
         friction_guess: See ``table_one``.
+        turning_friction: See ``table_one``.
+        noise_factor: See ``CartScenario``.
     """
 
     test: int
@@ -32,6 +34,8 @@ class Case:
     learns: bool = True
     pushers: int = 1
     friction_guess: float | None = None
+    turning_friction: float = 1.0
+    noise_factor: float = 1.0
 
     @property
     def scenario(self) -> CartScenario:
@@ -42,6 +46,8 @@ class Case:
             learns=self.learns,
             pushers=self.pushers,
             friction_guess=self.friction_guess,
+            turning_friction=self.turning_friction,
+            noise_factor=self.noise_factor,
         )
 
 

@@ -59,6 +59,7 @@ class CartReport(msgspec.Struct, frozen=True):
         mean_effort_n: Of all hands, see ``CartTruth``.
         slip_m_s: Largest sideways velocity of the wheels.
         jumps: Sudden changes noticed.
+        doubts: What the pushers say that does not fit what they are told of their measurements.
         loads: How the pushers got over load changes.
         diverged: The estimate or the cart is lost at the end.
     """
@@ -79,6 +80,7 @@ class CartReport(msgspec.Struct, frozen=True):
     mean_effort_n: float
     slip_m_s: float
     jumps: int
+    doubts: list[str]
     loads: list[LoadRecovery]
     diverged: bool
 
@@ -127,6 +129,7 @@ def judge(run: CartRun, test: int) -> CartReport:
         mean_effort_n=float(np.mean([truth.effort for truth in run.truths])),
         slip_m_s=max(abs(truth.slip) for truth in run.truths),
         jumps=max(estimate.jumps for estimate in last.values()),
+        doubts=worst.doubts,
         loads=_recoveries(run),
         diverged=run.scenario.learns and not (last_mass_error < _LOST and errors[-1] < _LOST),
     )

@@ -113,6 +113,8 @@ def sentences(reports: Sequence[CartReport]) -> list[str]:
         found.append(
             "Where the centre of mass is along the cart only curves show; across it, speeding up or slowing down."
         )
+    for doubt in sorted({doubt for report in learned for doubt in report.doubts}):
+        found.append(f"The pushers say: {doubt}.")
     diverged = sum(report.diverged for report in learned)
     found.append(f"{diverged} of {len(learned)} runs diverged.")
     return found

@@ -43,7 +43,14 @@ MASS_CHANGES = (
 
 
 def table_one(
-    number: int, *, seed: int = 1, learns: bool = True, pushers: int = 1, friction_guess: float | None = None
+    number: int,
+    *,
+    seed: int = 1,
+    learns: bool = True,
+    pushers: int = 1,
+    friction_guess: float | None = None,
+    turning_friction: float = 1.0,
+    noise_factor: float = 1.0,
 ) -> CartScenario:
     """A test of Table I, or the one that is modelled on the paper's hardware experiment 5.
 
@@ -52,24 +59,28 @@ def table_one(
         seed: Of the noise.
         learns: With the estimator, or without.
         pushers: How many; the paper has one.
-        friction_guess: What the pushers take the friction for, as a share of what it is; None if they know it, as in
-            the paper.
+        friction_guess: What the pushers take the friction of moving for, as a share of what it is; None if they know
+            it, as in the paper. That of turning they take for the same number, and learn.
+        turning_friction: As a share of the friction of moving [m²]; in the paper they are one number.
+        noise_factor: See ``CartScenario``.
     """
     row: _Row = ("there and back", 16.0, (0.3, 0.15), 0.005, False) if number == REVERSAL else _ROWS[number]
     trajectory, guessed_mass, com, noise, slides = row
+    guessed_friction = FRICTION * (friction_guess or 1.0)
     return CartScenario(
         name=f"test {number}",
-        cart=CartGuess(mass=MASS, com=com, inertia=INERTIA, friction=FRICTION),
+        cart=CartGuess(mass=MASS, com=com, inertia=INERTIA, friction=(FRICTION, FRICTION * turning_friction)),
         # For want of anything better the moment of inertia is guessed as that of a box of 1 m by 0.6 m.
         guess=CartGuess(
             mass=guessed_mass,
             com=GUESSED_COM,
             inertia=guessed_mass * (1.0 + 0.36) / 12.0,
-            friction=FRICTION * (friction_guess or 1.0),
+            friction=(guessed_friction, guessed_friction),
         ),
-        prior=CartPrior(friction=0.0 if friction_guess is None else 1.0),
+        prior=CartPrior(friction=(0.0 if friction_guess is None else 1.0, 1.0)),
         trajectory=trajectory,
         noise=noise,
+        noise_factor=noise_factor,
         force_noise=3.0 if number == REVERSAL else 0.0,
         casters=number == REVERSAL,
         slides=slides,

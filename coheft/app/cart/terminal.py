@@ -6,6 +6,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from coheft.app.cart.identify import CartIdentification
 from coheft.app.cart.table import CLAIMS, HEADER, CartStudy, rows, sentences
 from coheft.app.terminal.wide_table import print_table
 
@@ -24,3 +25,23 @@ def print_study(console: Console, study: CartStudy) -> None:
         console.print(sentence, highlight=False)
     for text in study.missed:
         console.print(f"Worse than it should be: {text}", style="red", highlight=False)
+
+
+def print_identification(console: Console, found: CartIdentification) -> None:
+    """Print what a recording says of a cart."""
+    table = Table(box=SIMPLE_HEAD, title=f"The cart after {found.duration_s:g} s", title_justify="left")
+    for name in ("quantity", "value", "standard deviation"):
+        table.add_column(name, justify="left" if name == "quantity" else "right")
+    for name, quantity in found.quantities.items():
+        if quantity.not_known:
+            table.add_row(name, "not known", "")
+        else:
+            table.add_row(name, f"{quantity.value:.4g} {quantity.unit}", f"{quantity.std:.2g} {quantity.unit}")
+    print_table(console, table)
+    for advice in dict.fromkeys(quantity.not_known for quantity in found.quantities.values() if quantity.not_known):
+        console.print(f"{advice}.", highlight=False)
+    if found.changes_s:
+        times = ", ".join(f"{time:.2f}" for time in found.changes_s)
+        console.print(f"The cart changed at about {times} s; this is what it was at the end.", highlight=False)
+    for doubt in found.doubts:
+        console.print(f"Does not fit: {doubt}", style="red", highlight=False)

@@ -173,6 +173,7 @@ Whole = Annotated[int, Parameter(converter=_whole)]
 Count = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1))]
 NotNegative = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0))]
 Positive = Annotated[float, Parameter(validator=Number(gt=0))]
+NotNegativeNumber = Annotated[float, Parameter(validator=Number(gte=0))]
 Port = Annotated[int | None, Parameter(converter=_whole, validator=Number(gte=1, lte=65535))]
 GivenPath = Annotated[Path, Parameter(converter=_path)]
 RunFolder = Annotated[

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated
 
+import cyclopts
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
@@ -16,7 +17,9 @@ from coheft.app.cli.base import (
     Count,
     Flag,
     FolderTarget,
+    GivenPath,
     NotNegative,
+    NotNegativeNumber,
     Positive,
     ReportTarget,
     Whole,
@@ -25,8 +28,13 @@ from coheft.app.cli.base import (
 )
 from coheft.errors import UsageError
 
+Point = Annotated[tuple[float, float], Parameter(negative=(), show_default=lambda point: " ".join(map(str, point)))]
 
-@app.command(group=EVALUATE)
+cart_app = cyclopts.App(name="cart", group=EVALUATE)
+app.command(cart_app)
+
+
+@cart_app.default
 def cart(
     *,
     test: Annotated[Whole | None, Parameter(validator=Number(gte=1, lte=12))] = None,
@@ -35,6 +43,8 @@ def cart(
     first_seed: NotNegative = 1,
     pushers: Count = 1,
     friction_guess: Positive | None = None,
+    turning_friction: Positive = 1.0,
+    noise_factor: Positive = 1.0,
     processes: Flag = False,
     jobs: Count | None = None,
     json: ReportTarget = None,
@@ -59,7 +69,12 @@ def cart(
     pushers:
         How many push, side by side; each knows its own wrench only.
     friction_guess:
-        What they take the friction for, as a share of what it is, for instance 0.5 or 2; they know it otherwise.
+        What they take the friction of moving for, as a share of what it is, for instance 0.5 or 2; they know it
+        otherwise. That of turning they never know.
+    turning_friction:
+        Friction of turning as a share of that of moving; the pushers take them for the same number.
+    noise_factor:
+        Motion is measured with so many times the noise that the pushers are told.
     processes:
         One process per pusher and one for the cart, linked by Zenoh, instead of all in this one.
     jobs:
@@ -93,12 +108,9 @@ def cart(
         raise UsageError("--jobs is for runs side by side, but with --processes they come one after the other")
     check_outputs(json=json, figures=figures)
     chosen = TESTS if all_tests or test is None else (test,)
-    cases = [
-        Case(number, seed, pushers=pushers, friction_guess=friction_guess)
-        for number in chosen
-        for seed in range(first_seed, first_seed + seeds)
-    ]
-    cases += [Case(number, first_seed, learns=False, friction_guess=friction_guess) for number in chosen]
+    case = partial(Case, friction_guess=friction_guess, turning_friction=turning_friction, noise_factor=noise_factor)
+    cases = [case(number, seed, pushers=pushers) for number in chosen for seed in range(first_seed, first_seed + seeds)]
+    cases += [case(number, first_seed, learns=False) for number in chosen]
     console = Console(stderr=json == "-")
     with gone_if_broken_off(figures), show_progress(console, "runs", len(cases), quiet=quiet) as told:
         if figures is not None:
@@ -122,6 +134,59 @@ def cart(
         if figures is not None:
             draw(outcomes, figures)
     return EXIT_NOT_CONVERGED if study.missed else EXIT_CONVERGED
+
+
+@cart_app.command
+def identify(
+    recording: GivenPath,
+    *,
+    mass: Positive = 20.0,
+    com: Point = (0.3, 0.0),
+    hand: Point = (0.0, 0.0),
+    noise: Positive = 0.005,
+    force_noise: NotNegativeNumber = 0.0,
+    json: ReportTarget = None,
+    quiet: Flag = False,
+) -> int:
+    """Find out from a recording of your own what a cart is: mass, centre of mass, inertia, friction.
+
+    Exit status 0 if all is known at its end and measurements fit, 3 if not: then the report says what.
+
+    Parameters
+    ----------
+    recording:
+        A .csv or .npz file with times, poses, rates and pushes, see docs/cart.md.
+    mass:
+        About what it is, within a factor of four [kg].
+    com:
+        About where the centre of mass is: ahead of the axle's middle, and to the left [m].
+    hand:
+        Where the push is measured, likewise; torques are about that point [m].
+    noise:
+        Standard deviation of measured poses and rates, in all their units; if it is larger, that is noticed.
+    force_noise:
+        Of measured forces [N]; that of torques is a tenth of it [N·m].
+    json:
+        Write the results to this file; - for standard output.
+    quiet:
+        Show nothing but errors.
+    """
+    from rich.console import Console
+
+    from coheft.app.cart.identify import identify_cart
+    from coheft.app.cart.terminal import print_identification
+    from coheft.app.results.report import write_report
+    from coheft.wire.cart.recording import read_cart_recording
+
+    check_outputs(recording, json=json)
+    found = identify_cart(
+        read_cart_recording(recording), mass=mass, com=com, hand=hand, noise=noise, force_noise=force_noise
+    )
+    if not quiet:
+        print_identification(Console(stderr=json == "-"), found)
+    if json is not None:
+        write_report(found, json)
+    return EXIT_CONVERGED if found.is_known else EXIT_NOT_CONVERGED
 
 
 class Logs:

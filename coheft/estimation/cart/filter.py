@@ -1,10 +1,10 @@
 """The cart's state and parameters from what it does under known pushes: the steps of an extended Kalman filter.
 
-As in Aguilera et al., eqs (8)-(20): the state is augmented by ``phi``, here by the friction ``sigma`` too, because a
-model with the wrong friction finds the wrong mass. Differences: the transition is of second order in the time step,
-where one of first order loses definiteness; the update has Joseph's form; what the wheels forbid is a measurement;
-noise enters through the wrench. Each step is linearised about a point that may be another than the mean, so that a step
-can be done again about a better one.
+As in Aguilera et al., eqs (8)-(20): the state is augmented by ``phi``, here by the friction ``sigma`` of moving and
+turning too, because a model with the wrong friction finds the wrong mass. Differences: the transition is of second
+order in the time step, where one of first order loses definiteness; the update has Joseph's form; what the wheels
+forbid is a measurement; noise enters through the wrench. Each step is linearised about a point that may be another than
+the mean, so that a step can be done again about a better one.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from coheft.estimation.geometry.spatial import Array
 
 MOTION_SIZE = 6
 """A measurement: ``(q, qd)`` (Aguilera et al., eq. 10)."""
-PARAMETERS = slice(6, 11)
+PARAMETERS = slice(6, 12)
 _THETA = 2
 
 
@@ -29,8 +29,8 @@ class Belief:
     """What is known of ``(q, qd, phi, sigma)``.
 
     Attributes:
-        mean: Shape (11,).
-        covariance: Shape (11, 11).
+        mean: Shape (12,).
+        covariance: Shape (12, 12).
     """
 
     mean: Array
@@ -74,7 +74,7 @@ class Prediction:
 
     Attributes:
         belief: After it.
-        transition: Derivative of the state after it by the one before, shape (11, 11).
+        transition: Derivative of the state after it by the one before, shape (12, 12).
     """
 
     belief: Belief
@@ -87,8 +87,8 @@ def predict(belief: Belief, push: Push, drift: Array, point: Array, constraints:
     Args:
         belief: Before.
         push: What the hands do.
-        drift: How the parameters' covariance (5, 5) grows in a second.
-        point: State about which the dynamics are linearised, shape (11,).
+        drift: How the parameters' covariance (6, 6) grows in a second.
+        point: State about which the dynamics are linearised, shape (12,).
         constraints: Of the wheels.
     """
     model = linearise(point, push.planned_b, constraints)
@@ -103,9 +103,9 @@ def predict(belief: Belief, push: Push, drift: Array, point: Array, constraints:
 
 
 def move(state: Array, wrench_b: Array, duration: float, constraints: Constraints) -> Array:
-    """The state (11,) one step later, at constant acceleration, without its covariance: to look a few steps ahead."""
+    """The state (12,) one step later, at constant acceleration, without its covariance: to look a few steps ahead."""
     accelerations = forward_dynamics(
-        state[PHI], float(state[FRICTION]), float(state[_THETA]), state[RATES], wrench_b, constraints
+        state[PHI], state[FRICTION], float(state[_THETA]), state[RATES], wrench_b, constraints
     ).accelerations
     result = state.copy()
     result[POSE] += duration * (state[RATES] + 0.5 * duration * accelerations)
@@ -121,12 +121,14 @@ class Update:
         belief: After it.
         surprise: Its innovation squared, normalised: chi-square distributed, with 6 degrees of freedom and one per
             row of the wheels.
-        rest: Derivative of the state after it by the one before, ``I - K H``, shape (11, 11).
-        pull: ``H^T S^-1`` times the innovation, shape (11,), for ``smooth``.
+        innovation: Of each component of the motion, in its own standard deviations, shape (6,).
+        rest: Derivative of the state after it by the one before, ``I - K H``, shape (12, 12).
+        pull: ``H^T S^-1`` times the innovation, shape (12,), for ``smooth``.
     """
 
     belief: Belief
     surprise: float
+    innovation: Array
     rest: Array
     pull: Array
 
@@ -140,7 +142,7 @@ def update(
         belief: Before.
         sighting: The measurement.
         slip: Standard deviation of the wheels' sideways velocity [m/s].
-        point: State about which the wheels' equation is linearised, shape (11,).
+        point: State about which the wheels' equation is linearised, shape (12,).
         constraints: Of the wheels.
         corrects_cart: Whether parameters are corrected, or only considered.
     """
@@ -166,11 +168,17 @@ def update(
     rest = np.eye(STATE_SIZE) - gain @ by_state
     covariance = rest @ belief.covariance @ rest.T + gain @ noise @ gain.T  # Joseph: right for any gain
     updated = Belief(belief.mean + gain @ innovation, 0.5 * (covariance + covariance.T))
-    return Update(updated, surprise, rest, pull)
+    return Update(
+        belief=updated,
+        surprise=surprise,
+        innovation=(innovation / np.sqrt(np.diag(spread)))[:MOTION_SIZE],
+        rest=rest,
+        pull=pull,
+    )
 
 
 def smooth(steps: Sequence[tuple[Update, Prediction]]) -> list[Array]:
-    """States (11,) after each update, from all measurements, also the later ones (Bryson and Frazier's form).
+    """States (12,) after each update, from all measurements, also the later ones (Bryson and Frazier's form).
 
     Unlike going back from the end, it is stable: a rolling cart forgets how it turned, so its past does not follow from
     its present.

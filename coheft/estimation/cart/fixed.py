@@ -21,17 +21,23 @@ class FixedCart:
     Attributes:
         body: The guess.
         jumps: 0: it notices nothing.
+        is_judged: Never: it does not look.
     """
 
     def __init__(self, guess: CartBody, constraints: Constraints = UNICYCLE) -> None:
         self.body = guess
         self.jumps = 0
+        self.is_judged = False
         self._constraints = constraints
         self._state = np.zeros(MOTION_SIZE)
 
     def body_covariance(self) -> Array:
-        """Of ``(m, d_x, d_y, I, sigma)``, shape (5, 5): it claims to know."""
-        return np.zeros((5, 5))
+        """Of ``(m, d_x, d_y, I, sigma)``, shape (6, 6): it claims to know."""
+        return np.zeros((6, 6))
+
+    def doubts(self) -> list[str]:
+        """None."""
+        return []
 
     def step(self, sighting: Sighting, push: Push) -> None:
         """Take in a measurement, and what the hands did from then on."""
@@ -44,7 +50,7 @@ class FixedCart:
 
     def ahead(self, wrenches_b: list[Array], duration: float) -> Array:
         """``(q, qd)`` after further steps with these wrenches, each of ``duration`` [s]."""
-        state = np.concatenate([self._state, self.body.phi, [self.body.friction]])
+        state = np.concatenate([self._state, self.body.parameters])
         for wrench_b in wrenches_b:
             state = move(state, wrench_b, duration, self._constraints)
         return state[:MOTION_SIZE]

@@ -9,7 +9,7 @@ within them, all slopes belong to one and the same cart.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from math import cos, hypot, inf, sin, sqrt
 
@@ -19,20 +19,20 @@ from coheft.estimation.cart.filter import (
     MOTION_SIZE,
     PARAMETERS,
     Belief,
-    Prediction,
     Push,
     Sighting,
-    Update,
     move,
     predict,
     smooth,
     update,
 )
-from coheft.estimation.cart.jump import WINDOWS, changed_since
-from coheft.estimation.cart.linearisation import FRICTION, PHI, POSE, RATES
+from coheft.estimation.cart.jump import USUAL_OF, WINDOWS, JumpTest
+from coheft.estimation.cart.linearisation import FRICTION, PHI, POSE, RATES, STATE_SIZE
 from coheft.estimation.cart.load import UnknownLoad
 from coheft.estimation.cart.model import UNICYCLE, CartBody, Constraints, axes
+from coheft.estimation.cart.noise import WhiteNoise, doubts, misfit
 from coheft.estimation.cart.prior import CartPrior, nearest_possible
+from coheft.estimation.cart.steps import Change, Step, surprise
 from coheft.estimation.geometry.spatial import Array
 
 _MASS = 6
@@ -51,48 +51,20 @@ _LEAST_NEWS = 4
 """With a known cart, steps are done again only when at least one in so many is new."""
 _FIRST = 200
 """A cart is unknown until there have been so many steps with something to learn from."""
+_JUDGED_EVERY = 25
+"""After so many steps innovations are judged."""
+_TOO_NEW = 16
+"""But not those of the newest steps."""
+_LEAST_JUDGED = 64
+"""And not fewer."""
+_MOST_MISFIT, _LITTLE_MISFIT = 10.0, 3.0
+"""Noise of the motion that had to be so many times as large is rather a wrench; with that it need not be."""
+_UNKNOWN_WRENCHES = (0.3, 1.0, 3.0, 10.0)
+"""Standard deviations that are tried [N]."""
+_LEVER = 0.2
+"""Its torque has this multiple [m]."""
 _GROWN = 3
 """With an unknown cart, whose slopes are soon far off, steps are done again when one in so many is new."""
-
-
-@dataclass(eq=False)
-class _Step:
-    """One step: a measurement, then a push.
-
-    Attributes:
-        sighting: The measurement.
-        push: The push.
-        corrects_cart: Whether the cart was fast enough to learn from.
-        before: What was believed before it.
-        update: What the measurement did.
-        prediction: What the push did.
-    """
-
-    sighting: Sighting
-    push: Push
-    corrects_cart: bool
-    before: Belief
-    update: Update | None = None
-    prediction: Prediction | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class _Change:
-    """A load has come or gone.
-
-    Attributes:
-        before: What was believed before, but for the jolt.
-        load: What is known of it.
-    """
-
-    before: Belief
-    load: UnknownLoad
-
-    def start(self) -> Belief:
-        """What is to be believed after it."""
-        mean, covariance = self.before.mean.copy(), self.before.covariance.copy()
-        mean[PHI], covariance[PHI, PHI] = self.load.start()
-        return Belief(mean, covariance)
 
 
 class CartLearner:
@@ -111,6 +83,7 @@ class CartLearner:
     Attributes:
         belief: Of state and parameters, after the last push.
         jumps: How many sudden changes have been noticed.
+        is_judged: Whether enough has been measured to see whether it fits the model.
     """
 
     def __init__(self, guess: CartBody, first: Sighting, prior: CartPrior, constraints: Constraints = UNICYCLE) -> None:
@@ -119,34 +92,44 @@ class CartLearner:
         self._least = prior.least * guess.mass, prior.least * guess.inertia
         parameters = prior.covariance(guess)
         self._drift = prior.drift**2 * parameters
-        covariance = np.zeros((MOTION_SIZE + 5, MOTION_SIZE + 5))
+        covariance = np.zeros((STATE_SIZE, STATE_SIZE))
         covariance[POSE, POSE] = _VAGUE * first.covariance[POSE, POSE]
         covariance[RATES, RATES] = prior.start**2 * np.eye(3)
         covariance[PARAMETERS, PARAMETERS] = parameters
-        self.belief = Belief(np.concatenate([first.motion[:3], np.zeros(3), guess.phi, [guess.friction]]), covariance)
+        self.belief = Belief(np.concatenate([first.motion[:3], np.zeros(3), guess.parameters]), covariance)
         self.jumps = 0
         force, torque = prior.drag
         self._drag = np.diag(np.square([force, force, torque]))
         self._direction = 0.0
         self._rolled = inf
-        self._steps: deque[_Step] = deque(maxlen=_KEPT)
+        self._steps: deque[Step] = deque(maxlen=_KEPT)
         self._slopes_of = self._parameters
         self._news = 0
         self._lessons = 0
-        self._change: _Change | None = None
+        self._change: Change | None = None
+        self._white_noise = WhiteNoise()
+        self._jump_test = JumpTest(MOTION_SIZE + len(constraints.rows_b))
+        self._misfit = np.ones(MOTION_SIZE)
+        self._unknown_wrench = 0.0
+        self._judged = 0
+        self.is_judged = False
 
     @property
     def body(self) -> CartBody:
         """The cart, as estimated."""
         parameters = self._parameters
-        return CartBody.of(parameters[:4], float(parameters[4]))
+        return CartBody.of(parameters[:4], (float(parameters[4]), float(parameters[5])))
 
     def body_covariance(self) -> Array:
-        """Covariance of ``(m, d_x, d_y, I, sigma)``, shape (5, 5)."""
-        inverse = np.eye(5)
+        """Covariance of ``(m, d_x, d_y, I, sigma)``, shape (6, 6)."""
+        inverse = np.eye(6)
         inverse[:4, :4] = np.linalg.inv(self.body.phi_derivative())
         result: Array = inverse @ self.belief.covariance[PARAMETERS, PARAMETERS] @ inverse.T
         return result
+
+    def doubts(self) -> list[str]:
+        """What is measured worse than is said, in words; empty if nothing is. Covariances count with that already."""
+        return doubts(self._white_noise.levels * self._misfit, self._unknown_wrench)
 
     def ahead(self, wrenches_b: list[Array], duration: float) -> Array:
         """``(q, qd)`` after further steps with these wrenches, each of ``duration`` [s]."""
@@ -158,34 +141,45 @@ class CartLearner:
 
     def step(self, sighting: Sighting, push: Push) -> None:
         """Take in a measurement, and what the hands did from then on."""
+        self._take_in(sighting, push, is_louder=self._white_noise.see(sighting))
+
+    def coast(self, push: Push) -> None:
+        """A push without a measurement before it."""
+        nothing = Sighting(self.belief.mean[:MOTION_SIZE], _NOTHING * np.eye(MOTION_SIZE))
+        self._take_in(nothing, push, is_louder=False)
+
+    def _take_in(self, sighting: Sighting, push: Push, *, is_louder: bool) -> None:
+        """One step; whether noise has been found to be larger than before."""
         is_fast = self._is_fast()
         casters_turn = self._casters_turn(push.duration, is_fast=is_fast)
         if casters_turn:
             push = replace(push, covariance=push.covariance + self._drag)
-        step = _Step(sighting, push, is_fast and not casters_turn, self.belief)
+        step = Step(sighting, push, is_fast and not casters_turn, self._white_noise.levels, self.belief)
         if len(self._steps) == _KEPT:
             self._change = None  # the steps that are kept begin later
         self._steps.append(step)
         self._lessons += step.corrects_cart
         self._news += step.corrects_cart
         self._do(step)
+        self._judged += 1
+        if self._judged >= _JUDGED_EVERY:
+            self._judge()
         since = self._changed_since()
-        if since or self._is_due():
+        is_louder = is_louder or (since > 0 and self._white_noise.is_new())
+        if is_louder:
+            for recent in islice(reversed(self._steps), self._white_noise.seen):
+                recent.levels = np.maximum(recent.levels, self._white_noise.levels)
+        if since or is_louder or self._is_due():
             self._do_again()
             since = self._changed_since()
         if since:
             self._expect_another_cart(since)
 
-    def coast(self, push: Push) -> None:
-        """A push without a measurement before it."""
-        self.step(Sighting(self.belief.mean[:MOTION_SIZE], _NOTHING * np.eye(MOTION_SIZE)), push)
-
     @property
     def _parameters(self) -> Array:
-        """``(phi, sigma)``, shape (5,), such as a cart can have."""
-        return np.append(
-            nearest_possible(self.belief.mean[PHI], *self._least), max(float(self.belief.mean[FRICTION]), 0.0)
-        )
+        """``(phi, sigma)``, shape (6,), such as a cart can have."""
+        phi = nearest_possible(self.belief.mean[PHI], *self._least)
+        return np.concatenate([phi, np.maximum(self.belief.mean[FRICTION], 0.0)])
 
     def _point(self, state: Array) -> Array:
         """Where to linearise: at this motion, and at the parameters that all slopes belong to."""
@@ -209,16 +203,20 @@ class CartLearner:
         self._rolled += abs(speed) * duration
         return self._rolled < self._prior.turning
 
-    def _do(self, step: _Step, smoothed: Array | None = None) -> None:
+    def _do(self, step: Step, smoothed: Array | None = None) -> None:
         """One step, with slopes at the motion that is believed in, or at one that is known better by now."""
         step.before = self.belief
         at = self._point(self.belief.mean if smoothed is None else smoothed)
+        levels = step.levels * self._misfit
+        sighting = replace(step.sighting, covariance=step.sighting.covariance * np.outer(levels, levels))
         step.update = update(
-            self.belief, step.sighting, self._prior.slip, at, self._constraints, corrects_cart=step.corrects_cart
+            self.belief, sighting, self._prior.slip, at, self._constraints, corrects_cart=step.corrects_cart
         )
         if smoothed is None:
             at = self._point(step.update.belief.mean)
-        step.prediction = predict(step.update.belief, step.push, self._drift, at, self._constraints)
+        force, torque = self._unknown_wrench**2, (_LEVER * self._unknown_wrench) ** 2
+        push = replace(step.push, covariance=step.push.covariance + np.diag([force, force, torque]))
+        step.prediction = predict(step.update.belief, push, self._drift, at, self._constraints)
         self.belief = step.prediction.belief
 
     def _do_again(self) -> None:
@@ -235,6 +233,31 @@ class CartLearner:
         for step, state in zip(self._steps, smoothed, strict=True):
             self._do(step, state)
 
+    def _judge(self) -> None:
+        """Let noise be larger if innovations say so: that of the motion, or if it were far too large, of the wrench."""
+        self._judged = 0
+        found = self._found_misfit()
+        if found is None:
+            return
+        self.is_judged = True
+        before, self._misfit = self._misfit, found
+        if found.max() > _MOST_MISFIT:
+            for unknown in _UNKNOWN_WRENCHES:
+                if unknown > self._unknown_wrench:
+                    self._unknown_wrench, self._misfit = unknown, np.ones(MOTION_SIZE)
+                    self._do_again()
+                    found = self._found_misfit()
+                    if found is None or found.max() < _LITTLE_MISFIT:
+                        return
+        elif (found > before).any():
+            self._do_again()
+
+    def _found_misfit(self) -> Array | None:
+        """From all innovations but the newest, which may be of a cart that has just changed; None if they are few."""
+        old = islice(self._steps, max(0, len(self._steps) - _TOO_NEW))
+        innovations = [step.update.innovation for step in old if step.corrects_cart and step.update is not None]
+        return misfit(np.array(innovations), self._misfit) if len(innovations) >= _LEAST_JUDGED else None
+
     def _is_due(self) -> bool:
         """Whether to do all again: enough is new, and the cart looks different, or little was known the last time."""
         if self._lessons < _FIRST:
@@ -248,8 +271,8 @@ class CartLearner:
         return bool((np.abs(self._parameters[:4] - self._slopes_of[:4]) > _MOVED * scale).any())
 
     def _changed_since(self) -> int:
-        newest = [_surprise(step) for step in islice(reversed(self._steps), max(WINDOWS))]
-        return changed_since(newest, MOTION_SIZE + len(self._constraints.rows_b))
+        newest = islice(reversed(self._steps), max(WINDOWS) + USUAL_OF)
+        return self._jump_test.changed_since([surprise(step) for step in newest])
 
     def _expect_another_cart(self, since: int) -> None:
         """A load came or went so many steps ago: go back, be unsure of parameters and velocity, and come again."""
@@ -265,7 +288,7 @@ class CartLearner:
             self._steps.append(step)
             self._do(step)
 
-    def _change_after(self, before: Belief) -> _Change | None:
+    def _change_after(self, before: Belief) -> Change | None:
         """Of any load; None if that is believed already: the alarm may be one of several for the same change."""
         missing = 1.0 - float(before.covariance[_MASS, _MASS]) / self._prior.load**2
         if missing <= 0.0:
@@ -274,9 +297,4 @@ class CartLearner:
         covariance = before.covariance.copy()
         covariance[RATES, RATES] += missing * self._prior.jolt**2 * free @ free.T
         load = UnknownLoad(before.mean[PHI], covariance[PHI, PHI], self._prior, missing)
-        return _Change(Belief(before.mean, covariance), load)
-
-
-def _surprise(step: _Step) -> float:
-    """Of a step from which something can be learned; what casters do is no news."""
-    return step.update.surprise if step.corrects_cart and step.update is not None else 0.0
+        return Change(Belief(before.mean, covariance), load)

@@ -20,8 +20,8 @@ from coheft.estimation.cart.model import (
 )
 from coheft.estimation.geometry.spatial import Array
 
-POSE, RATES, PHI, FRICTION = slice(0, 3), slice(3, 6), slice(6, 10), 10
-STATE_SIZE = 11
+POSE, RATES, PHI, FRICTION = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 12)
+STATE_SIZE = 12
 """State of the augmented filter: ``(q, qd, phi, sigma)`` (Aguilera et al., eq. 8, and friction)."""
 _THETA, _TURN_RATE = 2, 5
 _WRENCH = slice(STATE_SIZE, STATE_SIZE + 3)
@@ -32,9 +32,9 @@ class Linearised:
     """``xd = f(x, wrench_b)`` at one point.
 
     Attributes:
-        rate: ``f``, shape (11,).
-        by_state: ``F = df / dx``, shape (11, 11) (Aguilera et al., eq. 11).
-        by_wrench: ``df / dwrench_b``, shape (11, 3).
+        rate: ``f``, shape (12,).
+        by_state: ``F = df / dx``, shape (12, 12) (Aguilera et al., eq. 11).
+        by_wrench: ``df / dwrench_b``, shape (12, 3).
     """
 
     rate: Array
@@ -43,27 +43,28 @@ class Linearised:
 
 
 def linearise(state: Array, wrench_b: Array, constraints: Constraints = UNICYCLE) -> Linearised:
-    """Rate of the augmented state (11,), parameters taken as constant, and its derivatives."""
-    theta, rates, phi, friction = float(state[_THETA]), state[RATES], state[PHI], float(state[FRICTION])
+    """Rate of the augmented state (12,), parameters taken as constant, and its derivatives."""
+    theta, rates, phi, friction = float(state[_THETA]), state[RATES], state[PHI], state[FRICTION]
     turn_rate = float(rates[2])
     solution = forward_dynamics(phi, friction, theta, rates, wrench_b, constraints)
     accelerations = solution.accelerations
     to_floor, to_floor_rate = axes(theta), axes_derivative(theta)
     by_phi = regressor(theta, rates, accelerations)
     rows_rate = constraints.rows_b @ to_floor_rate.T
-    # g = (Y phi + sigma qd + Lambda^T lambda - T wrench_b,  Lambda qdd + Lambda_rate qd), by each of its arguments.
+    # g = (Y phi + N + Lambda^T lambda - T wrench_b,  Lambda qdd + Lambda_rate qd), by each of its arguments.
     by = np.zeros((len(solution.system), STATE_SIZE + 3))
     by[:3, _THETA] = phi[1] * by_phi[:, 2] - phi[2] * by_phi[:, 1]  # turning phi's moments turns Y the other way
     by[:3, _THETA] += to_floor_rate @ (constraints.rows_b.T @ solution.multipliers - wrench_b)
     by[3:, _THETA] = rows_rate @ accelerations
     by[3:, _THETA] -= turn_rate * constraints.rows_b[:, :2] @ (to_floor[:2, :2].T @ rates[:2])  # T'' = -T but for turns
-    by[:3, RATES] = friction * np.eye(3)
+    moving, turning = friction.tolist()
+    by[:3, RATES] = np.diag([moving, moving, turning])
     x, y = phi[1] * to_floor[:2, 0] + phi[2] * to_floor[:2, 1]
     by[:2, _TURN_RATE] -= 2.0 * turn_rate * np.array([x, y])
     by[3:, RATES] = turn_rate * rows_rate
     by[3:, _TURN_RATE] += rows_rate @ rates
     by[:3, PHI] = by_phi
-    by[:3, FRICTION] = rates
+    by[:2, FRICTION.start], by[2, FRICTION.stop - 1] = rates[:2], turn_rate
     by[:3, _WRENCH] = -to_floor
     derivative = -np.linalg.solve(solution.system, by)[:3]
 

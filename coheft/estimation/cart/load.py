@@ -68,8 +68,9 @@ class UnknownLoad:
 
     def __init__(self, phi: Array, covariance: Array, prior: CartPrior, share: float) -> None:
         self._phi, self._phi_covariance = phi, covariance
-        self._prior_mean = np.array([0.0, phi[1] / phi[0], phi[2] / phi[0], 0.0])
-        variances = share * prior.load**2, prior.place**2, prior.place**2, prior.size**4
+        own = 0.5 * prior.size**2
+        self._prior_mean = np.array([0.0, phi[1] / phi[0], phi[2] / phi[0], own])
+        variances = share * prior.load**2, prior.place**2, prior.place**2, own**2
         self._prior_covariance = np.diag(variances)
         self._mean, self._law = self._prior_mean, linearised(self._prior_mean, self._prior_covariance)
 

@@ -9,8 +9,8 @@ Frames and symbols, used in all files of the cart:
   the axes of ``{b}``: ``Gamma = T(theta) wrench_b``.
 - ``phi = (m, m d_x, m d_y, I + m |d|^2)``: mass, first moments and moment of inertia about the origin of ``{b}``, with
   ``d`` the centre of mass in ``{b}`` and ``I`` the moment of inertia about it. The dynamics are linear in them.
-- ``sigma``: viscous friction, ``N = sigma qd`` as in the paper: the same number resists moving [N·s/m] and turning
-  [N·m·s].
+- ``sigma = (sigma_v, sigma_w)``: viscous friction, ``N = (sigma_v x_rate, sigma_v y_rate, sigma_w theta_rate)``. One
+  number resists moving [N·s/m], another turning [N·m·s]; in the paper they are one.
 
 The source is "Modeling and Inertial Parameter Estimation of Cart-like Nonholonomic Systems Using a Mobile Manipulator"
 (Aguilera, Murtaza, Rogers, Hutchinson); its equations are cited as "Aguilera et al., eq. (5)".
@@ -42,13 +42,13 @@ class CartBody:
         mass: [kg].
         com: ``d``, centre of mass in ``{b}`` [m].
         inertia: ``I``, about the centre of mass [kg·m²].
-        friction: ``sigma`` [N·s/m, N·m·s].
+        friction: ``sigma``, of moving [N·s/m] and of turning [N·m·s].
     """
 
     mass: float
     com: tuple[float, float]
     inertia: float
-    friction: float
+    friction: tuple[float, float]
 
     @property
     def phi(self) -> Array:
@@ -56,8 +56,13 @@ class CartBody:
         x, y = self.com
         return np.array([self.mass, self.mass * x, self.mass * y, self.inertia + self.mass * (x * x + y * y)])
 
+    @property
+    def parameters(self) -> Array:
+        """``(phi, sigma)``, shape (6,)."""
+        return np.concatenate([self.phi, self.friction])
+
     @staticmethod
-    def of(phi: Array, friction: float) -> CartBody:
+    def of(phi: Array, friction: tuple[float, float]) -> CartBody:
         """Inverse of ``phi``."""
         mass, x, y = float(phi[0]), float(phi[1] / phi[0]), float(phi[2] / phi[0])
         return CartBody(mass, (x, y), float(phi[3]) - mass * (x * x + y * y), friction)
@@ -174,6 +179,12 @@ def projection(phi: Array, theta: float, constraints: Constraints = UNICYCLE) ->
     return result
 
 
+def resistance(friction: Sequence[float] | Array, rates: Array) -> Array:
+    """``N``, shape (3,), from ``sigma`` (2,) and ``qd`` (3,)."""
+    moving, turning = friction
+    return np.array([moving, moving, turning]) * rates
+
+
 @dataclass(frozen=True, eq=False)
 class Accelerations:
     """What a wrench does to a cart.
@@ -191,7 +202,7 @@ class Accelerations:
 
 def forward_dynamics(
     phi: Array,
-    friction: float,
+    friction: Sequence[float] | Array,
     theta: float,
     rates: Array,
     wrench_b: Array,
@@ -204,7 +215,7 @@ def forward_dynamics(
 
     Args:
         phi: Shape (4,).
-        friction: ``sigma``.
+        friction: ``sigma``, shape (2,).
         theta: Heading [rad].
         rates: ``qd``, shape (3,).
         wrench_b: Of all hands together, shape (3,).
@@ -217,17 +228,19 @@ def forward_dynamics(
     system[:3, :3] = mass_matrix(phi, theta)
     system[:3, 3:], system[3:, :3] = rows.T, rows
     right = np.empty(3 + count)
-    right[:3] = axes(theta) @ wrench_b - friction * rates
+    right[:3] = axes(theta) @ wrench_b - resistance(friction, rates)
     right[:3] -= coriolis(phi, theta, turn_rate)[:, 2] * turn_rate
     right[3:] = -constraints.rows_rate(theta, turn_rate) @ rates
     solution = np.asarray(np.linalg.solve(system, right), dtype=np.float64)
     return Accelerations(solution[:3], solution[3:], system)
 
 
-def inverse_dynamics(phi: Array, friction: float, theta: float, rates: Array, accelerations: Array) -> Array:
+def inverse_dynamics(
+    phi: Array, friction: Sequence[float] | Array, theta: float, rates: Array, accelerations: Array
+) -> Array:
     """``Gamma = M qdd + C qd + N``, shape (3,): what does it without any help of the wheels.
 
     Adding ``Lambda^T`` times anything changes nothing: only ``free_b^T T^T Gamma`` matters.
     """
-    result: Array = regressor(theta, rates, accelerations) @ phi + friction * rates
+    result: Array = regressor(theta, rates, accelerations) @ phi + resistance(friction, rates)
     return result

@@ -84,9 +84,10 @@ class CartEstimate(Message, frozen=True):
         time: When that was taken [s].
         members: Number of pushers as learned by gossip.
         cart: What it takes the cart to be.
-        covariance: Of ``(m, d_x, d_y, I, sigma)``, shape (5, 5), in the squares of the units of ``CartGuess``.
+        covariance: Of ``(m, d_x, d_y, I, sigma)``, shape (6, 6), in the squares of the units of ``CartGuess``.
         not_known: Quantities that the motion has not shown, and what would show them.
         jumps: How many sudden changes it has noticed.
+        doubts: What is measured worse than it was told, in words.
         problems: Messages refused so far.
     """
 
@@ -98,6 +99,7 @@ class CartEstimate(Message, frozen=True):
     covariance: np.ndarray[Any, Any]
     not_known: dict[str, str]
     jumps: int
+    doubts: list[str]
     problems: int = 0
 
 

@@ -28,7 +28,7 @@ class CartGuess(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     mass: float
     com: tuple[float, float]
     inertia: float
-    friction: float
+    friction: tuple[float, float]
 
     @property
     def body(self) -> CartBody:
@@ -47,12 +47,14 @@ class CartLoad(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     Attributes:
         at: When [s].
         mass: What comes, or goes where negative [kg].
-        place: Where it lies in ``{b}`` [m].
+        place: Where its middle lies in ``{b}`` [m].
+        size: Length and width of a box, filled evenly, whose sides are along the cart's [m]; a point mass without.
     """
 
     at: float
     mass: float
     place: tuple[float, float]
+    size: tuple[float, float] = (0.0, 0.0)
 
 
 TrajectoryName = Literal["straight", "curves", "there and back"]
@@ -67,6 +69,7 @@ class CartScenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         guess: As the pushers take it to be at first.
         trajectory: Where it shall go.
         noise: Standard deviation of measured positions and velocities, each component [m, rad, m/s, rad/s].
+        noise_factor: It is so many times what the pushers are told, who are told ``noise``.
         force_noise: Standard deviation of measured forces [N]; that of torques is ``arm`` times as much.
         slides: Whether hands slide along the handle to where they push best.
         learns: Whether the pushers correct their guess.
@@ -92,6 +95,7 @@ class CartScenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     guess: CartGuess
     trajectory: TrajectoryName
     noise: float = 0.005
+    noise_factor: float = 1.0
     force_noise: float = 0.0
     slides: bool = False
     learns: bool = True

@@ -115,7 +115,7 @@ def _parts(path: Path) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
     """What is of robots, and of the truth, by name and channel; and what is of the whole."""
     tables: dict[str, dict[str, Array]] = {}
     shared: dict[str, Array] = {}
-    for key, array in _load(path).items():
+    for key, array in load_arrays(path).items():
         name, slash, channel = key.rpartition("/")
         if slash:
             tables.setdefault(name, {})[channel] = array
@@ -141,8 +141,13 @@ def _read_npz(path: Path) -> Recording:
     )
 
 
-def _load(path: Path) -> dict[str, Array]:
-    """All arrays of an ``.npz`` file, by their keys."""
+def load_arrays(path: Path) -> dict[str, Array]:
+    """All arrays of an ``.npz`` file, by their keys.
+
+    Raises:
+        RecordingError: It is damaged, or holds something else.
+        OSError: It cannot be read.
+    """
     try:
         with path.open("rb") as file:  # numpy itself leaves damaged ones open
             if not file.read(max(map(len, _BEGINNINGS))).startswith(_BEGINNINGS):

@@ -1,0 +1,99 @@
+"""Whether what pushers of a cart claim to know is true: friction of turning and loads' extents drawn at random.
+
+``python -m benchmarks.cart_claims --seeds 20`` runs the tests of Table I so often, and counts, of all reports in which
+a quantity is claimed to be known, those in which it is within five of its own standard deviations.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import structs
+
+from coheft.app.cart.inprocess import CartRun, run_in_process
+from coheft.app.cart.judge import MASS_AT, judge
+from coheft.app.cart.table_one import TESTS, table_one
+from coheft.app.run.parallel import side_by_side, workers
+from coheft.estimation.cart.observability import QUANTITIES
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.cart.scenario import CartGuess, CartScenario
+
+_WITHIN = 5.0
+"""Standard deviations."""
+
+
+def scenario(test: int, seed: int, friction_guess: float | None) -> CartScenario:
+    """A test whose friction of turning is 0.2 to 2 times that of moving, and whose loads are crates of any size."""
+    rng = np.random.default_rng([seed, test])
+    found = table_one(
+        test, seed=seed, friction_guess=friction_guess, turning_friction=float(np.exp(rng.uniform(*np.log([0.2, 2.0]))))
+    )
+    size = rng.uniform(0.2, 0.9), rng.uniform(0.2, 0.6)
+    middle = 0.3 + rng.uniform(-0.15, 0.15), rng.uniform(-0.1, 0.1)
+    return structs.replace(found, loads=tuple(structs.replace(load, size=size, place=middle) for load in found.loads))
+
+
+def errors(run: CartRun) -> Array:
+    """Of what is claimed, in own standard deviations, shape (reports, quantities); not a number where not claimed."""
+    result = []
+    for report in run.estimates["p1"]:
+        error = _numbers(report.cart) - _numbers(run.truths[report.block].cart)
+        deviations = np.sqrt(np.diag(report.covariance))
+        claimed = np.array([name not in report.not_known for name in QUANTITIES]) & (deviations > 0.0)
+        result.append(np.where(claimed, error / np.where(claimed, deviations, 1.0), np.nan))
+    return np.array(result)
+
+
+def _numbers(cart: CartGuess) -> Array:
+    return np.array([cart.mass, *cart.com, cart.inertia, *cart.friction])
+
+
+def _judged(test: int, seed: int, friction_guess: float | None) -> tuple[int, int, CartRun, Array]:
+    run = run_in_process(scenario(test, seed, friction_guess))
+    return test, seed, run, errors(run)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run, and print a line for each run in which something was wrong, and the sums."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--tests", type=int, nargs="+", default=TESTS)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first-seed", type=int, default=1)
+    parser.add_argument("--friction-guess", type=float, help="as in coheft cart; known without")
+    parser.add_argument("--jobs", type=int, default=2)
+    options = parser.parse_args(arguments)
+    seeds = range(options.first_seed, options.first_seed + options.seeds)
+    cases = [(test, seed, options.friction_guess) for test in options.tests for seed in seeds]
+    claimed: Counter[str] = Counter()
+    wrong: Counter[str] = Counter()
+    masses: dict[int, list[float]] = {test: [] for test in options.tests}
+    with workers(options.jobs):
+        for test, seed, run, found in side_by_side(_judged, cases):
+            report = judge(run, test)
+            masses[test].append(abs(report.mass_error_kg))
+            far = np.abs(found) > _WITHIN
+            words = []
+            for index, name in enumerate(QUANTITIES):
+                claimed[name] += int(np.isfinite(found[:, index]).sum())
+                wrong[name] += int(far[:, index].sum())
+                if far[:, index].any():
+                    first = run.estimates["p1"][int(np.flatnonzero(far[:, index])[0])].time
+                    words.append(
+                        f"{name} {np.nanmax(np.abs(found[:, index])):.1f} ({far[:, index].sum()} from {first:g} s)"
+                    )
+            if words or report.jumps != len(run.scenario.loads) or abs(report.mass_error_kg) > 0.3:
+                words.append(f"mass off {report.mass_error_kg:.3f} kg, {report.jumps} jumps")
+                print(f"test {test}, seed {seed}: {'; '.join(words)}", flush=True)
+    for test, off in masses.items():
+        print(f"test {test}: mass at {MASS_AT:g} s off by {np.median(off):.3f} kg, at most {max(off):.3f} kg")
+    for name in QUANTITIES:
+        print(f"{name}: {wrong[name]} of {claimed[name]} claims are farther off than {_WITHIN:g} standard deviations")
+    share = 1.0 - wrong.total() / max(claimed.total(), 1)
+    print(f"all: {100 * share:.3f} % of {claimed.total()} claims are within {_WITHIN:g} standard deviations")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,193 @@
+"""What a cart is, from a recording of somebody who pushed it."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+
+from coheft.errors import RecordingError
+from coheft.estimation.cart.contact import grasp_map
+from coheft.estimation.cart.filter import MOTION_SIZE, Push, Sighting
+from coheft.estimation.cart.learner import CartLearner
+from coheft.estimation.cart.model import CartBody
+from coheft.estimation.cart.observability import QUANTITIES, not_known
+from coheft.estimation.cart.prior import CartPrior
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.cart.recording import CartRecording
+
+UNITS = ("kg", "m", "m", "kg·m²", "N·s/m", "N·m·s")
+"""Of ``QUANTITIES``."""
+_PRIOR = CartPrior(mass=1.0, com=0.3, inertia=2.0, friction=(4.0, 4.0))
+"""Strangers' carts are guessed less well than those of the paper's tests."""
+_BOX = (1.0**2 + 0.6**2) / 12.0
+"""Squared radius of gyration of a box of 1 m by 0.6 m [m²]."""
+_FRICTION = (5.0, 5.0)
+_ARM = 0.1
+"""Noise of torque by that of force [m]."""
+_WAY = 0.5
+"""Poses are compared with rates over so long [s]."""
+_SAME = 0.3
+"""Where they differ by more than this share of the motion, they do not belong together."""
+
+
+class Quantity(msgspec.Struct, frozen=True):
+    """One of the things that are found out.
+
+    Attributes:
+        value: In ``unit``.
+        std: Its standard deviation.
+        unit: Of both.
+        not_known: What would show it, where the recording has not; empty where it is known.
+    """
+
+    value: float
+    std: float
+    unit: str
+    not_known: str
+
+
+class CartIdentification(msgspec.Struct, frozen=True):
+    """What a recording says of a cart, at its end.
+
+    Attributes:
+        samples: How many there are.
+        duration_s: From the first to the last [s].
+        quantities: By name.
+        changes_s: When the cart was found to have changed [s].
+        doubts: What does not fit what is said of the measurements, in words.
+    """
+
+    samples: int
+    duration_s: float
+    quantities: dict[str, Quantity]
+    changes_s: list[float]
+    doubts: list[str]
+
+    @property
+    def is_known(self) -> bool:
+        """Whether all is known, and measurements fit."""
+        return not self.doubts and not any(quantity.not_known for quantity in self.quantities.values())
+
+
+def identify_cart(
+    recording: CartRecording,
+    *,
+    mass: float,
+    com: tuple[float, float],
+    hand: tuple[float, float],
+    noise: float,
+    force_noise: float,
+) -> CartIdentification:
+    """Run the learner over a recording.
+
+    Args:
+        recording: What was measured.
+        mass: First guess [kg].
+        com: First guess [m].
+        hand: Where on the cart pushes are measured [m].
+        noise: Of poses and rates [m, rad, m/s, rad/s].
+        force_noise: [N].
+
+    Raises:
+        RecordingError: Poses, rates and pushes do not belong together.
+    """
+    _check_motion(recording)
+    grasp, lever = grasp_map(np.array(hand)), np.diag([1.0, 1.0, _ARM**2])
+    pushes = recording.pushes @ grasp.T
+    _check_pushes(recording, pushes)
+    planned = pushes if recording.planned is None else recording.planned @ grasp.T
+    motions = np.hstack([recording.poses, recording.rates])
+    covariance = noise**2 * np.eye(MOTION_SIZE)
+    guess = CartBody(mass, com, mass * _BOX, _FRICTION)
+    prior = msgspec.structs.replace(_PRIOR, start=max(_PRIOR.start, float(np.linalg.norm(recording.rates[0]))))
+    learner = CartLearner(guess, Sighting(motions[0], covariance), prior)
+    changes: list[float] = []
+    for index, duration in enumerate(np.diff(recording.times)):
+        push = Push(pushes[index], force_noise**2 * grasp @ lever @ grasp.T, float(duration), planned[index])
+        known = learner.jumps
+        learner.step(Sighting(motions[index], covariance), push)
+        changes += [float(recording.times[index])] * (learner.jumps - known)
+    deviations = np.sqrt(np.diag(learner.body_covariance()))
+    unknown = not_known(learner.body_covariance(), is_judged=learner.is_judged)
+    body = learner.body
+    values = (body.mass, *body.com, body.inertia, *body.friction)
+    return CartIdentification(
+        samples=len(recording.times),
+        duration_s=float(recording.times[-1] - recording.times[0]),
+        quantities={
+            name: Quantity(float(value), float(deviation), unit, unknown.get(name, ""))
+            for name, value, deviation, unit in zip(QUANTITIES, values, deviations, UNITS, strict=True)
+        },
+        changes_s=changes,
+        doubts=learner.doubts(),
+    )
+
+
+def _check_motion(recording: CartRecording) -> None:
+    """Check that rates are those of poses.
+
+    Raises:
+        RecordingError: They are not; says which error would explain it.
+    """
+    times, poses, rates = recording.times, recording.poses, recording.rates
+    if _misfit(times, poses, rates) < _SAME:
+        return
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    turned = np.column_stack([c * rates[:, 0] - s * rates[:, 1], s * rates[:, 0] + c * rates[:, 1], rates[:, 2]])
+    radians = np.array([1.0, 1.0, np.pi / 180.0])
+    meters = np.array([1e-3, 1e-3, 1.0])
+    explanations = {
+        "they would fit if rates were in the cart's axes: turn vx, vy into the floor's": (poses, turned),
+        "they would fit if theta were in degrees: give it in radians": (poses * radians, rates),
+        "they would fit if omega were in degrees per second: give it in rad/s": (poses, rates * radians),
+        "they would fit if theta and omega were in degrees: give them in radians": (poses * radians, rates * radians),
+        "they would fit if x, y were in millimetres: give them in metres": (poses * meters, rates),
+    }
+    misfits = {words: _misfit(times, *each) for words, each in explanations.items()}
+    best = min(misfits, key=lambda words: misfits[words])
+    reason = best if misfits[best] < _SAME else "check units, axes, and that both have the same clock"
+    raise RecordingError(
+        f"rates are not those of poses: over {_WAY:g} s they differ by {100 * _misfit(times, poses, rates):.0f} % of "
+        f"the motion; {reason}"
+    )
+
+
+def _misfit(times: Array, poses: Array, rates: Array) -> float:
+    """Root of the mean square of what poses do over a while less what rates say, as a share of what they do."""
+    steps = np.diff(times)[:, None]
+    integral = np.vstack([np.zeros((1, 3)), np.cumsum(0.5 * (rates[1:] + rates[:-1]) * steps, axis=0)])
+    ahead = max(1, round(_WAY / float(np.median(steps))))
+    moved, said = poses[ahead:] - poses[:-ahead], integral[ahead:] - integral[:-ahead]
+    shares = []
+    for part in (slice(0, 2), slice(2, 3)):
+        size = max(
+            float(np.sqrt(np.mean(np.square(moved[:, part])))), float(np.sqrt(np.mean(np.square(said[:, part]))))
+        )
+        if size > _LITTLE:
+            shares.append(float(np.sqrt(np.mean(np.square(moved[:, part] - said[:, part])))) / size)
+    return max(shares, default=0.0)
+
+
+_LITTLE = 0.03
+"""Motion that is less does not tell [m, rad]."""
+
+
+def _check_pushes(recording: CartRecording, pushes: Array) -> None:
+    """Check that the cart goes where it is pushed.
+
+    Raises:
+        RecordingError: It has hardly moved, or it goes the other way.
+    """
+    c, s = np.cos(recording.poses[:, 2]), np.sin(recording.poses[:, 2])
+    speeds = c * recording.rates[:, 0] + s * recording.rates[:, 1]
+    if np.abs(speeds).max() < _PRIOR.slow:
+        raise RecordingError(
+            f"the cart is never faster than {np.abs(speeds).max():.2g} m/s, expected more than {_PRIOR.slow:g} m/s: "
+            f"push it farther"
+        )
+    work = float(np.sum(pushes[:, 0] * speeds))
+    if work < 0.0:
+        raise RecordingError(
+            "the cart goes against the push ahead all in all, expected along: if fx is what the cart does to the hand, "
+            "turn the signs of fx, fy, mz"
+        )

@@ -1,0 +1,120 @@
+"""``coheft cart identify``: carts from recordings, and files that are none."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from coheft.app.cli.main import EXIT_ERROR, run_command_line
+from coheft.errors import RecordingError
+from coheft.estimation.cart.contact import grasp_map
+from coheft.estimation.cart.model import CartBody, axes, forward_dynamics
+from coheft.estimation.geometry.spatial import Array
+from coheft.wire.cart.recording import COLUMNS, read_cart_recording
+
+BODY = CartBody(26.0, (0.35, 0.05), 3.0, (8.0, 3.0))
+HAND = (-0.25, 0.1)
+RATE, FINE = 50, 20
+NOISE = 0.005
+
+
+@cache
+def driven(seconds: float = 16.0) -> dict[str, Array]:
+    """A cart that is pushed ahead and to the sides; pushes are measured at the hand."""
+    rng = np.random.default_rng(1)
+    state, arrays = np.zeros(6), {name: [] for name in COLUMNS}
+    for index in range(round(seconds * RATE)):
+        time = index / RATE
+        push = np.array([14.0 + 12.0 * np.sin(1.1 * time), 0.0, 5.0 * np.sin(0.9 * time)])
+        total = grasp_map(np.array(HAND)) @ push
+        for name, values in zip(
+            COLUMNS, (np.array([time]), *np.split(state + NOISE * rng.standard_normal(6), 2), push, push), strict=True
+        ):
+            arrays[name].append(values)
+        for _ in range(FINE):
+            step = 1.0 / (RATE * FINE)
+            moved = forward_dynamics(BODY.phi, BODY.friction, state[2], state[3:], total).accelerations
+            state = state + step * np.concatenate([state[3:] + 0.5 * step * moved, moved])
+    return {name: np.array(values) for name, values in arrays.items()}
+
+
+def write_csv(path: Path, arrays: dict[str, Array]) -> Path:
+    names = [column for name, columns in COLUMNS.items() if name in arrays for column in columns]
+    rows = np.hstack([arrays[name].reshape(len(arrays["t"]), -1) for name in COLUMNS if name in arrays])
+    path.write_text("\n".join([",".join(names), *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n")
+    return path
+
+
+def without_plan() -> dict[str, Array]:
+    return {name: array for name, array in driven().items() if name != "planned"}
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz", ".CSV"])
+def test_a_cart_is_found_in_a_recording(suffix: str, tmp_path: Path) -> None:
+    path, report = tmp_path / f"cart{suffix}", tmp_path / "report.json"
+    arrays = driven() if suffix == ".csv" else without_plan()
+    if suffix == ".npz":
+        np.savez(path, **arrays)
+    else:
+        write_csv(path, arrays)
+    hand = ["--hand", str(HAND[0]), str(HAND[1])]
+    assert run_command_line(["cart", "identify", str(path), *hand, "--json", str(report), "--quiet"]) == 0
+    found = json.loads(report.read_text())
+    truth = dict(zip(found["quantities"], (BODY.mass, *BODY.com, BODY.inertia, *BODY.friction), strict=True))
+    for name, quantity in found["quantities"].items():
+        assert not quantity["not_known"]
+        assert abs(quantity["value"] - truth[name]) < 5.0 * quantity["std"], name
+    assert found["changes_s"] == []
+    assert found["doubts"] == []
+
+
+def test_noise_that_is_larger_than_was_said_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_csv(tmp_path / "cart.csv", without_plan())
+    hand = ["--hand", str(HAND[0]), str(HAND[1])]
+    assert run_command_line(["cart", "identify", str(path), *hand, "--noise", "0.001"]) == 3
+    assert "velocity is measured 5." in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda a: {**a, "pose": a["pose"] * [1.0, 1.0, 180.0 / np.pi]}, "theta were in degrees"),
+        (lambda a: {**a, "pose": a["pose"] * [1e3, 1e3, 1.0]}, "x, y were in millimetres"),
+        (lambda a: {**a, "push": -a["push"]}, "turn the signs of fx, fy, mz"),
+        (lambda a: {**a, "t": 1000.0 * a["t"]}, "in milliseconds"),
+        (lambda a: {**a, "t": a["t"][::-1]}, "times must rise, but sample 2"),
+        (lambda a: {name: array[:50] for name, array in a.items()}, "found 50 samples"),
+        (lambda a: {name: array for name, array in a.items() if name != "rates"}, "column 'vx' is missing"),
+        (lambda a: {**a, "pose": np.where(np.arange(len(a["t"]))[:, None] == 7, np.nan, a["pose"])}, "sample 8"),
+        (
+            lambda a: {
+                **a,
+                "rates": np.array([axes(p[2]).T @ r for p, r in zip(a["pose"], a["rates"], strict=True)]),
+            },
+            "if rates were in the cart's axes",
+        ),
+    ],
+)
+def test_files_of_another_meaning_are_refused_with_what_would_do(
+    change: object, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert callable(change)
+    path = write_csv(tmp_path / "cart.csv", change(without_plan()))
+    assert run_command_line(["cart", "identify", str(path)]) == EXIT_ERROR
+    assert words in " ".join(capsys.readouterr().err.split())
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"ends with '.txt', expected a .csv"):
+        read_cart_recording(tmp_path / "cart.txt")
+    with pytest.raises(RecordingError, match="expected a file"):
+        read_cart_recording(tmp_path)
+    with pytest.raises(RecordingError, match="cannot be read"):
+        read_cart_recording(tmp_path / "none.csv")
+    np.savez(tmp_path / "cart.npz", **without_plan(), weight=3.0)
+    with pytest.raises(RecordingError, match="key 'weight' is unknown; allowed: t, pose"):
+        read_cart_recording(tmp_path / "cart.npz")
