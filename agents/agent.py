@@ -13,7 +13,7 @@ import numpy as np
 
 from coheft.agents.efficient.estimator import EfficientEstimator
 from coheft.agents.estimator import Estimator, EstimatorFactory
-from coheft.agents.fan2017.estimator import SeedEstimator
+from coheft.agents.fan2017.estimator import Fan2017Estimator
 from coheft.agents.inbox import NeighbourInbox
 from coheft.agents.motion.carrier import Carrier
 from coheft.agents.motion.reference import make_motion
@@ -28,7 +28,7 @@ from coheft.wire.config import AgentConfig
 from coheft.wire.messages.size import LARGEST
 from coheft.wire.messages.structs import Estimate, NeighbourMessage, Reference
 
-ESTIMATORS: dict[str, EstimatorFactory] = {"efficient": EfficientEstimator, "seed": SeedEstimator}
+ESTIMATORS: dict[str, EstimatorFactory] = {"efficient": EfficientEstimator, "fan2017": Fan2017Estimator}
 """Those that come with coheft; others are found by their entry points, see ``coheft.wire.scenario.plugins``."""
 
 _SILENT = 2
