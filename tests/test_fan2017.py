@@ -8,6 +8,7 @@ import pytest
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import FaultSchedule, Pause, Release
 from coheft.app.run.inprocess import run_in_process
+from coheft.estimation.tolerance import SensorTolerance
 from coheft.wire.messages.codec import encode
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import Graph, LoadChange, Scenario
@@ -33,6 +34,27 @@ def test_six_robots_find_the_payload_and_find_it_again_after_a_load_change(seed:
         (notice,) = estimate.load_changes
         assert abs(notice.changed_at - CHANGE) < 0.1
         assert CHANGE < notice.noticed_at < CHANGE + 1.0
+
+
+@pytest.mark.slow
+def test_the_paper_s_experiment() -> None:
+    """Section VII: poses in several seconds, mass properties in less than ten, and anew after the change."""
+    scenario = load_scenario("fan2017")
+    recording = run_with_faults(scenario)
+    weighing = [next(e.time for e in each if e.phase == "inertia") for each in recording.estimates.values()]
+    assert max(weighing) < 8.0
+    for moment in (max(weighing) + 10.0, scenario.load_changes[0].at + 10.0):
+        assert_good(recording.judged(moment), inertia_pct=10.0)
+        latest = [[e for e in each if e.time <= moment][-1] for each in recording.estimates.values()]
+        assert all(estimate.is_converged and estimate.estimator == "fan2017" for estimate in latest)
+
+
+def test_the_paper_s_experiment_is_what_section_vii_says() -> None:
+    scenario = load_scenario("fan2017")
+    assert (scenario.estimator, scenario.graph.kind, scenario.robot_count) == ("fan2017", "ring", 6)
+    assert len({getattr(scenario.noise, sensor) for sensor in scenario.noise.__struct_fields__}) == 1
+    assert scenario.sensors.tolerance == SensorTolerance()
+    assert len(scenario.load_changes) == 1
 
 
 @pytest.mark.slow
