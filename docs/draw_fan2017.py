@@ -5,7 +5,7 @@ One run of ``configs/fan2017.toml`` in this process, a minute or two. Needs cohe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -57,6 +57,10 @@ class Run:
         """When the inertial phase begins: poses have converged [s]."""
         begun = [belief["r1"].phase == "inertia" for belief in self.beliefs]
         return float(self.times[begun.index(True)])
+
+    def pose_in_use(self, robot: str, neighbour: str) -> Pose:
+        """Of a neighbour, as it was taken over for the sums."""
+        return self.beliefs[int(np.searchsorted(self.times, self.start))][robot].poses[neighbour].pose
 
     @cached_property
     def bodies(self) -> Array:
@@ -208,38 +212,54 @@ def _norm(packed: Array) -> Array:
 
 
 def _draw_consensus(found: Run) -> None:
-    """How far robots are from their common mean: of the total wrench, and of what they believe of the body."""
-    robots = found.judge.scene.robots
-    wrenches = np.full((len(robots), len(found.times), 6), np.nan)
-    for k, name in enumerate(robots):
-        to_payload = found.judge.pose_payload_in[name].inverse().adjoint()
-        for row, beliefs in enumerate(found.beliefs):
-            if beliefs[name].total_block >= 0:
-                wrenches[k, row] = to_payload @ beliefs[name].total_wrench
-    figure = Figure(figsize=(11.0, 3.5), layout="constrained")
+    """What neighbours differ by in the total wrench, and robots in what they believe of the body."""
+    figure = Figure(figsize=(11.0, 3.7), layout="constrained")
     sums, bodies = figure.subplots(1, 2)
-    sums.set_title("Dynamic consensus on the total wrench")
-    bodies.set_title("Consensus on what the robots believe")
-    curves = (
-        (sums, wrenches[:, :, :3], "force, N"),
-        (sums, wrenches[:, :, 3:], "torque, N·m"),
-        (bodies, found.bodies[:, :, :1], "mass, kg"),
-        (bodies, 1e3 * found.bodies[:, :, 1:4], "centre of mass, mm"),
-    )
     late = found.times > found.start + 1.0
-    for k, (axes, values, label) in enumerate(curves):
-        apart = np.linalg.norm(values - values.mean(axis=0), axis=2).max(axis=0)
-        axes.semilogy(found.times[::2], apart[::2], color=ROBOTS[k], linewidth=0.9, label=label)
-        print(f"{label}: robots are {np.nanmedian(apart[late]):.2g} at most from their mean, in the median")
+    for k, (part, label) in enumerate(((slice(0, 3), "force, N"), (slice(3, 6), "torque, N·m"))):
+        for whose, poses in (("true poses", found.judge.relative_pose), ("their own poses", found.pose_in_use)):
+            apart = _apart(found, poses)[:, :, part]
+            worst = np.linalg.norm(apart, axis=2).max(axis=0)
+            style = {"alpha": 0.35} if whose == "true poses" else {}
+            sums.semilogy(
+                found.times[::2], worst[::2], color=ROBOTS[k], linewidth=1.0, label=f"{label}, {whose}", **style
+            )
+            print(f"{label}: neighbours differ by {np.nanmedian(worst[late]):.2g} by {whose}, in the median")
+    for k, (part, scale, label) in enumerate(
+        ((slice(0, 1), 1.0, "mass, kg"), (slice(1, 4), 1e3, "centre of mass, mm"))
+    ):
+        values = scale * found.bodies[:, :, part]
+        worst = np.linalg.norm(values - values.mean(axis=0), axis=2).max(axis=0)
+        bodies.semilogy(found.times[::2], worst[::2], color=ROBOTS[2 + k], linewidth=1.0, label=label)
+    sums.set_title("Total wrench: what neighbours differ by")
+    sums.set_ylim(0.01, 20.0)
+    bodies.set_title("Beliefs: how far from the mean")
     for axes in (sums, bodies):
-        axes.set_ylabel("largest distance from the mean")
         axes.set_xlim(0.0, found.scenario.duration)
         axes.set_xlabel("time, s")
         axes.axvline(found.start, color=SOFT, linewidth=0.9)
         axes.axvline(found.change, color=SOFT, linewidth=0.9, linestyle=(0, (2, 2)))
-        axes.legend(frameon=False, loc="upper left", labelcolor=INK)
-    sums.set_ylim(0.02, 20.0)
+        axes.legend(
+            frameon=True, edgecolor="none", framealpha=1.0, loc="upper left", labelcolor=INK, fontsize=9, ncols=2
+        )
     save(figure, "fan2017-consensus.svg")
+
+
+def _apart(found: Run, poses: Callable[[str, str], Pose]) -> Array:
+    """Neighbours' total wrenches, carried with poses, less the own ones, (edges, blocks, 6); nan where there are none."""
+    totals = {
+        name: np.array(
+            [b[name].total_wrench if b[name].total_block >= 0 else np.full(6, np.nan) for b in found.beliefs]
+        )
+        for name in found.graph
+    }
+    return np.array(
+        [
+            totals[other] @ poses(name, other).adjoint().T - totals[name]
+            for name, others in found.graph.items()
+            for other in others
+        ]
+    )
 
 
 if __name__ == "__main__":
