@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from coheft.agents.efficient.estimator import EfficientEstimator
-from coheft.agents.estimator import Estimator, EstimatorFactory
-from coheft.agents.fan2017.estimator import SeedEstimator
+from coheft.agents.estimator import Belief, Estimator, EstimatorFactory
+from coheft.agents.fan2017.estimator import Fan2017Estimator
 from coheft.agents.inbox import NeighbourInbox
 from coheft.agents.motion.carrier import Carrier
 from coheft.agents.motion.reference import make_motion
@@ -28,7 +28,7 @@ from coheft.wire.config import AgentConfig
 from coheft.wire.messages.size import LARGEST
 from coheft.wire.messages.structs import Estimate, NeighbourMessage, Reference
 
-ESTIMATORS: dict[str, EstimatorFactory] = {"efficient": EfficientEstimator, "seed": SeedEstimator}
+ESTIMATORS: dict[str, EstimatorFactory] = {"efficient": EfficientEstimator, "fan2017": Fan2017Estimator}
 """Those that come with coheft; others are found by their entry points, see ``coheft.wire.scenario.plugins``."""
 
 _SILENT = 2
@@ -93,6 +93,10 @@ class Agent:
         """The robot takes hold of the load, or lets go of it, at a block that no step was for yet."""
         self._gossip.announce_holding(holding, from_block)
 
+    def belief(self) -> Belief:
+        """What its estimator believes now, whether or not it may be said."""
+        return self._estimator.belief()
+
     def step(self, index: int, block: MeasurementBlock | None, inbox: Sequence[NeighbourMessage]) -> Outbox:
         """One block.
 
@@ -142,7 +146,7 @@ class Agent:
         doubts = list(self._doubts(index))
         if not self._status.is_due(index, doubts):
             return None
-        belief = self._estimator.belief()
+        belief = self.belief()
         graph = self._gossip.graph
         members = 0 if graph is None else len(graph)
         estimate = self._status.report(index, belief, doubts, members, self._silent(index))

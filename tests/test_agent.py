@@ -91,7 +91,7 @@ def test_equal_inputs_give_equal_outputs_bit_for_bit() -> None:
 def test_bad_blocks_are_survived() -> None:
     """One robot's sensors fail again and again, in the pose phase and after it: no one sees a load change in that."""
     recording = run_with_faults(
-        changed("ring3", estimator="seed", duration=DURATION, load_changes=()),
+        changed("ring3", estimator="fan2017", duration=DURATION, load_changes=()),
         is_measured=lambda block, name: not (name == "r2" and block % 50 in (0, 1)),
     )
     assert_good(recording.judged(DURATION))
@@ -104,7 +104,7 @@ def test_lost_messages_are_survived() -> None:
     """The sums start anew; estimates stay as good as the messages that were lost allow."""
     losses = {(30, "r1", "r2"), (31, "r1", "r3"), (350, "r1", "r2"), (450, "r3", "r1")}
     recording = run_with_faults(
-        changed("ring3", estimator="seed", duration=DURATION, load_changes=()),
+        changed("ring3", estimator="fan2017", duration=DURATION, load_changes=()),
         arrives=lambda block, to, sender: (block, to, sender) not in losses,
     )
     assert_good(recording.judged(DURATION))

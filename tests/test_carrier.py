@@ -205,8 +205,8 @@ def test_who_starts_later_gets_to_the_same_place() -> None:
 
 
 def test_a_path_needs_the_whole_teams_poses_and_arms_that_can_turn() -> None:
-    with pytest.raises(ScenarioError, match=r"'carry'.*'seed', expected 'efficient'"):
-        check_scenario(carrying(estimator="seed"), "x.toml")
+    with pytest.raises(ScenarioError, match=r"'carry'.*'fan2017', expected 'efficient'"):
+        check_scenario(carrying(estimator="fan2017"), "x.toml")
     gimbals = msgspec.structs.replace(load_scenario("mocobot_a"), carry=Carry())
     with pytest.raises(ScenarioError, match=r"'carry'.*gimbals"):
         check_scenario(gimbals, "x.toml")

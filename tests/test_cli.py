@@ -78,7 +78,7 @@ def test_a_change_that_makes_no_sense_is_explained(ring6: Scenario, text: str, c
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"estimator": "foo"}, "--estimator: found 'foo', expected one of: efficient, seed"),
+        ({"estimator": "foo"}, "--estimator: found 'foo', expected one of: efficient, fan2017"),
         ({"sensor_rate": 300}, "--sensor-rate: expected one of 100, 125, .*; found 300"),
         ({"duration": -5.0}, "--duration: expected a number greater than 0; found -5.0"),
         ({"seed": -1}, "--seed: expected a whole number of at least 0; found -1"),

@@ -156,7 +156,7 @@ def test_outputs_may_be_there_already_and_be_no_files(place: Path, monkeypatch: 
 def report() -> Report:
     """Of a run that never was."""
     info = RunInfo(
-        scenario="made up", seed=3, estimator="seed", block_duration=BLOCK, real_time_factor=2.0, late_blocks=0
+        scenario="made up", seed=3, estimator="fan2017", block_duration=BLOCK, real_time_factor=2.0, late_blocks=0
     )
     truths = [truth(block, HEAVY) for block in range(10)]
     return build_report(info, recorded(truths, {name: [estimate(name, 9, HEAVY)] for name in ROBOTS}))

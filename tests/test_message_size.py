@@ -20,7 +20,7 @@ from coheft.wire.messages.size import (
     message_limit,
 )
 from coheft.wire.messages.structs import LinkState, NeighbourMessage
-from coheft.wire.scenario.estimator_settings import SeedSettings
+from coheft.wire.scenario.estimator_settings import Fan2017Settings
 from coheft.wire.scenario.plugins import BUILT_IN
 from coheft.wire.scenario.schema import Graph, Scenario
 from tests.in_process import changed, steps
@@ -47,9 +47,9 @@ def test_dynamic_consensus_fits() -> None:
         "ring3",
         load_changes=(),
         duration=20.0,
-        estimator="seed",
+        estimator="fan2017",
         graph=Graph(kind="line"),
-        seed_method=SeedSettings(rounds=64, pose_rotation_deg=1.0, pose_translation_mm=20.0),
+        fan2017=Fan2017Settings(rounds=64, pose_rotation_deg=1.0, pose_translation_mm=20.0),
     )
     sensors = msgspec.structs.replace(scenario.sensors, block=100)
     scenario = msgspec.structs.replace(scenario, sensors=sensors)
@@ -58,10 +58,10 @@ def test_dynamic_consensus_fits() -> None:
 
 
 def test_neighbours_take_messages_of_every_estimator_that_the_run_can_come_to_use() -> None:
-    scenario = changed("ring3", seed_method=SeedSettings(rounds=100))
+    scenario = changed("ring3", fan2017=Fan2017Settings(rounds=100))
     sensors = msgspec.structs.replace(scenario.sensors, block=100)
     scenario = msgspec.structs.replace(scenario, sensors=sensors)
-    other = msgspec.structs.replace(scenario, estimator="seed")
+    other = msgspec.structs.replace(scenario, estimator="fan2017")
     assert largest_message(scenario) < LEAST_LIMIT < largest_message(other) <= message_limit(scenario) <= LARGEST
 
 

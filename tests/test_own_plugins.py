@@ -62,7 +62,7 @@ def test_own_ones_are_listed_and_made_with_their_settings(tmp_path: Path, monkey
     write_package(tmp_path, "good", ESTIMATOR, estimators="mine = good:Mine")
     write_package(tmp_path, "nice", MOTION, motions="still = nice:Mine")
     monkeypatch.syspath_prepend(tmp_path)
-    assert available("estimator")[:2] == ["efficient", "seed"]
+    assert available("estimator")[:2] == ["efficient", "fan2017"]
     assert "mine" in available("estimator")
     assert "still" in available("motion")
     text = 'estimator = "mine"\nmotion.own = "still"\nsettings.mine.gain = 3.0'
@@ -148,7 +148,7 @@ def test_a_name_that_two_packages_offer(tmp_path: Path, monkeypatch: pytest.Monk
 @pytest.mark.parametrize(
     ("keys", "expected"),
     [
-        ('estimator = "mine"', "key 'estimator': found 'mine', expected one of: efficient, seed"),
+        ('estimator = "mine"', "key 'estimator': found 'mine', expected one of: efficient, fan2017"),
         (
             'estimator = "eficient"',
             "there. Did you mean 'efficient'? Your own must be installed first, see docs/own.md",
@@ -157,18 +157,18 @@ def test_a_name_that_two_packages_offer(tmp_path: Path, monkeypatch: pytest.Monk
         ('motion.own = "shaking"', ". Did you mean 'shaken'? Your own must be installed first"),
         (
             "settings.mine.a = 1",
-            "key 'settings.mine': there is no such estimator or motion. There are: efficient, seed",
+            "key 'settings.mine': there is no such estimator or motion. There are: efficient, fan2017",
         ),
         (
             "settings.eficient.a = 1",
-            "no such estimator or motion. Did you mean 'efficient'? There are: efficient, seed",
+            "no such estimator or motion. Did you mean 'efficient'? There are: efficient, fan2017",
         ),
         (
             "settings.efficient.memory = 1",
             "key 'settings.efficient': these tables are for estimators and motions of your own; settings of "
             "'efficient' go under [efficient]",
         ),
-        ('estimator = "seed"\nsettings.seed.rounds = 9', "settings of 'seed' go under [seed_method]"),
+        ('estimator = "fan2017"\nsettings.fan2017.rounds = 9', "settings of 'fan2017' go under [fan2017]"),
         (
             "settings.there.a = 1",
             "key 'settings.there': found settings of what this scenario does not use: its estimator is 'efficient', "
@@ -201,4 +201,4 @@ def test_settings_of_the_estimator_that_a_scenario_names_may_stay_when_a_run_use
     write_package(tmp_path, "there", ESTIMATOR, estimators="there = there:Mine")
     monkeypatch.syspath_prepend(tmp_path)
     scenario = parse_scenario(TEXT.format('estimator = "there"\nsettings.there.gain = 2'), "own.toml")
-    assert override(scenario, estimator="seed").estimator == "seed"
+    assert override(scenario, estimator="fan2017").estimator == "fan2017"

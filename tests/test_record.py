@@ -62,12 +62,18 @@ def test_estimates_of_a_block_whose_truth_has_not_come_wait() -> None:
 
 def test_estimators_change_once_though_what_was_said_before_comes_later() -> None:
     record = Record(SCENE, duration=1.0)
-    said = [("r1", 4, "seed"), ("r1", 7, "efficient"), ("r2", 6, "seed"), ("r2", 7, "efficient"), ("r3", 5, "seed")]
+    said = [
+        ("r1", 4, "fan2017"),
+        ("r1", 7, "efficient"),
+        ("r2", 6, "fan2017"),
+        ("r2", 7, "efficient"),
+        ("r3", 5, "fan2017"),
+    ]
     for block in range(10):
         record.add_truth(truth(block, LIGHT))
     for name, block, estimator in said:
         record.add_estimate(msgspec.structs.replace(estimate(name, block, LIGHT), estimator=estimator))
-    assert record.estimators == [EstimatorUse(4 * BLOCK, "seed"), EstimatorUse(7 * BLOCK, "efficient")]
+    assert record.estimators == [EstimatorUse(4 * BLOCK, "fan2017"), EstimatorUse(7 * BLOCK, "efficient")]
     report = build_report(INFO, record)
     assert report.estimator_changes == record.estimators[1:]
     assert "At 0.14 s the robots forgot all, and began anew with the estimator efficient." in sentences(report)

@@ -110,7 +110,7 @@ def test_who_begins_anew_does_not_relapse() -> None:
     assert change.recovered_at_s == pytest.approx(131 * BLOCK)
     for name, series in estimates.items():
         series[120:140] = [
-            msgspec.structs.replace(estimate(name, block, LIGHT), estimator="seed") for block in range(120, 140)
+            msgspec.structs.replace(estimate(name, block, LIGHT), estimator="fan2017") for block in range(120, 140)
         ]
     (change,) = build_report(INFO, recorded(truths, estimates)).load_changes
     assert change.recovered_at_s == pytest.approx(141 * BLOCK), "r2 had not recovered before"

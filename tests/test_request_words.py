@@ -24,7 +24,7 @@ from coheft.wire.messages.structs import Message
         (RemoveRequest(load=7), "take load 7 away"),
         (HoldRequest(robot="r2", holding=False), "let r2 let go"),
         (HoldRequest(robot="r2", holding=True), "let r2 take hold again"),
-        (EstimatorRequest(estimator="seed"), "use the estimator 'seed'"),
+        (EstimatorRequest(estimator="fan2017"), "use the estimator 'fan2017'"),
         (PauseRequest(paused=True), "pause the run"),
         (PauseRequest(paused=False), "let the run go on"),
         (StopRequest(), "stop the run"),

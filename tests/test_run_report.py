@@ -105,7 +105,7 @@ class Made:
         status = Status(
             scenario="two", state="running", block=0, time=0.0, duration=9.0, real_time_factor=1.0, late_blocks=0,
             loads=[], slots_free=4, waiting_for=[], estimator="efficient",
-            estimators=["efficient", "seed"], scene=scene,
+            estimators=["efficient", "fan2017"], scene=scene,
         )  # fmt: skip
         follower, record = SeriesFollower(), Record(scene, self.scenario.duration)
         follower.begin(status)

@@ -52,8 +52,8 @@ def test_the_scenarios_that_are_promised_are_there() -> None:
     ("change", "match"),
     [
         (
-            'estimator = "seed"\nseed_method = { rounds = 256 }\nsensors = { block = 200 }\n',
-            r"'sensors.block': found 200, and 'seed_method.rounds' = 256: .* up to 4.2 MB; expected at most 4.0 MB",
+            'estimator = "fan2017"\nfan2017 = { rounds = 256 }\nsensors = { block = 200 }\n',
+            r"'sensors.block': found 200, and 'fan2017.rounds' = 256: .* up to 4.2 MB; expected at most 4.0 MB",
         ),
     ],
 )
@@ -69,9 +69,9 @@ def test_messages_that_would_be_too_large_are_refused(change: str, match: str) -
 def test_more_robots_than_each_can_know_are_refused_and_the_other_method_is_named() -> None:
     team = 'name = "large"\npayload.boxes = [{ mass = 90.0, size = [1.4, 1.3, 0.1] }]\nrobots.perimeter.count = '
     text = f"{team}300\nrobots.perimeter.extent = [1.0, 1.0]\n"
-    with pytest.raises(ScenarioError, match=r"'robots': found 300 .*, expected at most 128: .* With 'seed'"):
+    with pytest.raises(ScenarioError, match=r"'robots': found 300 .*, expected at most 128: .* With 'fan2017'"):
         parse_scenario(text, "large.toml")
-    assert parse_scenario(f'estimator = "seed"\n{text}', "large.toml").robot_count == 300
+    assert parse_scenario(f'estimator = "fan2017"\n{text}', "large.toml").robot_count == 300
 
 
 def test_good_scenario_is_good() -> None:
@@ -111,7 +111,7 @@ def test_good_scenario_is_good() -> None:
         ("frequency = [0.4, 1.6]", "via_points.dwell = [2.0, 0.8]", "motion.via_points.dwell", "[2.0, 0.8]", "shorter"),
         ("frequency = [0.4, 1.6]", "ramp = -1", "motion.ramp", "-1", "of at least 0"),
         ("duration = 12.0", "duration = 0", "duration", "0", "greater than 0"),
-        ("duration = 12.0", 'estimator = "best"', "estimator", "'best'", "efficient, seed"),
+        ("duration = 12.0", 'estimator = "best"', "estimator", "'best'", "efficient, fan2017"),
         ("duration = 12.0", "sensors.rate = 300", "sensors.rate", "300", "500"),
         ("duration = 12.0", "sensors.block = 1", "sensors.block", "1", "a whole number of at least 2"),
         ("duration = 12.0", "sensors.noise.gyro = -1.0", "sensors.noise.gyro", "-1.0", "greater than 0"),

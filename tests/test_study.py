@@ -94,9 +94,9 @@ def test_what_robots_claim_is_hardly_more_than_the_bound(studied: tuple[StudyRep
             assert ((ratios > 0.95) & (ratios < 1.5)).all(), f"{quantity.name}: {ratios}"
 
 
-def test_the_seed_method_claims_no_less_than_the_bound() -> None:
-    _, (trial, *_) = run_study(plan(runs=1, estimators=["seed"]), jobs=1)
-    (claimed,) = trial.outcomes["seed"].errors
+def test_fan2017_claims_no_less_than_the_bound() -> None:
+    _, (trial, *_) = run_study(plan(runs=1, estimators=["fan2017"]), jobs=1)
+    (claimed,) = trial.outcomes["fan2017"].errors
     for quantity in QUANTITIES:
         bounds = quantity.expected_squares(trial.two_step[0].of(quantity))
         ratios = quantity.expected_squares(claimed.covariances_of(quantity)) / bounds
@@ -171,8 +171,8 @@ def test_bound_is_integrated_well_enough_and_grows_with_the_noise() -> None:
 
 
 def test_what_was_never_published_is_missing_not_wrong() -> None:
-    report, _ = run_study(make_plan(short_ring3(), runs=1, estimators=["seed"], at=[0.5]), jobs=1)
-    result = report.results["seed"]
+    report, _ = run_study(make_plan(short_ring3(), runs=1, estimators=["fan2017"], at=[0.5]), jobs=1)
+    result = report.results["fan2017"]
     assert (result.mass.rms, result.mass.ratio_full, result.mass.nees, result.mass.missing) == (None, None, None, 3)
     assert (result.pose_rotation.rms, result.pose_rotation.missing) == (None, 6)
 
@@ -203,9 +203,9 @@ def test_accuracy_after_the_load_s_change_is_refused() -> None:
     [
         (["--noise", "1,0"], "different positive numbers"),
         (["--noise", "loud"], "different positive numbers"),
-        (["--estimators", "seed,best"], "different ones of efficient, seed"),
+        (["--estimators", "fan2017,best"], "different ones of efficient, fan2017"),
         (["--estimators", "seed,eficient"], "found 'seed,eficient'. Did you mean 'efficient'? See"),
-        (["--estimators", "seed,seed"], "different ones of efficient, seed"),
+        (["--estimators", "fan2017,fan2017"], "different ones of efficient, fan2017"),
         (["--runs", "0"], "--runs"),
         (["--at", "2,25"], "the load changes at 20 s"),
         (["--at", "soon"], "different positive numbers"),

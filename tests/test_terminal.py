@@ -19,6 +19,7 @@ from coheft.app.terminal.screen import LineDisplay, LiveDisplay, QuietDisplay, m
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.structs import Estimate, Problem, Scene
 from tests.escapes import COLOUR, SEQUENCE
+from tests.recording.runs import BEGIN
 from tests.synthetic_run import BLOCK, GRASPS, HEAVY, INFO, LIGHT, SCENE, changing_run, estimate, recorded, truth
 
 
@@ -43,8 +44,10 @@ def drawn(console: Console) -> str:
 def test_a_terminal_shows_every_robot_in_80_columns(record: Record) -> None:
     console = terminal(is_terminal=True)
     with LiveDisplay(console) as display:
+        display.begin(msgspec.structs.replace(BEGIN, estimator="fan2017"))
         display.update(record)
     text = SEQUENCE.sub("", drawn(console))
+    assert "ring3: 3 robots, estimator fan2017, the method of Fan et al. (CDC 2017)" in text
     for words in ("4.0 of 4 s", "true mass 13.00 kg", "finding neighbours", "13.000 ± 0.100 kg", "10.000 ± 0.100 kg"):
         assert words in text
     assert max(len(line) for line in text.splitlines()) <= 80
@@ -61,10 +64,12 @@ def test_a_problem_stands_above_the_table(record: Record) -> None:
 def test_without_a_terminal_there_are_plain_lines(record: Record) -> None:
     console = terminal(is_terminal=False)
     with LineDisplay(console) as display:
+        display.begin(BEGIN)
         display.note("waiting for r1")
         display.note("waiting for r1")
         display.update(record)
-        lines = drawn(console).splitlines()
+        first, *lines = drawn(console).splitlines()
+        assert first == "ring3: 3 robots, estimator efficient, which reaches the Cramér-Rao bound"
         assert lines == ["waiting for r1", "  2.0 s: the payload is 13.00 kg now"], "no other line before five seconds"
     assert "\x1b" not in drawn(console)
 
@@ -208,6 +213,7 @@ def test_the_final_table_says_why_a_run_has_not_converged() -> None:
     assert report.robots["r3"].reasons == ["r2 is silent"]
     console = terminal(is_terminal=False)
     print_report(console, report, Path("logs"))
+    assert "What each robot found out about the payload (0.2 s, fan2017)" in drawn(console)
     assert "Stale at r3: r2 is silent.\nNot converged: r3.\n" in drawn(console)
     assert max(map(len, drawn(console).splitlines())) <= 80
 

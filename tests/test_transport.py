@@ -131,7 +131,7 @@ def test_questions_are_answered_or_refused(pair, keys):
     inbox.serve(near, {keys.request("operator"): "operator"})
     status = Status(
         scenario="ring6", state="running", block=7, time=0.14, duration=35.0, real_time_factor=1.0, late_blocks=0,
-        loads=[], slots_free=4, waiting_for=[], estimator="efficient", estimators=["efficient", "seed"],
+        loads=[], slots_free=4, waiting_for=[], estimator="efficient", estimators=["efficient", "fan2017"],
         scene=SceneMessage(robots=["r1"], rotations=np.eye(3)[None], translations=np.zeros((1, 3)), neighbours={}),
     )  # fmt: skip
 

@@ -27,7 +27,7 @@ STATUS = Status(
     slots_free=4,
     waiting_for=[],
     estimator="efficient",
-    estimators=["efficient", "seed"],
+    estimators=["efficient", "fan2017"],
     scene=SCENE,
 )
 

@@ -1,4 +1,4 @@
-"""The seed paper's method: Fan et al., sections V to VII, for one robot.
+"""The method of Fan et al., sections V to VII, for one robot.
 
 First, relative poses of the neighbours by dual-quaternion least squares. When all have converged, the poses are
 frozen and the inertial phase begins: total wrench and angular acceleration by dynamic consensus, mass properties by
@@ -13,7 +13,7 @@ import numpy as np
 
 from coheft.agents.estimator import Belief, Channels, is_converged
 from coheft.agents.fan2017 import kinematics
-from coheft.agents.fan2017.inertial_phase import SeedSums
+from coheft.agents.fan2017.inertial_phase import InertialPhase
 from coheft.agents.fan2017.load_changes import LoadChanges
 from coheft.consensus.gossip import Gossip
 from coheft.consensus.graph import Neighbours
@@ -30,12 +30,12 @@ _UNSEEN_DEG = 20.0
 """A pose whose rotation is less certain than this is not worth a number [degrees]."""
 
 
-class SeedEstimator:
-    """One robot's share of the seed method. See ``coheft.agents.estimator.Estimator``."""
+class Fan2017Estimator:
+    """One robot's share of it. See ``coheft.agents.estimator.Estimator``."""
 
     def __init__(self, config: AgentConfig, gossip: Gossip) -> None:
         self._config = config
-        self._settings = config.seed_method
+        self._settings = config.fan2017
         self._gossip = gossip
         self._load_changes = LoadChanges(config)
         # Of neighbours while both hold the load. Both ends of an edge run the same filter on the same numbers, if none
@@ -44,7 +44,7 @@ class SeedEstimator:
         self._filters: dict[str, PoseRls] = {}
         self._holds: dict[str, tuple[int, int]] = {}
         self._blocks: dict[int, Array] = {}
-        self._inertial_phase: SeedSums | None = None
+        self._inertial_phase: InertialPhase | None = None
         self._started = -1
         """The block after which the sums started last."""
         self._team = 0
@@ -77,7 +77,7 @@ class SeedEstimator:
         if self._inertial_phase is None:
             estimates = self._poses()
             poses = {name: estimates[name].pose for name in graph[self._config.name]}
-            self._inertial_phase = SeedSums(self._config, graph, poses, self._load_changes)
+            self._inertial_phase = InertialPhase(self._config, graph, poses, self._load_changes)
         elif start != self._started:
             self._inertial_phase.start_sums()
         self._started = start

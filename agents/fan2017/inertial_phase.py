@@ -1,4 +1,4 @@
-"""The seed paper's inertial phase: Fan et al., sections VI and VII, for one robot.
+"""The inertial phase of Fan et al., sections VI and VII, for one robot.
 
 Total wrench and angular acceleration by dynamic consensus, mass properties by joint least squares with forgetting, and
 consensus over the robots' estimates.
@@ -41,7 +41,7 @@ _PATIENCE = 0.25
 """After so long without a complete sum, the load may have changed unnoticed [s]."""
 
 
-class SeedSums:
+class InertialPhase:
     """Sums over the network, and the joint filter fed by them; poses and team no longer change.
 
     Args:
@@ -59,7 +59,7 @@ class SeedSums:
         self, config: AgentConfig, graph: Neighbours, poses_j_in_i: Mapping[str, Pose], load_changes: LoadChanges
     ) -> None:
         self._config = config
-        self._rounds = config.seed_method.rounds
+        self._rounds = config.fan2017.rounds
         self._poses = dict(sorted(poses_j_in_i.items()))
         self._members = len(graph)
         degree = len(graph[config.name])
@@ -196,7 +196,7 @@ class SeedSums:
         self._surprised = self._surprised + 1 if surprise > _SURPRISE else 0
         if self._surprised >= _SURPRISED_BLOCKS and self._config.start_of(index) > self._quiet_until:
             self._load_changes.notice(leaving + 1 - self._surprised, index, within=0)
-            self._quiet_until = self._config.start_of(index) + self._config.seed_method.memory + _SETTLED
+            self._quiet_until = self._config.start_of(index) + self._config.fan2017.memory + _SETTLED
 
     def _new_filter(self, centre: Array) -> JointRls:
         """The joint filter; lever arms and accelerations that it cannot know are taken to be like its neighbours'."""
@@ -209,7 +209,7 @@ class SeedSums:
         motion_covariance[:3, :3] = noise.acceleration**2 * np.eye(3)
         shared = min(1.0, (len(self._poses) + 1) / n)  # each accelerometer serves its owner and its neighbours
         motion_covariance[3:, 3:] = shared * self._acceleration.covariance
-        forgetting = 1.0 - 1.0 / (self._config.seed_method.memory * self._config.rate)
+        forgetting = 1.0 - 1.0 / (self._config.fan2017.memory * self._config.rate)
         return JointRls(centre, wrench_covariance, motion_covariance, forgetting)
 
 

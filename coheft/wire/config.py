@@ -8,10 +8,11 @@ import msgspec
 
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.tolerance import SensorDrift, SensorTolerance
+from coheft.wire.former_names import keep_present
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.process.log import LogLevel
 from coheft.wire.scenario.carry import Carry
-from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, SeedSettings
+from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
 from coheft.wire.scenario.schema import Motion, Scenario
 from coheft.wire.scenario.waves import Waves, draw_waves
 from coheft.wire.transport.security import Credentials
@@ -41,7 +42,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         motion: What it may choose from.
         waves: What was drawn for it, for a motion that is made of sinusoids.
         estimator: Its method.
-        seed_method: Settings of the estimator ``seed``.
+        fan2017: Settings of the estimator ``fan2017``.
         efficient: Settings of the estimator ``efficient``.
         estimator_settings: Of an estimator of the user's own.
         motion_settings: Of a motion of the user's own.
@@ -62,12 +63,20 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     motion: Motion
     waves: Waves
     estimator: str
-    seed_method: SeedSettings
+    fan2017: Fan2017Settings
     efficient: EfficientSettings
     estimator_settings: dict[str, Any]
     motion_settings: dict[str, Any]
     converged: Converged
     carry: Carry | None = None
+
+    def __post_init__(self) -> None:
+        keep_present(self)
+
+    @property
+    def seed_method(self) -> Fan2017Settings:
+        """Former name of ``fan2017``, for estimators of one's own that read it."""
+        return self.fan2017
 
     def blocks(self, duration: float) -> int:
         """Number of blocks nearest to a duration [s], at least one."""
@@ -157,7 +166,7 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         motion=scenario.motion,
         waves=draw_waves(scenario.motion.frequency, seed),
         estimator=scenario.estimator,
-        seed_method=scenario.seed_method,
+        fan2017=scenario.fan2017,
         efficient=scenario.efficient,
         estimator_settings=scenario.settings.get(scenario.estimator, {}),
         motion_settings=scenario.settings.get(scenario.motion.own or "", {}),

@@ -59,7 +59,7 @@ class Moment:
 
 @pytest.fixture(
     scope="module",
-    params=[("efficient", 1.0), ("efficient", 4.0), ("seed", 5.0)],
+    params=[("efficient", 1.0), ("efficient", 4.0), ("fan2017", 5.0)],
     ids=lambda param: f"{param[0]} at {param[1]:g} s",
 )
 def moment(request: pytest.FixtureRequest) -> Moment:

@@ -153,7 +153,7 @@ _PARTS = st.builds(
     changes=st.lists(st.lists(_PARTS, max_size=5).map(",".join) | st.text(max_size=20), max_size=3),
     duration=st.none() | st.floats(),
     seed=st.none() | st.integers(),
-    estimator=st.none() | st.sampled_from(["seed", "efficient"]) | st.text(max_size=8),
+    estimator=st.none() | st.sampled_from(["fan2017", "efficient"]) | st.text(max_size=8),
     sensor_rate=st.none() | st.integers(),
 )
 def test_command_line(

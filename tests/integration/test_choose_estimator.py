@@ -37,39 +37,39 @@ def test_robots_begin_anew_with_another_estimator_in_mid_run(start: Callable[...
 
     status, text = run.ask("use", "best")
     assert status == 1
-    assert "refused: this run has no estimator 'best'; there are: efficient, seed" in text
+    assert "refused: this run has no estimator 'best'; there are: efficient, fan2017" in text
     assert run.ask("use", "efficient")[0] == 1
-    assert run.ask("use") == (0, "the robots use efficient; there are: efficient, seed\n")
-    status, text = run.ask("use", "seed")
+    assert run.ask("use") == (0, "the robots use efficient; there are: efficient, fan2017\n")
+    status, text = run.ask("use", "fan2017")
     assert status == 0, text
-    assert run.ask("use") == (0, "the robots use seed; there are: efficient, seed\n")
+    assert run.ask("use") == (0, "the robots use fan2017; there are: efficient, fan2017\n")
     wait_until(lambda: run.text.count("begins anew") == 3, "all robots to say so")
     wait_until(lambda: "; mass" in run.text.rpartition("begins anew")[2], "an estimate by the other estimator")
     assert run.ask("stop")[0] == 0
     assert run.wait() in (0, 3), run.text
 
     told = json.loads(target.read_text())
-    assert told["estimator"] == "seed"
+    assert told["estimator"] == "fan2017"
     (change,) = told["estimator_changes"]
-    assert change["estimator"] == "seed"
+    assert change["estimator"] == "fan2017"
     since = change["since_s"]
-    said = re.findall(r"(r\d): uses the estimator 'seed' from (\d+\.\d\d) s on, and begins anew", run.words)
+    said = re.findall(r"(r\d): uses the estimator 'fan2017' from (\d+\.\d\d) s on, and begins anew", run.words)
     assert sorted(said) == [(name, f"{since:.2f}") for name in ("r1", "r2", "r3")]
-    assert f"At {since:g} s the robots forgot all, and began anew with the estimator seed." in run.words
+    assert f"At {since:g} s the robots forgot all, and began anew with the estimator fan2017." in run.words
 
     scenario = msgspec.structs.replace(load_scenario("ring3"), load_changes=(), duration=told["duration_s"])
-    again = in_one_process(scenario, changing_run(scenario, round(since / scenario.block_duration), "seed"))
+    again = in_one_process(scenario, changing_run(scenario, round(since / scenario.block_duration), "fan2017"))
     for key in ("robots", "history", "consensus", "estimator_changes"):
         assert told[key] == again[key], key
 
 
 def test_an_agent_that_comes_back_uses_what_the_others_use(tmp_path: Path) -> None:
     def begun(team: Team, name: str) -> int:
-        return team.log(name).count("uses the estimator 'seed'")
+        return team.log(name).count("uses the estimator 'fan2017'")
 
     with running_team(small_scenario(3), tmp_path, "realtime") as team:
         team.wait_for_block(10)
-        assert team.ask(EstimatorRequest(estimator="seed")).estimator == "seed"
+        assert team.ask(EstimatorRequest(estimator="fan2017")).estimator == "fan2017"
         wait_until(lambda: all(begun(team, name) == 1 for name in team.plan.agents), "all agents to begin anew")
         team.kill("r2")
         team.restart("r2")

@@ -302,14 +302,14 @@ def test_a_link_that_does_not_carry_to_the_neighbour_is_dialled_anew_and_one_tha
 
 def test_another_estimator_is_used_from_the_block_of_its_measurements_on(tmp_path):
     with lone_agent(tmp_path, patience=0.1) as around:
-        for block, estimator in enumerate(["", "efficient", "seed", "seed", ""]):
+        for block, estimator in enumerate(["", "efficient", "fan2017", "fan2017", ""]):
             around.measure(block, estimator=estimator)
         assert around.answers(5) == list(range(5))
         around.measure(5, estimator="best")
         around.measure(5, estimator="efficient")
         assert around.answers(1) == [5]
         assert around.finish().splitlines() == [
-            "uses the estimator 'seed' from 0.04 s on, and begins anew",
+            "uses the estimator 'fan2017' from 0.04 s on, and begins anew",
             "uses the estimator 'efficient' from 0.08 s on, and begins anew",
-            "refused from the server: estimator is 'best' but expected one of efficient, seed",
+            "refused from the server: estimator is 'best' but expected one of efficient, fan2017",
         ]

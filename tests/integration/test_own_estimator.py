@@ -127,7 +127,7 @@ def test_it_notices_another_load_and_never_claims_too_much(site: Path, monkeypat
 def test_errors_list_it_and_say_why_it_cannot_start(site: Path, tmp_path: Path) -> None:
     unknown = coheft(site, tmp_path, "run", "ring3", "--estimator", "scales")
     assert unknown.returncode == 2
-    assert re.search(r"found 'scales', expected one of: efficient, seed, .*\bscale\b", unknown.stderr)
+    assert re.search(r"found 'scales', expected one of: efficient, fan2017, .*\bscale\b", unknown.stderr)
     write_package(tmp_path, "bad", "import no_such_module", estimators="bad = bad:Bad")
     broken = coheft(tmp_path, tmp_path, "run", "ring3", "--estimator", "bad", "--duration", "1")
     assert broken.returncode == 1

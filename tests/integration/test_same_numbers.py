@@ -68,7 +68,7 @@ def in_one_process(scenario: Scenario, blocks: Iterable[BlockRecord]) -> dict[st
 
 
 @pytest.mark.smoke
-@pytest.mark.parametrize("estimator", ["efficient", "seed"])
+@pytest.mark.parametrize("estimator", ["efficient", "fan2017"])
 def test_the_same_numbers_in_one_process_and_in_many(estimator: str, tmp_path: Path) -> None:
     scenario = msgspec.structs.replace(
         load_scenario("ring3"),

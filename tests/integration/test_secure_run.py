@@ -71,7 +71,7 @@ def test_only_the_operator_changes_the_load_and_the_server_tells_who_tried(secur
         with role_at(team, secure, "observer") as session:
             status = asked(session, team.keys.request("observer"), StatusRequest())
             assert isinstance(status, Status)
-            for request in (load, EstimatorRequest(estimator="seed")):
+            for request in (load, EstimatorRequest(estimator="fan2017")):
                 refused = asked(session, team.keys.request("observer"), request)
                 assert isinstance(refused, Refusal)
                 assert "only the operator may change a run" in refused.reason

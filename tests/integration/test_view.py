@@ -171,9 +171,9 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
         wait_for(lambda: [load.mass for load in status(folder).loads] == [3.0], "the load")
         click(page, "Drop 3 kg")
         wait_for(lambda: [load.id for load in status(folder).loads] == [1, 2], "another load")
-        choose(page, "seed")
+        choose(page, "fan2017")
         click(page, "Begin anew with it")
-        wait_for(lambda: status(folder).estimator == "seed", "the other estimator to be chosen")
+        wait_for(lambda: status(folder).estimator == "fan2017", "the other estimator to be chosen")
         before = run_file(folder).pids["r1"]
         click(page, "Kill the chosen robot's agent")
         wait_for(lambda: run_file(folder).pids["r1"] != before, "the agent to come back")
@@ -187,7 +187,7 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
         wait_for(lambda: [load.id for load in status(folder).loads] == [1], "the chosen load to be gone")
         wait_for(lambda: "choose one" in inputs(page), "nothing to be chosen in its place")
         wait_for(lambda: "r2 is silent" in text_of(page), "the cut to be noticed")
-        wait_for(lambda: "estimator seed" in text_of(page), "the other estimator to be used")
+        wait_for(lambda: "estimator fan2017" in text_of(page), "the other estimator to be used")
         click(page, "Mend")
         wait_for(lambda: "mended the link r1-r2" in text_of(page), "the link to be mended")
         assert page.get_by_role("button", name="Drop 3 kg").count() == 1
@@ -196,7 +196,7 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
         wait_for(lambda: page.get_by_role("button", name="Drop 3 kg").count() == 0, "nothing to be done any more")
         wait_for(report.exists, "the report")
         told = json.loads(report.read_text())
-        assert told["estimator"] == "seed"
+        assert told["estimator"] == "fan2017"
         robot = told["robots"]["r1"]
         assert [change["truth"]["mass"] for change in told["load_changes"]][-1] == pytest.approx(robot["mass"]["truth"])
         numbers = [f"{told['duration_s']:.1f} of 1000 s", f"{robot['mass']['truth']:.3f}"]

@@ -20,7 +20,7 @@ SCENARIO = load_scenario("ring3")
 BEGIN = Status(
     scenario="ring3", state="running", block=0, time=0.0, duration=20 * BLOCK, real_time_factor=0.0, late_blocks=0,
     loads=[], slots_free=4, waiting_for=[], estimator="efficient",
-    estimators=["efficient", "seed"], scene=SCENE,
+    estimators=["efficient", "fan2017"], scene=SCENE,
 )  # fmt: skip
 
 

@@ -84,7 +84,7 @@ def use(estimator: str | None = None, *, run: RunFolder = None) -> None:
     Parameters
     ----------
     estimator:
-        efficient, seed, or your own if the run has begun with it; without one, tell which one is in use.
+        efficient, fan2017, or your own if the run has begun with it; without one, tell which one is in use.
     """
     from coheft.app.run.observer import ask_run
     from coheft.wire.messages.requests import EstimatorRequest, StatusRequest

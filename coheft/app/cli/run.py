@@ -86,7 +86,7 @@ def run(
     seed:
         Of the sensors' noise and the robots' motions.
     estimator:
-        The robots' method: efficient, seed, or one of your own, see docs/own.md.
+        The robots' method: efficient, fan2017, or one of your own, see docs/own.md.
     sensor_rate:
         Samples per second: 100, 125, 200, 250, 500 or 1000.
     realtime:

@@ -26,11 +26,17 @@ def _words(text: str) -> list[str]:
     return [word.strip() for word in text.split(",")]
 
 
+def _estimator_names(text: str) -> list[str]:
+    from coheft.wire.former_names import present
+
+    return [present(word) for word in _words(text)]
+
+
 def _are_estimators(_: object, text: str) -> None:
     from coheft.wire.scenario.errors import did_you_mean
     from coheft.wire.scenario.plugins import available
 
-    words, there = _words(text), available("estimator")
+    words, there = _estimator_names(text), available("estimator")
     unknown = [word for word in words if word not in there]
     if unknown or len(set(words)) < len(words):
         hint = f".{did_you_mean(unknown[0], there)}" if unknown else ""
@@ -59,7 +65,7 @@ def study(
     *,
     set: Annotated[list[str] | None, Parameter(negative=())] = None,
     runs: Count = 50,
-    estimators: Annotated[str, Parameter(validator=_are_estimators)] = "seed,efficient",
+    estimators: Annotated[str, Parameter(validator=_are_estimators)] = "fan2017,efficient",
     noise: Annotated[str, Parameter(validator=_are_factors)] = "1",
     at: Annotated[str, Parameter(validator=_are_factors)] = "20",
     after: Positive = 1.0,
@@ -124,7 +130,7 @@ def study(
         None if scenario == RANDOM else load_scenario(scenario, set or ()),
         values=set or (),
         runs=runs,
-        estimators=_words(estimators),
+        estimators=_estimator_names(estimators),
         noise_scales=[float(factor) for factor in _words(noise)],
         at=[float(time) for time in _words(at)],
         after=after,

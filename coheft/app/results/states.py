@@ -1,10 +1,16 @@
-"""How far a robot is: one word for it in terminal, view, reports, JSON and documentation."""
+"""How far a robot is, and by which method: one word for it in terminal, view, reports, JSON and documentation."""
 
 from __future__ import annotations
 
 from enum import StrEnum
 
 from coheft.wire.messages.structs import Estimate
+
+ESTIMATORS = {
+    "efficient": "efficient, which reaches the Cramér-Rao bound",
+    "fan2017": "fan2017, the method of Fan et al. (CDC 2017)",
+}
+"""Those that come with coheft, and what they are."""
 
 
 class State(StrEnum):

@@ -60,6 +60,7 @@ def launch(
             processes.start(name, "coheft.agents.process.main", agent)
         with announced(folder, _run_file(plan, processes)):
             first = _wait_for_start(observer, processes, display)
+            display.begin(first)
             record = Record(first.scene, scenario.duration, with_history=with_history)
             audience = Audience(record, display, followers, is_told_end=False)
             for follower in followers:
@@ -184,6 +185,7 @@ def watch(run_file: RunFile, display: Display) -> str:
         display.note("waiting for the server of the run to answer")
         observer = links.enter_context(observe(run_file))
         status = observer.ask(StatusRequest())
+        display.begin(status)
         display.note(f"watching {status.scenario}, {status.time:.1f} s of {status.duration:g} s are over")
         if status.state != "running":
             _explain_silence(status, display)

@@ -13,7 +13,7 @@ from coheft.app.study.report import Accuracy, StudyReport
 from coheft.app.study.tables import NAMES, caption
 from coheft.app.study.trial import Trial
 
-_COLOURS = {"seed": "#c45a00", "efficient": "#0b62a4"}
+_COLOURS = {"fan2017": "#c45a00", "efficient": "#0b62a4"}
 
 
 def plot_ratios(report: StudyReport, path: Path) -> None:

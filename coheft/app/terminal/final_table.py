@@ -43,7 +43,7 @@ def print_report(console: Console, report: Report, folder: Path) -> None:
 
 def _final_table(report: Report) -> Table:
     table = Table(
-        title=f"What each robot found out about the payload ({report.duration_s:.1f} s)",
+        title=f"What each robot found out about the payload ({report.duration_s:.1f} s, {report.estimator})",
         title_justify="left",
         box=None,
         padding=(0, 1, 0, 0),

@@ -17,9 +17,10 @@ from rich.text import Text
 
 from coheft.app.results.judge import RobotReport, why_stale
 from coheft.app.results.record import Record
-from coheft.app.results.states import State
+from coheft.app.results.states import ESTIMATORS, State
 from coheft.app.terminal.digits import value_and_std
 from coheft.app.terminal.wide_table import needed_width
+from coheft.wire.messages.requests import Status
 from coheft.wire.messages.structs import Estimate, Problem, Truth
 
 _LINE_EVERY = 5.0
@@ -38,6 +39,9 @@ _DIRECTION = re.compile(r" (along|about) \([^)]*\)")
 
 class Display(Protocol):
     """Shows a run while it goes on."""
+
+    def begin(self, status: Status) -> None:
+        """All links stand: what is run."""
 
     def note(self, text: str) -> None:
         """The run does not go on now, and why."""
@@ -77,6 +81,9 @@ class _NothingToClose:
 class QuietDisplay(_NothingToClose):
     """Shows nothing."""
 
+    def begin(self, status: Status) -> None:
+        """All links stand: what is run."""
+
     def note(self, text: str) -> None:
         """The run does not go on now, and why."""
 
@@ -99,6 +106,10 @@ class LineDisplay(_NothingToClose):
         self._since: dict[str, float] = {}
         self._told: dict[str, set[str]] = {}
         self._checked = 0.0
+
+    def begin(self, status: Status) -> None:
+        """Print what is run."""
+        self._print(_first_line(status))
 
     def note(self, text: str) -> None:
         """Print it, once."""
@@ -157,6 +168,10 @@ class LiveDisplay:
         self._live = Live(Text("waiting for the robots …"), console=console, auto_refresh=False, transient=True)
         self._drawn = 0.0
 
+    def begin(self, status: Status) -> None:
+        """Print what is run, above the table."""
+        self._console.print(_first_line(status), markup=False, highlight=False)
+
     def note(self, text: str) -> None:
         """Show it instead of the table."""
         self._live.update(Text(text), refresh=True)
@@ -179,6 +194,11 @@ class LiveDisplay:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._live.stop()
+
+
+def _first_line(status: Status) -> str:
+    robots = len(status.scene.robots)
+    return f"{status.scenario}: {robots} robots, estimator {ESTIMATORS.get(status.estimator, status.estimator)}"
 
 
 _Beliefs = dict[str, tuple[Estimate, RobotReport]]

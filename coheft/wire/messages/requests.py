@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
+from msgspec.structs import force_setattr
+
+from coheft.wire.former_names import keep_present, present
 from coheft.wire.messages.structs import LoadState, Message, Scene
 
 # --- to the server -----------------------------------------------------------------------------------------------
@@ -38,6 +41,9 @@ class EstimatorRequest(Message, frozen=True, tag="estimator"):
     """Let all robots forget what they know and begin anew with another estimator, at the next block."""
 
     estimator: str
+
+    def __post_init__(self) -> None:
+        keep_present(self)
 
 
 class PauseRequest(Message, frozen=True, tag="pause"):
@@ -89,6 +95,10 @@ class Status(Message, frozen=True):
     scene: Scene
     unsaved: str = ""
     failure: str = ""
+
+    def __post_init__(self) -> None:
+        keep_present(self)
+        force_setattr(self, "estimators", [present(name) for name in self.estimators])
 
 
 class Refusal(Message, frozen=True):

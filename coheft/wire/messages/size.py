@@ -52,11 +52,11 @@ def _of_rows(scenario: Scenario) -> int:
 
 def _of_consensus(scenario: Scenario) -> int:
     """Wrench, angular acceleration and whether both are measured, for each sample and round; and the samples [B]."""
-    per_sample = scenario.seed_method.rounds * 10 + KINEMATICS_SIZE
+    per_sample = scenario.fan2017.rounds * 10 + KINEMATICS_SIZE
     return _NUMBER * scenario.sensors.block * per_sample
 
 
-ARRAYS: dict[str, Callable[[Scenario], int]] = {"efficient": _of_rows, "seed": _of_consensus}
+ARRAYS: dict[str, Callable[[Scenario], int]] = {"efficient": _of_rows, "fan2017": _of_consensus}
 """By estimator that comes with coheft, what its arrays need [B]."""
 
 

@@ -7,6 +7,8 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
+from coheft.wire.former_names import keep_present
+
 PROTOCOL_VERSION = 5
 
 
@@ -56,6 +58,9 @@ class Measurements(Message, frozen=True):
     attempt: int = 0
     holding: bool = True
     estimator: str = ""
+
+    def __post_init__(self) -> None:
+        keep_present(self)
 
 
 class Reference(Message, frozen=True):
@@ -249,6 +254,9 @@ class Estimate(Message, frozen=True):
     silent: list[str] = []
     estimator: str = ""
     sensor_errors: list[SensorErrorEstimate] = []
+
+    def __post_init__(self) -> None:
+        keep_present(self)
 
     @property
     def is_converged(self) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 
 from coheft.errors import ScenarioError, one_line
 from coheft.estimation.measurement import SensorNoise
+from coheft.wire.former_names import present
 from coheft.wire.messages.size import LARGEST, largest_message
 from coheft.wire.scenario.arm_checks import check_arms
 from coheft.wire.scenario.errors import did_you_mean
@@ -196,10 +197,10 @@ def check_plugins(scenario: Scenario, origin: str) -> None:
                 f"{did_you_mean(name, there)} Your own must be installed first, see docs/own.md"
             )
     for name, table in scenario.settings.items():
-        if name in SECTIONS and name != scenario.motion.own:
+        if present(name) in SECTIONS and name != scenario.motion.own:
             raise ScenarioError(
                 f"{origin}: key 'settings.{name}': these tables are for estimators and motions of your own; settings "
-                f"of '{name}' go under [{SECTIONS[name]}]"
+                f"of '{name}' go under [{SECTIONS[present(name)]}]"
             )
         if not (is_available("estimator", name) or is_available("motion", name)):
             there = [*available("estimator"), *available("motion")]
@@ -252,8 +253,8 @@ def check_message_size(scenario: Scenario, origin: str) -> None:
     size = largest_message(scenario)
     if size <= LARGEST:
         return
-    is_seed = scenario.estimator == "seed"
-    other, found = ("seed_method.rounds", scenario.seed_method.rounds) if is_seed else ("robots", scenario.robot_count)
+    is_fan2017 = scenario.estimator == "fan2017"
+    other, found = ("fan2017.rounds", scenario.fan2017.rounds) if is_fan2017 else ("robots", scenario.robot_count)
     raise ScenarioError(
         f"{origin}: key 'sensors.block': found {scenario.sensors.block}, and '{other}' = {found}: messages between "
         f"neighbours would take up to {size / 1e6:.1f} MB; expected at most {LARGEST / 1e6:.1f} MB: make one of the "
@@ -271,7 +272,7 @@ def check_team_size(scenario: Scenario, origin: str) -> None:
         raise ScenarioError(
             f"{origin}: key 'robots': found {scenario.robot_count} with 'estimator' = 'efficient', expected at most "
             f"{_MOST_ROBOTS}: there each robot finds the poses of all; memory grows as N², fits as N³ "
-            f"(docs/wide.md). With 'seed' it finds those of its neighbours only"
+            f"(docs/wide.md). With 'fan2017' it finds those of its neighbours only"
         )
 
 

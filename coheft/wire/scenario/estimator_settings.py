@@ -10,8 +10,8 @@ from coheft.estimation.measurement import Positive
 from coheft.wire.scenario.section import Section
 
 
-class SeedSettings(Section, frozen=True):
-    """The seed paper's method (``coheft.agents.fan2017.estimator``).
+class Fan2017Settings(Section, frozen=True):
+    """The method of Fan et al., CDC 2017 (``coheft.agents.fan2017.estimator``).
 
     Attributes:
         memory: Time over which old samples are forgotten [s]; the forgetting factor per sample is

@@ -14,6 +14,7 @@ from pathlib import Path
 import msgspec
 
 from coheft.errors import ScenarioError
+from coheft.wire.former_names import rename_sections
 from coheft.wire.scenario.checks import check_changes_come, check_choices, check_scenario, check_settings_used
 from coheft.wire.scenario.errors import did_you_mean, explain
 from coheft.wire.scenario.payload_extent import check_places
@@ -84,6 +85,7 @@ def parse_scenario(text: str, origin: str, folder: Path = Path(), values: Sequen
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also for a number of too many digits, and for deep nesting
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
+    rename_sections(table, origin)
     set_values(table, values)
     try:
         scenario = msgspec.convert(table, Scenario)

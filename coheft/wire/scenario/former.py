@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from coheft.wire.former_names import rename_sections
+
 _NOT_NEEDED = ("start_rotation_deg", "start_translation_mm", "refit_share")
 """Keys of the default estimator before it was another one."""
 _DEVIATION = 3.0**-0.5
@@ -17,6 +19,7 @@ def as_now(scenario: dict[str, Any]) -> dict[str, Any]:
     them (``efficient.offsets``) tolerances. Robots that were told nothing have this release's tolerances.
     """
     result = dict(scenario)
+    rename_sections(result, "former scenario")
     if isinstance(efficient := scenario.get("efficient"), dict):
         kept = {key: value for key, value in efficient.items() if key not in _NOT_NEEDED}
         is_told = kept.pop("offsets", False)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 Kind = Literal["estimator", "motion"]
 GROUPS: dict[Kind, str] = {"estimator": "coheft.estimators", "motion": "coheft.motions"}
-SECTIONS = {"efficient": "efficient", "seed": "seed_method"}
+SECTIONS = {"efficient": "efficient", "fan2017": "fan2017"}
 """Estimators that come with coheft, and where scenarios have their settings; ``messages.size`` tells what they send."""
 BUILT_IN: dict[Kind, tuple[str, ...]] = {"estimator": tuple(SECTIONS), "motion": ()}
 """Names that are taken."""

@@ -9,9 +9,10 @@ from msgspec import Meta, field
 from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.measurement import Positive, SensorNoise
 from coheft.estimation.tolerance import INDUSTRIAL, SensorDrift, SensorTolerance
+from coheft.wire.former_names import keep_present
 from coheft.wire.scenario.carry import Carry
 from coheft.wire.scenario.encoders import EncoderErrors
-from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, SeedSettings
+from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
 from coheft.wire.scenario.payload import Payload
 from coheft.wire.scenario.section import Lengths, Name, NotNegative, Section, Seed, Vector, pose_of
 from coheft.wire.scenario.via_points import ViaPoints
@@ -188,8 +189,8 @@ class Scenario(Section, frozen=True):
         load_changes: What happens to the payload.
         duration: Length of the run [s].
         seed: Of the sensors' noise and errors and of the robots' choice of motion.
-        estimator: Which method the agents use: ``efficient``, ``seed``, or one of your own, see docs/own.md.
-        seed_method: Settings of the estimator ``seed``.
+        estimator: Which method the agents use: ``efficient``, ``fan2017``, or one of your own, see docs/own.md.
+        fan2017: Settings of the estimator ``fan2017``.
         efficient: Settings of the estimator ``efficient``.
         settings: Of the estimator and the motion of your own that are used, a table each, ``settings.NAME``.
         converged: When an estimate is good enough.
@@ -208,11 +209,14 @@ class Scenario(Section, frozen=True):
     duration: Annotated[float, Meta(gt=0, le=MAX_DURATION)] = 30.0
     seed: Seed = 1
     estimator: Name = "efficient"
-    seed_method: SeedSettings = SeedSettings()
+    fan2017: Fan2017Settings = Fan2017Settings()
     efficient: EfficientSettings = EfficientSettings()
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     converged: Converged = Converged()
     lookahead: Annotated[int, Meta(ge=1, le=64)] = 4
+
+    def __post_init__(self) -> None:
+        keep_present(self)
 
     @property
     def block_duration(self) -> float:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from coheft.errors import ScenarioError
+from coheft.wire.former_names import SECTIONS
 from coheft.wire.scenario.toml_value import as_toml
 
 _KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+|\[\d{1,9}\])*", re.ASCII)
@@ -45,7 +46,9 @@ def _parsed(value: str, text: str) -> object:
 
 
 def _put(table: dict[str, Any], key: str, value: object, text: str) -> None:
-    *path, last = [int(part[1:-1]) if part[0] == "[" else part for part in re.findall(r"\[\d+\]|[^.\[\]]+", key)]
+    first, *parts = re.findall(r"\[\d+\]|[^.\[\]]+", key)
+    parts = [SECTIONS.get(first, first), *parts]
+    *path, last = [int(part[1:-1]) if part[0] == "[" else part for part in parts]
     node: Any = table
     for depth, part in enumerate(path):
         node = _inner(node, part, f"--set {text}: key '{_joined(path[:depth])}'")

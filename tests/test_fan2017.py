@@ -1,4 +1,4 @@
-"""The seed method as a whole, in one process: how near to the truth it gets, on which graphs, and when it says no."""
+"""The method of Fan et al. as a whole, in one process: how near it gets, on which graphs, and when it says no."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import pytest
 from coheft.app.faults.run import FaultyRun
 from coheft.app.faults.schedule import FaultSchedule, Pause, Release
 from coheft.app.run.inprocess import run_in_process
+from coheft.estimation.tolerance import SensorTolerance
 from coheft.wire.messages.codec import encode
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import Graph, LoadChange, Scenario
@@ -16,15 +17,15 @@ from tests.in_process import Recording, assert_good, changed, run_with_faults
 CHANGE = 15.0
 
 
-def seed_method(name: str, **changes: object) -> Scenario:
-    return changed(name, estimator="seed", **changes)
+def fan2017(name: str, **changes: object) -> Scenario:
+    return changed(name, estimator="fan2017", **changes)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_six_robots_find_the_payload_and_find_it_again_after_a_load_change(seed: int) -> None:
     load = LoadChange(at=CHANGE, mass=3.0, position=(-0.3, 0.2, 0.08))
-    recording = run_with_faults(seed_method("ring6", seed=seed, duration=CHANGE + 10.0, load_changes=(load,)))
+    recording = run_with_faults(fan2017("ring6", seed=seed, duration=CHANGE + 10.0, load_changes=(load,)))
     assert_good(recording.judged(CHANGE))
     assert_good(recording.judged(CHANGE + 10.0))
     for estimate in recording.last().values():
@@ -33,6 +34,27 @@ def test_six_robots_find_the_payload_and_find_it_again_after_a_load_change(seed:
         (notice,) = estimate.load_changes
         assert abs(notice.changed_at - CHANGE) < 0.1
         assert CHANGE < notice.noticed_at < CHANGE + 1.0
+
+
+@pytest.mark.slow
+def test_the_paper_s_experiment() -> None:
+    """Section VII: poses in several seconds, mass properties in less than ten, and anew after the change."""
+    scenario = load_scenario("fan2017")
+    recording = run_with_faults(scenario)
+    weighing = [next(e.time for e in each if e.phase == "inertia") for each in recording.estimates.values()]
+    assert max(weighing) < 8.0
+    for moment in (max(weighing) + 10.0, scenario.load_changes[0].at + 10.0):
+        assert_good(recording.judged(moment), inertia_pct=10.0)
+        latest = [[e for e in each if e.time <= moment][-1] for each in recording.estimates.values()]
+        assert all(estimate.is_converged and estimate.estimator == "fan2017" for estimate in latest)
+
+
+def test_the_paper_s_experiment_is_what_section_vii_says() -> None:
+    scenario = load_scenario("fan2017")
+    assert (scenario.estimator, scenario.graph.kind, scenario.robot_count) == ("fan2017", "ring", 6)
+    assert len({getattr(scenario.noise, sensor) for sensor in scenario.noise.__struct_fields__}) == 1
+    assert scenario.sensors.tolerance == SensorTolerance()
+    assert len(scenario.load_changes) == 1
 
 
 @pytest.mark.slow
@@ -49,7 +71,7 @@ def test_six_robots_find_the_payload_and_find_it_again_after_a_load_change(seed:
 )
 def test_other_graphs(name: str, graph: Graph) -> None:
     duration = 16.0
-    recording = run_with_faults(seed_method(name, graph=graph, duration=duration, load_changes=()))
+    recording = run_with_faults(fan2017(name, graph=graph, duration=duration, load_changes=()))
     assert_good(recording.judged(duration))
     for estimate in recording.last().values():
         assert estimate.converged
@@ -59,14 +81,14 @@ def test_other_graphs(name: str, graph: Graph) -> None:
 def test_two_robots() -> None:
     line4 = load_scenario("line4")
     robots = type(line4.robots)(grasps=line4.robots.grasps[::3])
-    recording = run_with_faults(seed_method("line4", robots=robots, duration=16.0, load_changes=()))
+    recording = run_with_faults(fan2017("line4", robots=robots, duration=16.0, load_changes=()))
     assert_good(recording.judged(16.0))
     assert all(estimate.converged and estimate.members == 2 for estimate in recording.last().values())
 
 
 @pytest.mark.slow
 def test_a_robot_that_lets_go_leaves_the_team_and_comes_back_with_its_pose_unknown() -> None:
-    scenario = seed_method("ring3", duration=24.0, load_changes=())
+    scenario = fan2017("ring3", duration=24.0, load_changes=())
     release = Release(start=10.0, end=12.0, robot="r2", notice=2)
     run = FaultyRun(FaultSchedule(seed=1, scenario=scenario, faults=(release,)))
     recording = Recording(run.scene, [], {name: [] for name in run.graph})
@@ -86,7 +108,7 @@ def test_a_robot_that_lets_go_leaves_the_team_and_comes_back_with_its_pose_unkno
 
 
 def test_total_wrench_is_everybodys_sum() -> None:
-    recording = run_with_faults(seed_method("ring3", duration=8.0, load_changes=()))
+    recording = run_with_faults(fan2017("ring3", duration=8.0, load_changes=()))
     truths = {truth.block: truth.total_wrench for truth in recording.truths}
     for name, rotation, translation in zip(
         recording.scene.robots, recording.scene.rotations, recording.scene.translations, strict=True
@@ -100,7 +122,7 @@ def test_total_wrench_is_everybodys_sum() -> None:
 
 
 def test_after_a_missed_block_no_sum_is_used_that_mixes_two() -> None:
-    scenario = seed_method("ring3", duration=12.0, load_changes=())
+    scenario = fan2017("ring3", duration=12.0, load_changes=())
     length, missed = scenario.block_duration, 400
     pause = Pause(start=(missed - 0.5) * length, end=(missed + 0.5) * length, robot="r2")
     totals = {}
@@ -114,7 +136,7 @@ def test_after_a_missed_block_no_sum_is_used_that_mixes_two() -> None:
 
 
 def test_too_little_motion_ends_with_not_observable_and_no_numbers() -> None:
-    recording = run_with_faults(seed_method("quiet", duration=10.0))
+    recording = run_with_faults(fan2017("quiet", duration=10.0))
     for estimates in recording.estimates.values():
         for estimate in estimates:
             assert estimate.payload is None
@@ -125,7 +147,7 @@ def test_too_little_motion_ends_with_not_observable_and_no_numbers() -> None:
 
 
 def test_one_scenario_and_seed_give_the_same_estimates_bit_for_bit() -> None:
-    scenario = seed_method("ring3", duration=6.0)
+    scenario = fan2017("ring3", duration=6.0)
     runs = [
         [encode(estimate, "key") for record in run_in_process(scenario) for estimate in record.estimates.values()]
         for _ in range(2)
