@@ -247,7 +247,7 @@ def test_what_could_not_be_noticed_or_recovered_is_not_held_against_the_robots()
         for run in ((truths, estimates), (truths, unknowing), (again, estimates))
     )
     assert [text.partition("kg. ")[2] for text in missed] == ["Not all noticed. Not all recovered."]
-    nothing = "Nobody knew the load yet: nothing to notice."
+    nothing = "No robot knew the load yet: nothing to notice."
     assert [text.partition("kg. ")[2] for text in unknown] == [f"{nothing} Not all recovered."]
     assert [text.partition("kg. ")[2] for text in twice] == [
         "Not all noticed. The load changed again before all had recovered.",

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from coheft.estimation import bounds
-from coheft.estimation.bounds import JointInformation
+from coheft.estimation.bounds import JointBound, JointInformation
 from coheft.estimation.geometry.body_motion import (
     grasp_derivatives,
     grasp_measurements,
@@ -162,6 +162,24 @@ TOLERANCES = [
 ]
 
 
+def assert_bound_is_inverse(
+    bound: JointBound, problem: FullProblem, jacobian: Array, columns: list[Array], deviations: list[float]
+) -> None:
+    """Of the problem with these columns more, which are unknowns with these prior deviations."""
+    extended = np.block(
+        [
+            [jacobian, np.array(columns).T],
+            [np.zeros((len(columns), problem.size)), np.diag(1.0 / np.array(deviations))],
+        ]
+    )
+    full = np.linalg.inv(np.linalg.qr(extended, mode="r"))
+    expected = (full @ full.T)[: problem.parameters, : problem.parameters]
+    scale = 1.0 / np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        bound.covariance[6:, 6:] * np.outer(scale, scale), expected * np.outer(scale, scale), atol=3e-4
+    )
+
+
 @pytest.mark.parametrize("tolerance", TOLERANCES, ids=["kinematics", "wrenches", "some", "proportional"])
 def test_errors_of_sensors_are_unknowns_with_a_prior(
     small: tuple[Team, FullProblem, Array], tolerance: SensorTolerance
@@ -178,18 +196,7 @@ def test_errors_of_sensors_are_unknowns_with_a_prior(
             error[:, robot, place] = 1.0 if matrix is None else own @ matrix.T
             columns.append((error / team.noise.per_column()).ravel())
             deviations.append(deviation)
-    extended = np.block(
-        [
-            [jacobian, np.array(columns).T],
-            [np.zeros((len(columns), problem.size)), np.diag(1.0 / np.array(deviations))],
-        ]
-    )
-    full = np.linalg.inv(np.linalg.qr(extended, mode="r"))
-    expected = (full @ full.T)[: problem.parameters, : problem.parameters]
-    scale = 1.0 / np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(
-        bound.covariance[6:, 6:] * np.outer(scale, scale), expected * np.outer(scale, scale), atol=1e-4
-    )
+    assert_bound_is_inverse(bound, problem, jacobian, columns, deviations)
 
 
 def test_places_and_delays_of_sensors_are_unknowns_with_a_prior(small: tuple[Team, FullProblem, Array]) -> None:
@@ -221,18 +228,7 @@ def test_places_and_delays_of_sensors_are_unknowns_with_a_prior(small: tuple[Tea
         effect(np.hstack([-later / h, -wrench_rates[:, robot]]))
         effect(late_wrench)
         deviations += [told.clock, told.wrench_delay]
-    extended = np.block(
-        [
-            [jacobian, np.array(columns).T],
-            [np.zeros((len(columns), problem.size)), np.diag(1.0 / np.array(deviations))],
-        ]
-    )
-    full = np.linalg.inv(np.linalg.qr(extended, mode="r"))
-    expected = (full @ full.T)[: problem.parameters, : problem.parameters]
-    scale = 1.0 / np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(
-        bound.covariance[6:, 6:] * np.outer(scale, scale), expected * np.outer(scale, scale), atol=3e-4
-    )
+    assert_bound_is_inverse(bound, problem, jacobian, columns, deviations)
 
 
 def test_delays_without_rates_are_refused(small: tuple[Team, FullProblem, Array]) -> None:

@@ -139,7 +139,7 @@ def _load_change_sentence(change: LoadChangeReport, *, is_last: bool) -> str:
 
     noticed = told("The last robot", "noticed", change.detected_at_s)
     if change.detected_at_s is None and all(robot.mass.estimate is None for robot in change.before_change.values()):
-        noticed = "Nobody knew the load yet: nothing to notice"
+        noticed = "No robot knew the load yet: nothing to notice"
     recovered = told("All", "recovered", change.recovered_at_s)
     if change.recovered_at_s is None and not is_last:
         recovered = "The load changed again before all had recovered"

@@ -86,7 +86,7 @@ class Door:
         return f"/{path}"
 
     def _is_ours(self, host: str, address: str, port: int) -> bool:
-        """Whether a ``Host`` is this view: a name that nobody else can give it, or the address that was dialled."""
+        """Whether a ``Host`` is this view: a name that no one else can give it, or the address that was dialled."""
         names = {bracketed(name.lower()) for name in (*self._names, address)}
         return host.lower() in {f"{name}:{port}" for name in names} | (names if port == 80 else set())
 
