@@ -18,7 +18,7 @@ help: ## Say what can be made
 setup: $(INSTALLED) ## Install everything into .venv
 
 demo: $(RUNTIME) ## Six robots find out what they are holding
-	$(BIN)/coheft run ring6
+	$(BIN)/coheft run real6
 
 test: setup ## Run the tests that a contributor runs, on all cores: some minutes
 	$(PYTEST) -m "not slow"
