@@ -21,10 +21,8 @@ other.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -35,15 +33,15 @@ from coheft.estimation.geometry.body_motion import (
     MOTION_SIZE,
     centripetal_derivative,
     grasp_derivatives,
-    grasp_measurements,
     relative_pose_derivative,
 )
 from coheft.estimation.geometry.spatial import Array, Pose, skew
-from coheft.estimation.measurement import ACCELERATION, GYRO, KINEMATICS, VELOCITY, WRENCH, SensorNoise
+from coheft.estimation.measurement import KINEMATICS, WRENCH, SensorNoise
 from coheft.estimation.rigid_body.derivatives import barycentric_derivative, seen_inertia_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia, inertia_operator, unpack_symmetric
 from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
-from coheft.estimation.tolerance import Proportional, SensorTolerance
+from coheft.estimation.sensor_effects import Readings, SensorError, sensor_errors
+from coheft.estimation.tolerance import SensorTolerance
 
 _CHUNK = 256
 _NO_PRIOR = 1e-6
@@ -139,12 +137,12 @@ class JointInformation:
                     "what delays do depends on how fast motion and wrenches change: expected rates, found None"
                 )
             rates = np.zeros_like(motion), np.zeros_like(wrenches)
-        errors = _errors(len(poses), tolerance)
+        errors = sensor_errors(len(poses), tolerance)
         all_sensors, kinematics = np.zeros((2, *(6 * len(poses) + len(errors) + INERTIA_SIZE,) * 2))
         for start in range(0, len(motion), _CHUNK):
             rows = slice(start, start + _CHUNK)
             readings = [
-                _Readings.at(pose, *(each[rows] for each in (motion, wrenches[:, i], rates[0], rates[1][:, i])))
+                Readings.at(pose, *(each[rows] for each in (motion, wrenches[:, i], rates[0], rates[1][:, i])))
                 for i, pose in enumerate(poses)
             ]
             chunk = _information_of_chunk(poses, inertia_in_reference, motion[rows], readings, noise, errors)
@@ -208,83 +206,13 @@ class JointInformation:
         return JointBound(self.poses, self.inertia, result)
 
 
-class _Readings(NamedTuple):
-    """What the exact sensors of one robot read, shape (n, 15), how fast that changes, and ``alpha`` there, (n, 3)."""
-
-    exact: Array
-    rates: Array
-    alpha: Array
-
-    @staticmethod
-    def at(pose: Pose, motion: Array, wrenches: Array, motion_rates: Array, wrench_rates: Array) -> _Readings:
-        kinematics = grasp_measurements(pose, motion)
-        rates = (grasp_derivatives(pose, motion)[1] @ motion_rates[..., None])[..., 0]
-        alpha = motion[:, BODY_ALPHA] @ pose.rotation
-        return _Readings(np.hstack([kinematics, wrenches]), np.hstack([rates, wrench_rates]), alpha)
-
-
-class _Error(NamedTuple):
-    """One unknown constant error of a robot's sensors, and what a unit of it adds to what they read, shape (n, 15)."""
-
-    robot: int
-    deviation: float
-    is_of_wrench: bool
-    effect: Callable[[_Readings], Array]
-
-
-def _errors(count: int, tolerance: SensorTolerance) -> list[_Error]:
-    """All that may be there, those of kinematics first."""
-    kinds: list[tuple[float, bool, Callable[[_Readings], Array]]] = []
-    for column, deviation in enumerate(tolerance.offsets()):
-        kinds.append((deviation, column >= WRENCH.start, partial(_offset, column)))
-    for each in tolerance.proportional():
-        kinds.append((each.deviation, each.columns.start >= WRENCH.start, partial(_proportional, each)))
-    for axis in np.eye(3):
-        kinds.append((tolerance.velocity_place, False, partial(_velocity_elsewhere, axis)))
-        kinds.append((tolerance.acceleration_place, False, partial(_acceleration_elsewhere, axis)))
-    kinds.append((tolerance.clock, False, partial(_late, slice(None))))
-    kinds.append((tolerance.wrench_delay, True, partial(_late, WRENCH)))
-    errors = [_Error(i, *kind) for i in range(count) for kind in kinds if kind[0] > 0.0]
-    return sorted(errors, key=lambda error: error.is_of_wrench)
-
-
-def _offset(column: int, readings: _Readings) -> Array:
-    result = np.zeros_like(readings.exact)
-    result[:, column] = 1.0
-    return result
-
-
-def _proportional(error: Proportional, readings: _Readings) -> Array:
-    result = np.zeros_like(readings.exact)
-    result[:, error.columns] = readings.exact[:, error.columns] @ error.matrix.T
-    return result
-
-
-def _velocity_elsewhere(place: Array, readings: _Readings) -> Array:
-    result = np.zeros_like(readings.exact)
-    result[:, VELOCITY] = np.cross(readings.exact[:, GYRO], place)
-    return result
-
-
-def _acceleration_elsewhere(place: Array, readings: _Readings) -> Array:
-    w, result = readings.exact[:, GYRO], np.zeros_like(readings.exact)
-    result[:, ACCELERATION] = np.cross(readings.alpha, place) + np.cross(w, np.cross(w, place))
-    return result
-
-
-def _late(columns: slice, readings: _Readings) -> Array:
-    result = np.zeros_like(readings.exact)
-    result[:, columns] = -readings.rates[:, columns]
-    return result
-
-
 def _information_of_chunk(
     poses: tuple[Pose, ...],
     inertia: Inertia,
     motion: Array,
-    readings: Sequence[_Readings],
+    readings: Sequence[Readings],
     noise: SensorNoise,
-    errors: Sequence[_Error],
+    errors: Sequence[SensorError],
 ) -> tuple[Array, Array]:
     """From all sensors and from kinematics alone, of few samples: all Jacobians, whitened, at once."""
     n, count = len(motion), len(poses)

@@ -1,0 +1,88 @@
+"""What constant errors of sensors add to what exact ones read, one by one, for the bound.
+
+Worked out sample by sample, not from the generators of the estimator: each is a check on the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from coheft.estimation.geometry.body_motion import BODY_ALPHA, grasp_derivatives, grasp_measurements
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.measurement import ACCELERATION, GYRO, VELOCITY, WRENCH
+from coheft.estimation.tolerance import Proportional, SensorTolerance
+
+
+class Readings(NamedTuple):
+    """What the exact sensors of one robot read, shape (n, 15), how fast that changes, and ``alpha`` there, (n, 3)."""
+
+    exact: Array
+    rates: Array
+    alpha: Array
+
+    @staticmethod
+    def at(pose: Pose, motion: Array, wrenches: Array, motion_rates: Array, wrench_rates: Array) -> Readings:
+        """Of a robot with this pose in the body frame; shapes as of ``JointInformation.of``, wrenches of this robot."""
+        kinematics = grasp_measurements(pose, motion)
+        rates = (grasp_derivatives(pose, motion)[1] @ motion_rates[..., None])[..., 0]
+        alpha = motion[:, BODY_ALPHA] @ pose.rotation
+        return Readings(np.hstack([kinematics, wrenches]), np.hstack([rates, wrench_rates]), alpha)
+
+
+class SensorError(NamedTuple):
+    """One unknown constant error of a robot's sensors, and what a unit of it adds to what they read, shape (n, 15)."""
+
+    robot: int
+    deviation: float
+    is_of_wrench: bool
+    effect: Callable[[Readings], Array]
+
+
+def sensor_errors(count: int, tolerance: SensorTolerance) -> list[SensorError]:
+    """All that may be there, those of kinematics first."""
+    kinds: list[tuple[float, bool, Callable[[Readings], Array]]] = []
+    for column, deviation in enumerate(tolerance.offsets()):
+        kinds.append((deviation, column >= WRENCH.start, partial(_offset, column)))
+    for each in tolerance.proportional():
+        kinds.append((each.deviation, each.columns.start >= WRENCH.start, partial(_proportional, each)))
+    for axis in np.eye(3):
+        kinds.append((tolerance.velocity_place, False, partial(_velocity_elsewhere, axis)))
+        kinds.append((tolerance.acceleration_place, False, partial(_acceleration_elsewhere, axis)))
+    kinds.append((tolerance.clock, False, partial(_late, slice(None))))
+    kinds.append((tolerance.wrench_delay, True, partial(_late, WRENCH)))
+    errors = [SensorError(i, *kind) for i in range(count) for kind in kinds if kind[0] > 0.0]
+    return sorted(errors, key=lambda error: error.is_of_wrench)
+
+
+def _offset(column: int, readings: Readings) -> Array:
+    result = np.zeros_like(readings.exact)
+    result[:, column] = 1.0
+    return result
+
+
+def _proportional(error: Proportional, readings: Readings) -> Array:
+    result = np.zeros_like(readings.exact)
+    result[:, error.columns] = readings.exact[:, error.columns] @ error.matrix.T
+    return result
+
+
+def _velocity_elsewhere(place: Array, readings: Readings) -> Array:
+    result = np.zeros_like(readings.exact)
+    result[:, VELOCITY] = np.cross(readings.exact[:, GYRO], place)
+    return result
+
+
+def _acceleration_elsewhere(place: Array, readings: Readings) -> Array:
+    w, result = readings.exact[:, GYRO], np.zeros_like(readings.exact)
+    result[:, ACCELERATION] = np.cross(readings.alpha, place) + np.cross(w, np.cross(w, place))
+    return result
+
+
+def _late(columns: slice, readings: Readings) -> Array:
+    result = np.zeros_like(readings.exact)
+    result[:, columns] = -readings.rates[:, columns]
+    return result
