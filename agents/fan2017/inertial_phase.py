@@ -70,6 +70,7 @@ class InertialPhase:
         # Before the first estimate h is at the own grasp, so that the consensus on h is the centre of the grasps.
         self._start = np.array([1.0 / self._settings.initial_mass, 1.0] + [0.0] * 9)
         self._agreed = self._start
+        self._is_known = np.isin(_parameters(np.arange(10.0)), list(_known(config.known)))
         self._filter: JointRls | None = None
         self._surprised = 0
         self._quiet_until = np.inf
@@ -128,7 +129,9 @@ class InertialPhase:
         if self._filter is None or self._agreed[0] <= 0.0 or self._filter.theta[9] <= 0.0:
             return None
         own = _payload_parameters(_parameters(self._filter.theta))
-        agreed = _payload_parameters(self._agreed) if self._settings.share_estimates else own
+        # What is known beforehand needs no agreement, in which frozen poses would make it wrong.
+        shared = np.where(self._is_known, _parameters(self._filter.theta), self._agreed)
+        agreed = _payload_parameters(shared) if self._settings.share_estimates else own
         order = [9, 6, 7, 8, 0, 1, 2, 3, 4, 5]  # (J, h, 1/m) to (m, h, J)
         covariance = self._filter.covariance[np.ix_(order, order)]
         covariance[0] *= -(agreed[0] ** 2)
