@@ -149,6 +149,11 @@ def metropolis_weight(degree_i: int, degree_j: int) -> float:
     return 1.0 / (1.0 + max(degree_i, degree_j))
 
 
+def uniform_weight(neighbours: Neighbours) -> float:
+    """One weight for all edges, such that consensus converges: the step of ``x_i' = sum_j (x_j - x_i)``."""
+    return 1.0 / (1.0 + max(map(len, neighbours.values())))
+
+
 def metropolis_matrix(neighbours: Neighbours) -> Array:
     """One round of consensus with Metropolis weights as a matrix, shape (N, N), in the order of the mapping."""
     index = {name: i for i, name in enumerate(neighbours)}

@@ -246,7 +246,7 @@ def _draw_consensus(found: Run) -> None:
 
 
 def _apart(found: Run, poses: Callable[[str, str], Pose]) -> Array:
-    """Neighbours' total wrenches, carried with poses, less the own ones, (edges, blocks, 6); nan if there are none."""
+    """Neighbours' total wrenches, carried, less the own ones, (edges, blocks, 6); nan where there are none."""
     totals = {
         name: np.array(
             [b[name].total_wrench if b[name].total_block >= 0 else np.full(6, np.nan) for b in found.beliefs]

@@ -20,9 +20,10 @@ from coheft.consensus.graph import (
     laplacian,
     metropolis_matrix,
     metropolis_weight,
+    uniform_weight,
 )
 from coheft.wire.messages.size import PER_MESSAGE
-from coheft.wire.scenario.schema import Graph
+from coheft.wire.scenario.schema import Graph, GraphKind
 
 Kind = Literal["ring", "line", "star", "grid", "tree", "complete", "random"]
 KINDS: tuple[Kind, ...] = get_type_hints(Graph)["kind"].__args__
@@ -106,6 +107,13 @@ def test_metropolis_matrix_is_doubly_stochastic_and_converges(graph: Neighbours)
 
 def test_metropolis_weight_is_the_same_at_both_ends() -> None:
     assert metropolis_weight(2, 5) == metropolis_weight(5, 2) == pytest.approx(1.0 / 6.0)
+
+
+@pytest.mark.parametrize("kind", ["ring", "star", "line", "complete"])
+def test_one_weight_for_all_edges_converges(kind: GraphKind) -> None:
+    graph = build_graph(Graph(kind=kind), names(7))
+    others = np.linalg.eigvalsh(np.eye(7) - uniform_weight(graph) * laplacian(graph) - 1.0 / 7.0)
+    assert np.abs(others).max() < 1.0 - 1e-2
 
 
 @pytest.mark.parametrize("count", [0, 1])

@@ -13,7 +13,7 @@ import numpy as np
 from coheft.agents.estimator import Channels
 from coheft.agents.fan2017.load_changes import LoadChanges
 from coheft.consensus.dynamic import DynamicConsensus
-from coheft.consensus.graph import Neighbours, metropolis_weight
+from coheft.consensus.graph import Neighbours, metropolis_weight, uniform_weight
 from coheft.consensus.pipeline import NeighbourStages
 from coheft.estimation.fan2017.angular_acceleration import AngularAcceleration, gyro_derivative
 from coheft.estimation.fan2017.joint_rls import JointRls
@@ -21,16 +21,13 @@ from coheft.estimation.geometry.spatial import Array, Pose, skew
 from coheft.estimation.rigid_body.consistency import is_possible, nearest_possible
 from coheft.estimation.rigid_body.derivatives import barycentric_derivative
 from coheft.estimation.rigid_body.mass_properties import Inertia, packed_rotation, unpack_symmetric
-from coheft.wire.config import AgentConfig
+from coheft.wire.config import AgentConfig, KnownPayload
 from coheft.wire.messages.structs import PayloadEstimate
 
 _SAMPLE_CHANNELS = 10
 """Per sample: total force and torque, angular acceleration, and 1 where these were measured or 0 where made up."""
 _PARAMETER_CHANNELS = 11
 """Per block: 1/m, the constant 1 that makes points linear, h, J."""
-_START = np.array([1.0, 1.0] + [0.0] * 9)
-"""Before the first estimate: 1 kg, and h at the own grasp, so that the consensus on h is the centre of the grasps."""
-
 _SURPRISE = 9.0
 """A block is surprising when the mean square of its normalised residuals is so many times the usual one."""
 _SURPRISED_BLOCKS = 2
@@ -59,15 +56,21 @@ class InertialPhase:
         self, config: AgentConfig, graph: Neighbours, poses_j_in_i: Mapping[str, Pose], load_changes: LoadChanges
     ) -> None:
         self._config = config
-        self._rounds = config.fan2017.rounds
+        self._settings = config.fan2017
+        self._rounds = self._settings.rounds
         self._poses = dict(sorted(poses_j_in_i.items()))
         self._members = len(graph)
-        degree = len(graph[config.name])
-        self._gains = {name: metropolis_weight(degree, len(graph[name])) for name in self._poses}
+        self._gains = {name: self._gain(graph, name) for name in self._poses}
         self._transports = {name: _transports(pose) for name, pose in self._poses.items()}
-        self._acceleration = AngularAcceleration(list(self._poses.values()), config.noise, config.rate)
+        self._acceleration = AngularAcceleration(
+            list(self._poses.values()), config.noise, config.rate, self._settings.acceleration == "accelerometers"
+        )
+        self._own_acceleration: dict[int, Array] = {}
         self._inputs = np.zeros((config.block, _SAMPLE_CHANNELS))
-        self._agreed = _START
+        # Before the first estimate h is at the own grasp, so that the consensus on h is the centre of the grasps.
+        self._start = np.array([1.0 / self._settings.initial_mass, 1.0] + [0.0] * 9)
+        self._agreed = self._start
+        self._is_known = np.isin(_parameters(np.arange(10.0)), list(_known(config.known)))
         self._filter: JointRls | None = None
         self._surprised = 0
         self._quiet_until = np.inf
@@ -96,11 +99,13 @@ class InertialPhase:
             self._parameters.pipeline.clear()
         self._next = index + 1
         self._inputs = self._inputs_of(index - 1, blocks, heard)
+        self._own_acceleration = {k: each for k, each in self._own_acceleration.items() if k in blocks}
+        self._own_acceleration[index - 1] = self._inputs[:, 6:9]
         finished = self._sums.step(self._inputs, self._stages(inbox, "sums", 0, self._rounds))
         leaving = index - 1 - self._rounds
         if finished is not None and leaving in blocks and self._is_measured(finished):
             self._take_in(leaving, index, blocks[leaving], finished)
-        own = _START if self._filter is None else _parameters(self._filter.theta)
+        own = self._start if self._filter is None else _parameters(self._filter.theta)
         agreed = self._parameters.step(own[None], self._stages(inbox, "parameters", 1, 1))
         if agreed is not None:
             self._agreed = agreed[0]
@@ -123,7 +128,10 @@ class InertialPhase:
         """
         if self._filter is None or self._agreed[0] <= 0.0 or self._filter.theta[9] <= 0.0:
             return None
-        agreed, own = (_payload_parameters(values) for values in (self._agreed, _parameters(self._filter.theta)))
+        own = _payload_parameters(_parameters(self._filter.theta))
+        # What is known beforehand needs no agreement, in which frozen poses would make it wrong.
+        shared = np.where(self._is_known, _parameters(self._filter.theta), self._agreed)
+        agreed = _payload_parameters(shared) if self._settings.share_estimates else own
         order = [9, 6, 7, 8, 0, 1, 2, 3, 4, 5]  # (J, h, 1/m) to (m, h, J)
         covariance = self._filter.covariance[np.ix_(order, order)]
         covariance[0] *= -(agreed[0] ** 2)
@@ -187,16 +195,18 @@ class InertialPhase:
         self.newest = leaving
         self.total_wrench = total[-1]
         if self._filter is None:
-            self._filter = self._new_filter(centre=self._agreed[2:5])
+            centre = self._agreed[2:5] if self._settings.initial_com == "centre" else np.zeros(3)
+            self._filter = self._new_filter(centre)
             self._quiet_until = self._config.start_of(index) + _SETTLED
-        self._filter.update(samples[:, :3], samples[:, 6:9], average[:, 6:9], total[:, :3], total[:, 3:])
+        alpha = average[:, 6:9] if self._settings.share_acceleration else self._own_acceleration[leaving]
+        self._filter.update(samples[:, :3], samples[:, 6:9], alpha, total[:, :3], total[:, 3:])
         self._watch_for_change(leaving, index, self._filter.surprise)
 
     def _watch_for_change(self, leaving: int, index: int, surprise: float) -> None:
         self._surprised = self._surprised + 1 if surprise > _SURPRISE else 0
         if self._surprised >= _SURPRISED_BLOCKS and self._config.start_of(index) > self._quiet_until:
             self._load_changes.notice(leaving + 1 - self._surprised, index, within=0)
-            self._quiet_until = self._config.start_of(index) + self._config.fan2017.memory + _SETTLED
+            self._quiet_until = self._config.start_of(index) + self._settings.memory + _SETTLED
 
     def _new_filter(self, centre: Array) -> JointRls:
         """The joint filter; lever arms and accelerations that it cannot know are taken to be like its neighbours'."""
@@ -207,10 +217,26 @@ class InertialPhase:
             wrench_covariance[3:, 3:] += n / len(self._poses) * noise.force**2 * arm @ arm.T
         motion_covariance = np.zeros((6, 6))
         motion_covariance[:3, :3] = noise.acceleration**2 * np.eye(3)
-        shared = min(1.0, (len(self._poses) + 1) / n)  # each accelerometer serves its owner and its neighbours
+        shared = 1.0
+        if self._settings.share_acceleration:
+            sensors = len(self._poses) + 1 if self._settings.acceleration == "accelerometers" else 1
+            shared = min(1.0, sensors / n)  # each accelerometer serves its owner and its neighbours
         motion_covariance[3:, 3:] = shared * self._acceleration.covariance
-        forgetting = 1.0 - 1.0 / (self._config.fan2017.memory * self._config.rate)
-        return JointRls(centre, wrench_covariance, motion_covariance, forgetting)
+        return JointRls(
+            centre,
+            wrench_covariance,
+            motion_covariance,
+            forgetting=1.0 - 1.0 / (self._settings.memory * self._config.rate),
+            mass=self._settings.initial_mass,
+            known=_known(self._config.known),
+            is_weighted_by_state=self._settings.equation_weights == "proposition-2",
+        )
+
+    def _gain(self, graph: Neighbours, name: str) -> float:
+        """Weight of the edge to a neighbour, the same at both ends."""
+        if self._settings.consensus_weights == "uniform":
+            return uniform_weight(graph)
+        return metropolis_weight(len(graph[self._config.name]), len(graph[name]))
 
 
 def _transports(pose_j_in_i: Pose) -> tuple[Array, Array]:
@@ -224,6 +250,12 @@ def _transports(pose_j_in_i: Pose) -> tuple[Array, Array]:
     parameters[2:5, 2:5] = rotation
     parameters[5:, 5:] = packed_rotation(rotation)
     return samples, parameters
+
+
+def _known(told: KnownPayload) -> dict[int, float]:
+    """What the robot is told of theta ``(J, h, 1/m)``, by index."""
+    known = dict(enumerate(told.inertia or ())) | dict(enumerate(told.com or (), start=6))
+    return known if told.mass is None else known | {9: 1.0 / told.mass}
 
 
 def _parameters(theta: Array) -> Array:

@@ -7,12 +7,14 @@ from typing import Any, Literal
 import msgspec
 
 from coheft.estimation.measurement import SensorNoise
+from coheft.estimation.rigid_body.mass_properties import pack_symmetric
 from coheft.estimation.tolerance import SensorDrift, SensorTolerance
 from coheft.wire.former_names import keep_present
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.process.log import LogLevel
 from coheft.wire.scenario.carry import Carry
 from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
+from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.schema import Motion, Scenario
 from coheft.wire.scenario.waves import Waves, draw_waves
 from coheft.wire.transport.security import Credentials
@@ -23,6 +25,20 @@ class Neighbour(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: str
     endpoint: str | None
+
+
+class KnownPayload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a robot is told of the payload beforehand, in its own grasp frame ``F_i``; None: it is not told.
+
+    Attributes:
+        mass: [kg].
+        com: Centre of mass [m].
+        inertia: At the centre of mass, (xx, yy, zz, xy, xz, yz) [kg·m²].
+    """
+
+    mass: float | None = None
+    com: tuple[float, float, float] | None = None
+    inertia: tuple[float, float, float, float, float, float] | None = None
 
 
 class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -48,6 +64,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         motion_settings: Of a motion of the user's own.
         converged: When its estimate is good enough.
         carry: Where to carry the load with the others, None: nowhere.
+        known: What it is told of the payload, for the estimator ``fan2017``.
     """
 
     name: str
@@ -69,6 +86,7 @@ class AgentConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     motion_settings: dict[str, Any]
     converged: Converged
     carry: Carry | None = None
+    known: KnownPayload = KnownPayload()
 
     def __post_init__(self) -> None:
         keep_present(self)
@@ -172,4 +190,16 @@ def agent_config(scenario: Scenario, name: str, neighbours: tuple[str, ...]) -> 
         motion_settings=scenario.settings.get(scenario.motion.own or "", {}),
         converged=scenario.converged,
         carry=scenario.carry,
+        known=_known(scenario, name),
     )
+
+
+def _known(scenario: Scenario, name: str) -> KnownPayload:
+    """What ``fan2017.known`` says that robots are told, as one of them sees it."""
+    parts = scenario.fan2017.known
+    if not parts:
+        return KnownPayload()
+    grasp = place_grasps(scenario)[scenario.robot_names.index(name)]
+    seen = scenario.payload.inertia().carried(grasp.inverse())
+    told = {"mass": seen.mass, "com": seen.com.tolist(), "inertia": pack_symmetric(seen.tensor).tolist()}
+    return msgspec.convert({part: told[part] for part in parts}, KnownPayload)

@@ -36,6 +36,16 @@ def test_exact_data_give_the_exact_acceleration(count: int, seed: int) -> None:
     np.testing.assert_allclose(found, alpha, atol=1e-9)
 
 
+def test_without_accelerometers_it_is_the_gyro_s_derivative() -> None:
+    team = make_team(1, count=3, duration=1.0)
+    estimator = AngularAcceleration(team.poses[1:], NOISE, RATE, with_accelerometers=False)
+    others = [team.exact[:, i, ACCELERATION] for i in range(1, 3)]
+    derivative = team.motion[:, 9:] + 0.1
+    found = estimator.estimate(derivative, team.exact[:, 0, GYRO], team.exact[:, 0, ACCELERATION], others)
+    np.testing.assert_allclose(found, derivative, atol=1e-12)
+    np.testing.assert_allclose(estimator.covariance, (NOISE.gyro * RATE) ** 2 / 2.0 * np.eye(3))
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_one_neighbour_leaves_one_direction_to_the_gyro(seed: int) -> None:
     team = make_team(seed, count=2, duration=1.0)

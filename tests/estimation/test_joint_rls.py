@@ -82,6 +82,36 @@ def test_blocks_are_the_recursion_sample_by_sample(forgetting: float) -> None:
     np.testing.assert_allclose(by_block.theta, by_sample.theta, atol=1e-9)
 
 
+PARTS = {"inertia": range(6), "com": range(6, 9), "mass": range(9, 10)}
+
+
+@pytest.mark.parametrize("parts", [["com"], ["inertia"], ["mass"], ["com", "inertia"], ["com", "mass"]])
+def test_what_is_known_beforehand_moves_to_the_right_hand_side(parts: list[str]) -> None:
+    """Eqs (25) to (27): least squares for the rest, with constant weights solved in one go."""
+    team = make_team(6, duration=3.0)
+    samples, truth = noisy(samples_of(team), np.random.default_rng(7)), theta_of(team.inertia)
+    known = [k for part in parts for k in PARTS[part]]
+    rest = [k for k in range(10) if k not in known]
+    joint_filter = JointRls(
+        np.zeros(3), WRENCH_COVARIANCE, MOTION_COVARIANCE, 1.0,
+        known={k: truth[k] for k in known}, is_weighted_by_state=False,
+    )  # fmt: skip
+    feed(joint_filter, samples, block=20)
+    matrix, right_side = joint_regressor(*samples)
+    deviations = np.concatenate([np.full(3, 0.05), np.full(3, 0.05)])  # of T and a
+    whole = (matrix / deviations[:, None]).reshape(-1, 10)
+    target = (right_side / deviations).ravel() - whole[:, known] @ truth[known]
+    expected = np.linalg.lstsq(whole[:, rest], target)[0]
+    np.testing.assert_array_equal(joint_filter.theta[known], truth[known])
+    np.testing.assert_allclose(joint_filter.theta[rest], expected, rtol=2e-3, atol=1e-4)
+    assert (np.diag(joint_filter.covariance)[known] < 1e-10).all()
+    np.linalg.inv(joint_filter.covariance)
+
+
+def test_the_first_guess_of_the_mass_holds_until_there_are_samples() -> None:
+    assert JointRls(np.zeros(3), WRENCH_COVARIANCE, MOTION_COVARIANCE, 1.0, mass=4.0).theta[9] == 0.25
+
+
 def test_forgetting_follows_a_change() -> None:
     """The old load's share fades with every memory's time; without forgetting it stays."""
     team = make_team(3, duration=10.0)

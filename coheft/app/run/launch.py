@@ -185,8 +185,8 @@ def watch(run_file: RunFile, display: Display) -> str:
         display.note("waiting for the server of the run to answer")
         observer = links.enter_context(observe(run_file))
         status = observer.ask(StatusRequest())
-        display.begin(status)
         display.note(f"watching {status.scenario}, {status.time:.1f} s of {status.duration:g} s are over")
+        display.begin(status)
         if status.state != "running":
             _explain_silence(status, display)
         audience = Audience(Record(status.scene, status.duration), display)

@@ -42,11 +42,13 @@ class AngularAcceleration:
         poses_j_in_i: The neighbours' poses.
         noise: Of all sensors involved.
         rate: Samples per second.
+        with_accelerometers: Whether eq. (17) is used; else the gyro's derivative alone.
     """
 
     poses_j_in_i: Sequence[Pose]
     noise: SensorNoise
     rate: float
+    with_accelerometers: bool = True
 
     @cached_property
     def covariance(self) -> Array:
@@ -78,6 +80,8 @@ class AngularAcceleration:
     @cached_property
     def _arms(self) -> Array:
         """Places of all accelerometers, the own one first, relative to their centre, shape (1 + neighbours, 3) [m]."""
+        if not self.with_accelerometers:
+            return np.zeros((1 + len(self.poses_j_in_i), 3))  # sensors in one place say nothing
         places = np.array([np.zeros(3), *(pose.translation for pose in self.poses_j_in_i)])
         result: Array = places - places.mean(axis=0)
         return result

@@ -9,6 +9,8 @@ from msgspec import Meta
 from coheft.estimation.measurement import Positive
 from coheft.wire.scenario.section import Section
 
+KnownPart = Literal["mass", "com", "inertia"]
+
 
 class Fan2017Settings(Section, frozen=True):
     """The method of Fan et al., CDC 2017 (``coheft.agents.fan2017.estimator``).
@@ -19,12 +21,32 @@ class Fan2017Settings(Section, frozen=True):
         rounds: Rounds of dynamic consensus that each sample goes through.
         pose_rotation_deg: Largest standard deviation of a pose's rotation for it to have converged [degrees].
         pose_translation_mm: And of its translation [mm].
+        acceleration: Angular acceleration from the ``gyro`` alone, eq. (16), or from ``accelerometers``, eq. (17),
+            where the gyro fills what these do not see.
+        share_acceleration: Whether it is averaged over the team by dynamic consensus, eq. (18).
+        share_estimates: Whether robots agree on what they believe of the payload, eqs (31) and (32).
+        consensus_weights: Of the edges: ``metropolis``, or ``uniform``, one over one more than the most neighbours that
+            a robot has: a step of eq. (34).
+        equation_weights: Of observations: by their covariance at the present estimate, ``proposition-2``, or
+            ``constant``, as in basic least squares.
+        known: What robots are told beforehand of the payload, exactly, as it is before the load changes: any of
+            ``mass``, ``com`` and ``inertia``; eqs (25) to (27) in place of (30).
+        initial_mass: First guess [kg].
+        initial_com: First guess: the ``centre`` of all grasps, or the own ``grasp``.
     """
 
     memory: Positive = 2.0
     rounds: Annotated[int, Meta(ge=1, le=256)] = 16
     pose_rotation_deg: Positive = 0.06
     pose_translation_mm: Positive = 1.2
+    acceleration: Literal["gyro", "accelerometers"] = "accelerometers"
+    share_acceleration: bool = True
+    share_estimates: bool = True
+    consensus_weights: Literal["metropolis", "uniform"] = "metropolis"
+    equation_weights: Literal["proposition-2", "constant"] = "proposition-2"
+    known: tuple[KnownPart, ...] = ()
+    initial_mass: Positive = 1.0
+    initial_com: Literal["centre", "grasp"] = "centre"
 
 
 class EfficientSettings(Section, frozen=True):
