@@ -2,8 +2,9 @@
 
     python -m benchmarks.wide [--effort short|usual|full]
 
-Both rings take turns, ten blocks each. The agents use fan2017, which does as many rounds of consensus in any
-team. They look for their neighbours' poses all along; robots of the long ring hear the sums of their part of it only.
+Both rings take turns, ten blocks each. The agents use the estimator fan2017, which does as many rounds of consensus in
+any team. They look for their neighbours' poses all along; robots of the long ring hear the sums of their part of it
+only.
 """
 
 from __future__ import annotations
