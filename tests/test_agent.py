@@ -13,7 +13,7 @@ from coheft.agents.agent import Agent
 from coheft.agents.motion.reference import Excitation
 from coheft.consensus.graph import build_graph
 from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
-from coheft.wire.config import AgentConfig, agent_config
+from coheft.wire.config import AgentConfig, KnownPayload, agent_config
 from coheft.wire.messages.codec import encode
 from coheft.wire.messages.structs import NeighbourMessage
 from coheft.wire.scenario.file import load_scenario
@@ -39,7 +39,9 @@ def test_no_setting_of_an_agent_names_what_it_must_find_out() -> None:
     forbidden = {"n", "count", "robots", "members", "graph", "edges", "payload", "boxes", "mass", "loads", "grasps"}
     forbidden |= {"load_changes", "load_slots", "truth", "poses", "position", "duration", "reference_robot"}
     found = {".".join(names) for names in settings(AgentConfig) if names[-1] in forbidden}
-    assert found == {"motion.via_points.count"}  # of points, not of robots
+    told = {"known.mass"}  # of whom a scenario says so, ``fan2017.known``: nothing otherwise
+    assert found - told == {"motion.via_points.count"}  # of points, not of robots
+    assert agent_config(load_scenario("ring3"), "r1", ("r2",)).known == KnownPayload()
 
 
 def test_an_agent_is_told_the_same_whatever_is_held_by_how_many() -> None:
