@@ -86,8 +86,6 @@ class EfficientEstimator:
             return (_untold_in_words(session.untold, team.names),)
         if session.stage is not Stage.ESTIMATING and session.verdict.outcome is not Outcome.FITS:
             return (_in_words(session.verdict, team.names),)
-        if session.is_held:
-            return ("rows have not fitted again and again, and not for long enough since: a sensor may be off",)
         if session.estimate is None:
             return ("the team's measurements have just begun",)
         if team.session.suspect is not None:

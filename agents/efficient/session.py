@@ -79,8 +79,6 @@ class Session:
         self.untold: Untold | None = None
         self._untold_rows = self._untold_until = 0  # with which it was found, and with which it is over
         self._untold_lasts = rows(guards.untold_lasts)
-        self._relapse, self._relapse_waits = rows(guards.relapse), rows(guards.relapse_waits)
-        self._misfit_at, self._waits_now, self._held_until = -self._relapse, 0, -1
         self._loads = list[Array]()  # theta before each change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
         self._begin(prior)
@@ -98,6 +96,7 @@ class Session:
         self._doubted_at, self._contradicted_at = -1, -self._confirming
         self._forgot_at = -self._calm
         self._next_untold = self._known.first_untold
+        self._asked_for: tuple[int, str] | None = None  # an error that rows have asked for once
 
     @property
     def estimate(self) -> Estimate | None:
@@ -139,11 +138,6 @@ class Session:
     def is_confirmed(self) -> bool:
         """Whether what was known before rows were missing, or in a former team, has fitted rows since."""
         return self._unconfirmed == 0
-
-    @property
-    def is_held(self) -> bool:
-        """Whether rows have failed to fit again and again, and have not fitted for long enough since."""
-        return self._newest < self._held_until
 
     def hear_of_change(self, first: int, number: int) -> None:
         """Another robot has found that the load changed at row ``first``: look for oneself for a while."""
@@ -222,8 +216,6 @@ class Session:
             since, size = sight.likeliest_change(buffer)
             if size > guards.fresh_change:
                 self.verdict, first = Verdict(Outcome.NO_LOAD), buffer.start + since
-        if self.verdict.outcome in (Outcome.NO_BODY, Outcome.MORE_THAN_TOLD, Outcome.NO_LOAD):
-            self._relapse_once_more()
         match self.verdict.outcome:
             case Outcome.NO_BODY | Outcome.MORE_THAN_TOLD:
                 self._start_over()
@@ -235,26 +227,21 @@ class Session:
                 self.stage, self._load_before = TRANSITIONS[self.stage, Event.FITTED], None
                 self._look_for_untold_errors()
 
-    def _relapse_once_more(self) -> None:
-        """Rows do not fit: what is fitted next has to fit for the longer, the more often that has happened lately."""
-        is_relapse = self._newest - self._misfit_at < self._relapse
-        longest = 4 * self._relapse_waits
-        self._waits_now = min(max(2 * self._waits_now, self._relapse_waits), longest) if is_relapse else 0
-        self._misfit_at = self._newest
-        if self._waits_now:
-            self._held_until = self._newest + 2 * self._known.least + self._waits_now
-
     def _look_for_untold_errors(self) -> None:
         """Whether a sensor is off though it was told to be exact: then all begins anew, and nothing holds meanwhile.
 
-        That is over when as many rows do not show it any more, the first time already after a shorter while.
+        Rows have to ask for it twice. It is over when as many rows do not show it any more, the first time already
+        after a shorter while.
         """
         rows = self._known.buffer.load_rows
         if rows < self._next_untold or self._known.misses_poses:
             return
         self._next_untold = round(self._guards.untold_growth * rows)
-        found = self._known.untold_error()
-        if found is not None:
+        found, before = self._known.untold_error(), self._asked_for
+        self._asked_for = None if found is None else (found.robot, found.kind)
+        if found is not None and self._asked_for != before:  # a sensor may have been off for a while only
+            self._next_untold = 0
+        elif found is not None:
             is_again = self._untold_rows > 0
             self.untold, self._untold_rows = found, max(rows, self._untold_rows)
             self._untold_until = self._untold_rows if is_again else min(rows, self._untold_lasts)

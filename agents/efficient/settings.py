@@ -57,8 +57,6 @@ class Guards:
         untold: Probability that the errors of one kind of one robot seem to be there by chance, if told to be zero.
         untold_growth: They are looked for when the load has so many times as many rows as the last time.
         untold_lasts: What has asked for them once is over when it does not for so long [s], or for as many rows.
-        relapse: If rows do not fit again within this time [s], they have to fit for longer before anything holds:
-        relapse_waits: so long the second time, and twice as long each time after that, up to four times [s].
         energy: Standard deviations by which the sum of squares of all residuals may be larger than noise makes it.
         noise_tolerance: Share by which the variance of noise may be larger than it was told to be.
         excess: Probability that a sensor seems to explain wrenches of another load, without reading anything in excess.
@@ -89,8 +87,6 @@ class Guards:
     untold: float = 1e-9
     untold_growth: float = 1.5
     untold_lasts: float = 2.5
-    relapse: float = 8.0
-    relapse_waits: float = 0.6
     energy: float = 6.0
     noise_tolerance: float = 0.2
     excess: float = 1e-4

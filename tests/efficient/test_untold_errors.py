@@ -46,19 +46,6 @@ def test_sensors_that_are_exact_are_not_named() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("off", "errors"),
-    [({"untold": 1e-300}, {"acceleration_scale": 0.0033}), ({"relapse": 0.0}, {"acceleration_offset": 0.03})],
-)
-def test_without_these_guards_it_would_hold(
-    off: dict[str, float], errors: dict[str, float], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with_guards = share_valid(estimates(20.0, **errors), 8.0)
-    monkeypatch.setattr(estimator, "Guards", partial(Guards, **off))
-    assert share_valid(estimates(20.0, **errors), 8.0) > with_guards + 0.2
-
-
-@pytest.mark.slow
-def test_what_does_not_fit_again_and_again_holds_less_and_less() -> None:
-    found = estimates(26.0, acceleration_offset=0.03)
-    assert share_valid(found, 10.0) < 0.2  # half of the time without that
+def test_without_this_guard_it_would_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(estimator, "Guards", partial(Guards, untold=1e-300))
+    assert share_valid(estimates(14.0, acceleration_scale=0.0033), 8.0) > 0.5
