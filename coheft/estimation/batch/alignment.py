@@ -6,11 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.recording import RobotRecord
-from coheft.estimation.batch.signals import low_pass, without_jumps
 from coheft.estimation.geometry.spatial import Array
 
 _GAP_STEPS, _GAP = 3.5, 0.05
@@ -147,6 +145,10 @@ def _common_times(streams: Iterable[Stream], start: float, end: float) -> Array 
 
 def _at(stream: Stream, time: Array, is_pose: bool) -> Array:
     """Values at other times, equally far apart: (m, width)."""
+    from scipy.interpolate import CubicSpline  # servers write recordings without it
+
+    from coheft.estimation.batch.signals import low_pass, without_jumps
+
     own, values = stream.time, stream.values
     if is_pose:
         values = np.hstack([values[:, :3], without_jumps(values[None, :, 3:])[0]])
