@@ -20,10 +20,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from coheft.app.run.folder import RUN_FILE, RunFile
+from coheft.app.run.folder import RUN_FILE, RunFile, find_run
 from coheft.app.run.hosts import free_ports
 from coheft.app.run.observer import ask_server
 from coheft.app.view import words
+from coheft.errors import CoheftError
 from coheft.wire.messages.requests import Status, StatusRequest, StopRequest
 from tests.waiting import wait_until
 
@@ -135,6 +136,15 @@ def url_in(output: Path) -> str:
     return next(word for word in output.read_text().split() if word.startswith("http"))
 
 
+def goes_on(folder: Path) -> bool:
+    """Whether the run in a folder answers: its file is there a little earlier."""
+    try:
+        find_run(folder)
+    except CoheftError:
+        return False
+    return True
+
+
 @contextmanager
 def viewed_run(
     folder: Path, *arguments: str, options: Sequence[str] = (), before: Callable[[], None] = lambda: None
@@ -149,7 +159,7 @@ def viewed_run(
     """
     port = free_ports(1)[0]
     with command(folder.with_suffix(".out"), "run", "ring3", "--realtime", "--logs", str(folder), *arguments):
-        wait_for(lambda: (folder / RUN_FILE).exists(), "the run to begin")
+        wait_for(lambda: goes_on(folder), "the run to begin")
         before()
         output = folder.with_suffix(".view")
         with command(output, "view", str(folder), "--port", str(port), *options) as view:
