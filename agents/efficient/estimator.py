@@ -26,16 +26,9 @@ from coheft.estimation.moments.claims import Claim, claim_of
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.found_errors import found_errors
 from coheft.estimation.moments.untold import Untold
+from coheft.estimation.tolerance import SENSOR_NAMES
 from coheft.wire.config import AgentConfig
 from coheft.wire.messages.structs import LoadChangeNotice, PayloadEstimate, SensorErrorEstimate
-
-_SENSOR_NAMES = {
-    "gyro": "gyro",
-    "velocity": "velocity sensor",
-    "acceleration": "accelerometer",
-    "force": "force sensor",
-    "torque": "torque sensor",
-}
 
 
 class EfficientEstimator:
@@ -192,7 +185,7 @@ def _untold_in_words(found: Untold, names: list[str]) -> str:
     """Which sensor is off, though it was told to be exact."""
     sensor, _, what = found.kind.partition("_")
     seems = {"bias": "to have an offset", "mounting": "to be turned", "scale": "to have another scale"}.get(what, "")
-    where = f"the {_SENSOR_NAMES[sensor]} of {names[found.robot]}"
+    where = f"the {SENSOR_NAMES[sensor]} of {names[found.robot]}"
     return f"{where} seems {seems or 'to be elsewhere'}, but is told to be exact"
 
 

@@ -9,25 +9,16 @@ from coheft.estimation.chi_square import chi_square_threshold
 from coheft.estimation.moments.fit_settings import FitSettings
 from coheft.estimation.moments.rows import KINEMATICS_SIZE, WRENCH_SIZE, RowNoise
 from coheft.estimation.moments.sensor_errors import SensorErrors
-from coheft.estimation.tolerance import SENSORS, SHAPES
 from coheft.wire.config import AgentConfig
 
 
 def fit_settings(config: AgentConfig, count: int) -> FitSettings:
     """What a robot's fits take for granted in a team of so many."""
     told, drift, row = config.tolerance, config.drift, RowTimes.of_team(count, config.block, config.rate).row
-    kinds = {f"{sensor}_{shape}": told.of(sensor, shape) for shape in SHAPES for sensor in SENSORS}
-    kinds |= {
-        "acceleration_bias": max(told.acceleration_offset, drift.acceleration),
-        "velocity_place": told.velocity_place,
-        "acceleration_place": told.acceleration_place,
-        "clock": told.clock,
-        "wrench_delay": told.wrench_delay,
-    }
     return FitSettings(
         RowNoise.of_samples(config.noise, row, config.rate, config.noise_correlation),
         row / config.rate,
-        SensorErrors(kinds),
+        SensorErrors.of(told, drift),
         force_offset=max(told.force_offset, drift.force),
         torque_offset=max(told.torque_offset, drift.torque),
         gyro_offset=max(told.gyro_offset, drift.gyro),

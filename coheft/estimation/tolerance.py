@@ -20,6 +20,10 @@ Deviation = Annotated[float, Meta(ge=0)]
 _AXES = np.eye(3)
 SENSORS = ("gyro", "velocity", "acceleration", "force", "torque")
 """In the order of a sample's columns, three each."""
+SENSOR_NAMES = dict(
+    zip(SENSORS, ("gyro", "velocity sensor", "accelerometer", "force sensor", "torque sensor"), strict=True)
+)
+"""As people call them."""
 SHAPES = {
     "gain": _AXES[None],
     "scale": _AXES[:, :, None] * _AXES[:, None],
@@ -112,11 +116,6 @@ class SensorTolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
             return float(np.radians(degrees))
         value: float = getattr(self, f"{sensor}_{shape}", 0.0)
         return value
-
-    @property
-    def is_any_late(self) -> bool:
-        """Whether clocks or wrenches may be late."""
-        return max(self.clock, self.wrench_delay) > 0.0
 
     def proportional(self) -> list[Proportional]:
         """All errors that are proportional to what is read, and not exactly 0."""

@@ -116,6 +116,20 @@ def test_a_robot_whose_sensor_is_off_is_named_and_its_rows_are_not_learned_from(
     np.testing.assert_allclose(state_of(found), state_of(clean), atol=2e-2)
 
 
+def test_a_single_row_that_contradicts_is_left_out_and_the_second_one_makes_a_suspect() -> None:
+    rows = made_up_rows(200)
+    rows[[150, 180, 182], ROW_SIZE + A.start] += 0.5
+    found, suspected = session(), []
+    for number, row in enumerate(rows):
+        found.take(number, row)
+        if found.suspect is not None:
+            suspected.append(number)
+            assert found.suspect == 1
+    assert suspected[0] == 182
+    without = fed(np.delete(rows, [150, 180, 182], axis=0))
+    np.testing.assert_allclose(state_of(found), state_of(without), atol=2e-2)
+
+
 @pytest.mark.parametrize("size", [1.5, 6.0, 60.0])
 def test_a_force_sensor_that_is_off_is_not_taken_for_another_load(size: float) -> None:
     rows = made_up_rows(260)

@@ -5,18 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from coheft.app.results.judge import RobotReport
+from coheft.estimation.tolerance import SENSOR_NAMES
 from coheft.wire.messages.structs import SensorErrorEstimate
 
 _NOTABLE = 2.0
 """Errors of so many told standard deviations are told of, if they are known twice as well as before."""
-_SENSORS = {
-    "gyro": "gyro",
-    "velocity": "velocity sensor",
-    "acceleration": "accelerometer",
-    "force": "force sensor",
-    "torque": "torque sensor",
-    "wrench": "force and torque sensor",
-}
 _OFFSET_UNITS = {"gyro": "rad/s", "velocity": "m/s", "acceleration": "m/s²", "force": "N", "torque": "N·m"}
 
 
@@ -35,9 +28,9 @@ def _in_words(error: SensorErrorEstimate) -> str:
     if error.key == "clock":
         return f"clock is {_amount(error, 'ms', 1e3)} {_late(error)}"
     if error.key == "wrench_delay":
-        return f"{_SENSORS['wrench']} is {_amount(error, 'ms', 1e3)} {_late(error)}"
+        return f"force and torque sensor is {_amount(error, 'ms', 1e3)} {_late(error)}"
     sensor, _, what = error.key.partition("_")
-    name, along = _SENSORS[sensor], f" along {error.axis}" if error.axis else ""
+    name, along = SENSOR_NAMES[sensor], f" along {error.axis}" if error.axis else ""
     much = "much" if error.value > 0.0 else "little"
     match what:
         case "offset":

@@ -51,6 +51,14 @@ class StaticEstimate:
     covariance: Array
 
 
+def held_spans(recording: Recording) -> list[tuple[int, int]]:
+    """First sample and the one after the last of each time at rest, as the recording says or as forces show."""
+    if recording.holds is None:
+        return find_holds(recording.stacked("wrench")[..., :3], recording.time)
+    borders = np.searchsorted(recording.time, np.array(recording.holds).reshape(-1, 2))
+    return [(int(start), int(end)) for start, end in borders if end > start]
+
+
 def find_holds(forces: Array, time: Array) -> list[tuple[int, int]]:
     """Stretches of samples in which no force of any robot changes.
 
@@ -89,12 +97,7 @@ def holds_of(recording: Recording, cutoff: float = PAPER_CUTOFF) -> Holds:
     Raises:
         RecordingError: Wrenches are missing, or both poses and accelerations, or samples are too few or too slow.
     """
-    wrench, time = recording.stacked("wrench"), recording.time
-    if recording.holds is None:
-        spans = find_holds(wrench[..., :3], time)
-    else:
-        borders = np.searchsorted(time, np.array(recording.holds).reshape(-1, 2))
-        spans = [(int(start), int(end)) for start, end in borders if end > start]
+    wrench, time, spans = recording.stacked("wrench"), recording.time, held_spans(recording)
     if recording.has("pose"):
         rotations, _ = smooth_poses(recording.stacked("pose"), recording.rate, cutoff)
         down = recording.gravity @ rotations

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from coheft.errors import RecordingError
-from coheft.estimation.batch.holds import Holds, find_holds
+from coheft.estimation.batch.holds import Holds, held_spans
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.geometry.spatial import Array
 
@@ -71,12 +71,7 @@ class Statics:
         Raises:
             RecordingError: There are none; or poses or wrenches are missing.
         """
-        wrench, time = recording.stacked("wrench"), recording.time
-        if recording.holds is None:
-            spans = find_holds(wrench[..., :3], time)
-        else:
-            borders = np.searchsorted(time, np.array(recording.holds).reshape(-1, 2))
-            spans = [(int(start), int(end)) for start, end in borders if end > start]
+        spans = held_spans(recording)
         if not spans:
             raise RecordingError(
                 f"the load is never held still from {recording.span}: expected forces that change by less than 0.5 N "

@@ -124,11 +124,7 @@ class BodyModel:
         self.features = MOTION_SIZE * (1 + self.has_rates)
         self.rotations = np.array([pose.rotation for pose in state.poses])
         self.places = np.array([pose.translation for pose in state.poses])
-        by_rates = (
-            np.square(self._late(rows.KINEMATICS))
-            @ self._variance_of_rates(noise.kinematics, rows.KINEMATICS)[..., None]
-        )
-        self.weight = 1.0 / (noise.kinematics**2.0 + by_rates[..., 0])
+        self.weight = 1.0 / self._corrected(noise.kinematics, rows.KINEMATICS)
         self.shares = self.weight[:, 0] / self.weight[:, 0].sum()
         self.residual_noise: Array | None = None
         self._set_motion()
@@ -171,12 +167,18 @@ class BodyModel:
         return np.broadcast_to(variance, (self.count, variance.shape[1]))
 
     def _late(self, part: slice) -> Array:
-        """By how much a part of each row is corrected per rate, shape (N, k, k)."""
-        calibration = self.state.calibration
-        size = part.stop - part.start
-        if not self.has_rates or calibration is None:
-            return np.zeros((self.count, size, size))
-        return calibration[:, part, RATES + part.start : RATES + part.stop]
+        """By how much a part of each row is corrected per rate, shape (N, k, k); there must be rates."""
+        assert self.state.calibration is not None
+        return self.state.calibration[:, part, RATES + part.start : RATES + part.stop]
+
+    def _corrected(self, deviations: Array, part: slice) -> Array:
+        """Variance of a part of all rows, corrected by its rates where there are any, shape (N, k)."""
+        variance = np.broadcast_to(deviations**2.0, (self.count, deviations.shape[1]))
+        if not self.has_rates:
+            return variance
+        by_rates = np.square(self._late(part)) @ self._variance_of_rates(deviations, part)[..., None]
+        corrected: Array = variance + by_rates[..., 0]
+        return corrected
 
     def _set_noise_of_rates(self) -> None:
         """Late sensors' numbers are corrected by their rates, which the rates of ``psi`` are found from as well."""
@@ -209,10 +211,8 @@ class BodyModel:
         wrench = np.zeros((6, ROW_SIZE * count + 1))
         wrench[:, :-1].reshape(6, count, ROW_SIZE)[:, :, rows.WRENCH] = self.adjoints.transpose(1, 0, 2)
         self.wrench = self._of_extended(wrench)
-        of_rates = self._variance_of_rates(self.noise.wrench, rows.WRENCH)
-        self.rate_variance = of_rates / self.noise.slowness
-        by_rates = np.square(self._late(rows.WRENCH)) @ of_rates[..., None]
-        variance = self.noise.wrench**2.0 + by_rates[..., 0]
+        self.rate_variance = self._variance_of_rates(self.noise.wrench, rows.WRENCH) / self.noise.slowness
+        variance = self._corrected(self.noise.wrench, rows.WRENCH)
         is_there = np.isfinite(variance)
         self.wrench_variance = np.where(is_there, variance, 0.0) / self.noise.slowness
         in_total = np.where(is_there, variance, _NO_SENSOR**2)

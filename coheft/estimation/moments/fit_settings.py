@@ -6,7 +6,7 @@ offset of the total wrench = sum_i Ad(g_i) offset_i,    gyro offset of the fused
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -94,10 +94,6 @@ class FitSettings:
     def has_offset(self) -> bool:
         """Whether force and torque sensors may have offsets."""
         return max(self.force_offset, self.torque_offset) > 0.0
-
-    def with_errors(self, errors: SensorErrors) -> FitSettings:
-        """The same, with other errors of sensors."""
-        return replace(self, errors=errors)
 
     def body(self, state: State) -> BodyModel:
         """The matrices at a state."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import CROSS_OF_AXES, Array
 from coheft.estimation.moments.rows import PRODUCTS, ROW_SIZE, SLOPE, WRENCH, A, V, W
-from coheft.estimation.tolerance import SENSORS, SHAPES
+from coheft.estimation.tolerance import SENSORS, SHAPES, SensorDrift, SensorTolerance
 
 ONE, RATES = ROW_SIZE, ROW_SIZE + 1
 """Places of the constant and of the rates in an extended row."""
@@ -75,6 +75,19 @@ class SensorErrors:
                 matrix[to, source] += factor
                 if self.has_rates and source < ROW_SIZE:
                     matrix[RATES + to, RATES + source] += factor
+
+    @staticmethod
+    def of(told: SensorTolerance, drift: SensorDrift) -> SensorErrors:
+        """Of a data sheet; what wanders is not exact, whatever else is told."""
+        kinds = {f"{sensor}_{shape}": told.of(sensor, shape) for shape in SHAPES for sensor in SENSORS}
+        kinds |= {
+            "acceleration_bias": max(told.acceleration_offset, drift.acceleration),
+            "velocity_place": told.velocity_place,
+            "acceleration_place": told.acceleration_place,
+            "clock": told.clock,
+            "wrench_delay": told.wrench_delay,
+        }
+        return SensorErrors(kinds)
 
     @property
     def count(self) -> int:

@@ -8,6 +8,7 @@ explain is taken out, so an error that looks like another pose or another load i
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -62,7 +63,7 @@ def untold_error(
     told, unknowns = settings.errors, estimate.body.unknowns
     kinds = [kind for kind in _TESTED if kind not in told.names]
     errors = SensorErrors(dict.fromkeys(kinds, 1.0) | told.tolerance)
-    body = settings.with_errors(errors).body(_with_errors(estimate.state, errors))
+    body = replace(settings, errors=errors).body(_with_errors(estimate.state, errors))
     every, own = body.unknowns, np.flatnonzero([name in told.names for name in errors.names])
     others = _places(unknowns, every, own)
 

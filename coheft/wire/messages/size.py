@@ -12,6 +12,7 @@ from msgspec import structs
 
 from coheft.estimation.measurement import KINEMATICS_SIZE
 from coheft.estimation.moments.rows import rows_per_block
+from coheft.estimation.moments.sensor_errors import SensorErrors
 from coheft.wire.scenario.plugins import BUILT_IN
 from coheft.wire.scenario.schema import Scenario
 
@@ -37,16 +38,9 @@ _REST = 65536
 def _of_rows(scenario: Scenario) -> int:
     """Rows of all robots that are told twice, as many again that come late, and what a newcomer is told [B]."""
     rows = rows_per_block(scenario.sensors.block, scenario.sensors.rate)  # as many or, in large teams, fewer
-    told = scenario.sensors.tolerance
-    of_axes = (told.acceleration_offset, told.velocity_place, told.acceleration_place)
-    errors = (
-        len(told.proportional())
-        + sum(3 * (each > 0.0) for each in of_axes)
-        + (told.clock > 0)
-        + (told.wrench_delay > 0)
-    )
-    unknowns = min((6 + errors) * scenario.robot_count + 19, MOST_TOLD)
-    row = _ROW_WITH_RATES if told.is_any_late else _ROW
+    errors = SensorErrors.of(scenario.sensors.tolerance, scenario.sensors.drift)
+    unknowns = min((6 + errors.count) * scenario.robot_count + 19, MOST_TOLD)
+    row = _ROW_WITH_RATES if errors.has_rates else _ROW
     return 4 * scenario.robot_count * rows * row + _NUMBER * (unknowns**2 + 8 * unknowns)
 
 
