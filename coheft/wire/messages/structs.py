@@ -107,7 +107,7 @@ class Hello(Message, frozen=True):
     incarnation: int = 0
 
 
-class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=True):
+class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=True, omit_defaults=True):
     """What one robot tells everyone about itself, handed on from neighbour to neighbour.
 
     Attributes:
@@ -119,6 +119,8 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
         holding: Whether it has hold of the load. One whose agent is dead still holds what it held.
         since: Block from which this is so.
         team: Number of the membership that it is ready for, see ``coheft.consensus.gossip``.
+        signature: Of the robot, over all of the above, in the secure profile.
+        certificate: Of the robot (DER), in the secure profile: those who are no neighbours of it have not seen it.
     """
 
     robot: str
@@ -129,6 +131,8 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
     holding: bool = True
     since: int = 0
     team: int = 0
+    signature: bytes = b""
+    certificate: bytes = b""
 
 
 class NeighbourMessage(Message, frozen=True):
