@@ -12,6 +12,7 @@ import msgspec
 
 from coheft.app.results.record import Record
 from coheft.app.results.report import Report, RunInfo, build_report
+from coheft.app.run.beat import beating
 from coheft.app.run.folder import RunFile, announce, announced, has_gone
 from coheft.app.run.follower import Follower
 from coheft.app.run.observer import Observer, observe
@@ -29,6 +30,7 @@ _POLL = 0.02
 _START_LIMIT = 60.0
 _NO_COMMENT = 5.0
 _SILENCE = 2.0
+_STOPPED = 2.0
 _LAST_WORDS = 1.0
 _WRITING_LIMIT = 120.0  # the server may have a long recording to write before it answers
 _AGENTS_END = 5.0
@@ -54,20 +56,21 @@ def launch(
         KeyboardInterrupt: Ctrl-C.
     """
     scenario = plan.server.scenario
-    with Processes(folder) as processes, observe(plan.run_file()) as observer, display:
-        processes.start(SERVER, "coheft.physics_server.server", plan.server)
+    # Processes end before the link to them does, which a frozen one would keep from closing.
+    with observe(plan.run_file()) as observer, Processes(folder) as processes, display:
+        server = processes.start(SERVER, "coheft.physics_server.server", plan.server)
         for name, agent in plan.agents.items():
             processes.start(name, "coheft.agents.process.main", agent)
-        with announced(folder, _run_file(plan, processes)):
-            first = _wait_for_start(observer, processes, display)
+        with announced(folder, _run_file(plan, processes)), beating(server.process.stdin):
+            again = Restarts(
+                restarts, processes, observer, display, lambda: announce(folder, _run_file(plan, processes))
+            )
+            first = _wait_for_start(observer, again, display)
             display.begin(first)
             record = Record(first.scene, scenario.duration, with_history=with_history)
             audience = Audience(record, display, followers, is_told_end=False)
             for follower in followers:
                 follower.begin(first)
-            again = Restarts(
-                restarts, processes, observer, display, lambda: announce(folder, _run_file(plan, processes))
-            )
             status = _follow(audience, observer, processes, again, is_saving=plan.server.save_data is not None)
             for follower in followers:
                 follower.end(status)
@@ -117,12 +120,12 @@ def _run_file(plan: Plan, processes: Processes) -> RunFile:
     return msgspec.structs.replace(plan.run_file(), pids=processes.pids)
 
 
-def _wait_for_start(observer: Observer, processes: Processes, display: Display) -> Status:
+def _wait_for_start(observer: Observer, again: Restarts, display: Display) -> Status:
     """Wait until all links stand and the clock runs; as long as one more comes now and then, however many there are."""
     began = moved_at = time.monotonic()
     waiting_for = [SERVER]
     while time.monotonic() < moved_at + _START_LIMIT:
-        processes.check()
+        again.check(has_begun=False)
         status = observer.status()
         if status is not None:
             if status.state != "waiting":
@@ -150,7 +153,11 @@ def _follow(
     news = time.monotonic()
     while not processes.all_done_but(SERVER) or processes.failed:
         again.check()
-        if audience.collect(observer):
+        looked_at = time.monotonic()
+        goes_on = audience.collect(observer)
+        if (gap := time.monotonic() - looked_at) > _STOPPED:
+            audience.display.note(f"this process was stopped for {gap:.0f} s, and time stood still for most of that")
+        if goes_on:
             news = time.monotonic()
         elif time.monotonic() > news + _SILENCE:
             status = observer.status()

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import NoReturn, TypeVar
@@ -18,6 +19,12 @@ from coheft.wire.process.log import LOG, log_to_stderr
 from coheft.wire.process.memory import give_back_memory
 
 C = TypeVar("C", bound=msgspec.Struct)
+BEAT = 0.2
+"""Time between two signs of life of a supervisor that gives them [s]."""
+_STOPPED = 1.5
+"""A supervisor of which nothing has come for so long is stopped [s]."""
+_beats: list[float] = []
+"""When the last sign of life came, as ``time.monotonic()`` [s]; empty if none ever did."""
 COMMENT_AFTER = 5.0
 """Who has not been met after so long may never come [s]: it is said whom the process waits for."""
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1")
@@ -57,6 +64,11 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     sys.exit(0)
 
 
+def is_supervisor_stopped() -> bool:
+    """Whether a supervisor that gave signs of life does so no more, though it is there."""
+    return bool(_beats) and time.monotonic() - _beats[0] > _STOPPED
+
+
 def _run_in_batches() -> None:
     """Let this process, and all threads it starts from now on, finish what they are at before others of their kind.
 
@@ -71,7 +83,7 @@ def _run_in_batches() -> None:
 def _leave_with_stdin() -> None:
     """Wait for the end of stdin, then leave at once: whoever wanted the run is gone."""
     while os.read(sys.stdin.fileno(), 4096):
-        pass
+        _beats[:] = [time.monotonic()]
     with suppress(OSError):
         remove_parts()
     os._exit(0)
