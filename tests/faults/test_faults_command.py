@@ -186,7 +186,7 @@ def test_the_summary_goes_to_standard_output_and_all_else_does_not(
     assert err.splitlines()[-1] == "coheft faults --replay 1"
     head, *rows = table.read_text().splitlines()
     assert head == "3 schedules (seeds 0 to 2), 0.0 simulated hours: 2 violations."
-    assert rows[-1] == "| lie (scaled) | 3 | 3 of 3 | 2 | 0.50 s | 0.95 s | 1.00 s |"
+    assert rows[-1] == "| lie (scaled) | 3 | 3 of 3 | 2 | 0, 0 | 0.50 s | 0.95 s | 1.00 s |"
 
 
 @pytest.mark.slow

@@ -61,8 +61,8 @@ def faults(
     """Let things go wrong in many simulated runs, and check after every block that the promises are kept.
 
     Each seed draws a small team and up to four faults: of the network, of agents, of sensors, of clocks. Of four seeds
-    two have sensors that are off as far as robots are told, see docs/sensors.md. Exit status 4 if a promise was broken;
-    the last line then is the command that shows it again.
+    two have sensors that are off as far as robots are told, see docs/sensors.md; half have small errors that last
+    besides. Exit status 4 if a promise was broken; the last line then is the command that shows it again.
 
     Parameters
     ----------
