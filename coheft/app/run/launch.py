@@ -26,6 +26,9 @@ from coheft.wire.messages.structs import Problem
 from coheft.wire.transport.planes import SERVER
 
 _POLL = 0.02
+_GATHER = 0.03
+"""After the first message others are waited for [s]: a run is looked at about twenty times a second, however fast it
+goes, and whoever is killed is missed within 50 ms."""
 _START_LIMIT = 60.0
 _NO_COMMENT = 5.0
 _SILENCE = 2.0
@@ -103,7 +106,7 @@ class Audience:
     def collect(self, observer: Observer, seconds: float = _POLL) -> bool:
         """Take in what has come, show it, and say whether time went on."""
         before = self.record.time
-        for news in observer.collect(self.record.scene, seconds):
+        for news in observer.collect(self.record.scene, seconds, _GATHER):
             self.record.hear(news)
             if isinstance(news, Problem) and (self.is_told_end or not news.is_end):
                 self.display.problem(news)

@@ -9,6 +9,8 @@ from threading import Lock
 
 import zenoh
 
+from coheft.wire.transport.callback_thread import keep_thread_state
+
 ROOM = 8 * 2**20
 """For what one source has said and no one has read yet [B]: minutes of a listener's absence, and no more of its memory
 than that, however much is said."""
@@ -54,6 +56,7 @@ class Backlog:
 
     def put(self, item: object) -> None:
         """Add a sample, a query, or an event as it is."""
+        keep_thread_state()
         if isinstance(item, zenoh.Sample):
             # A copy, because the sample would keep a whole receive buffer alive.
             item = Said(str(item.key_expr), item.payload.to_bytes())
