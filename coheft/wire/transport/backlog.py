@@ -6,6 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 from queue import SimpleQueue
 from threading import Lock
+from typing import NamedTuple
 
 import zenoh
 
@@ -19,11 +20,10 @@ _BUFFER = 2**16
 """What a query takes at least: one of Zenoh's receive buffers [B]."""
 
 
-@dataclass(frozen=True)
-class Said:
+class Said(NamedTuple):
     """A message as it came."""
 
-    key: str
+    key: zenoh.KeyExpr
     data: bytes
 
 
@@ -59,7 +59,7 @@ class Backlog:
         keep_thread_state()
         if isinstance(item, zenoh.Sample):
             # A copy, because the sample would keep a whole receive buffer alive.
-            item = Said(str(item.key_expr), item.payload.to_bytes())
+            item = Said(item.key_expr, item.payload.to_bytes())
             size = _OVERHEAD + len(item.data)
         else:
             size = _BUFFER
