@@ -51,6 +51,11 @@ class Turn:
         return self.wall / self.blocks
 
     @property
+    def team_time(self) -> float:
+        """CPU time of all processes together per block [s]."""
+        return sum(self.cpu.values()) / self.blocks
+
+    @property
     def agent_time(self) -> float:
         """CPU time per agent and block [s]."""
         agents = [seconds for name, seconds in self.cpu.items() if name != "server"]

@@ -160,17 +160,19 @@ class Server:
         read = 0
         while self._simulation.block < self._scenario.blocks and not self._stop_asked:
             self._keep_to_supervisor()
-            delay = self._delay()
-            is_due = delay == 0.0
-            event = self._inbox.receive(min(delay, _TICK)) if not is_due or read < _AT_ONCE else None
+            # All that has come is taken in before it is asked what is due, because that looks at every robot.
+            event = self._inbox.receive(0.0) if read < _AT_ONCE else None
+            if event is None:
+                read, delay = 0, self._delay()
+                if delay == 0.0:
+                    self._advance()
+                else:
+                    event = self._inbox.receive(min(delay, _TICK))
+                if self._state == "running":
+                    self._robots.check()
             if event is not None:
                 self._handle(event)
                 read += 1
-            elif is_due:
-                self._advance()
-                read = 0
-            if self._state == "running" and (not is_due or event is None):  # at least once a block
-                self._robots.check()
 
     def _keep_to_supervisor(self) -> None:
         """Let time stand still while whoever supervises the run is stopped: the rest of it would be lost on him."""

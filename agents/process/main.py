@@ -193,7 +193,8 @@ class AgentProcess:
         """
         event = self._outside.receive(max(0.0, min(wait, self._tend_at - time.monotonic())))
         if event is None:
-            self._tend_links()
+            if time.monotonic() >= self._tend_at:
+                self._tend_links()
             return False
         self._handle(event)
         return True

@@ -126,6 +126,10 @@ def run(
     feedforward:
         Where robots carry the load along a common path: whether they push with what they know of it.
     """
+    from coheft.app.run.processes import make_nursery
+
+    nursery = make_nursery() if write_configs is None else None  # it imports while we do
+
     from contextlib import ExitStack
     from functools import partial
 
@@ -194,7 +198,9 @@ def run(
         beside: list[Follower | None] = [page, viewer, recorder, carried, broken_off]
         followers = [follower for follower in beside if follower is not None]
         try:
-            found = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
+            found = launch(
+                plan, folder, display, followers=followers, with_history=history, restarts=restarts, nursery=nursery
+            )
         except KeyboardInterrupt:
             raise KeyboardInterrupt(broken_off.sentence()) from None
         except CoheftError as error:

@@ -15,9 +15,10 @@ from coheft.app.results.report import Report, RunInfo, build_report
 from coheft.app.run.beat import beating
 from coheft.app.run.folder import RunFile, announce, announced, has_gone
 from coheft.app.run.follower import Follower
+from coheft.app.run.nursery import Nursery
 from coheft.app.run.observer import Observer, observe
 from coheft.app.run.plan import Plan
-from coheft.app.run.processes import Processes
+from coheft.app.run.processes import Processes, make_nursery
 from coheft.app.run.restarts import Restarts
 from coheft.app.terminal.screen import Display
 from coheft.app.terminal.standard_output import check_standard_output
@@ -27,6 +28,9 @@ from coheft.wire.messages.structs import Problem
 from coheft.wire.transport.planes import SERVER
 
 _POLL = 0.02
+_GATHER = 0.03
+"""After the first message others are waited for [s]: a run is looked at about twenty times a second, however fast it
+goes, and whoever is killed is missed within 50 ms."""
 _START_LIMIT = 60.0
 _NO_COMMENT = 5.0
 _SILENCE = 2.0
@@ -44,8 +48,11 @@ def launch(
     followers: Sequence[Follower] = (),
     with_history: bool = False,
     restarts: int = 0,
+    nursery: Nursery | None = None,
 ) -> Report:
     """Run a plan to its end, and compare what the robots found with the truth.
+
+    Processes are forked by ``nursery``, or a new one if there is none yet, where systems can do so.
 
     An agent that fails while the run goes on is started again, up to ``restarts`` times. The server is not: with it the
     simulated world is gone.
@@ -56,8 +63,9 @@ def launch(
         KeyboardInterrupt: Ctrl-C.
     """
     scenario = plan.server.scenario
+    nursery = nursery or make_nursery()
     # Processes end before the link to them does, which a frozen one would keep from closing.
-    with observe(plan.run_file()) as observer, Processes(folder) as processes, display:
+    with observe(plan.run_file()) as observer, Processes(folder, nursery) as processes, display:
         server = processes.start(SERVER, "coheft.physics_server.server", plan.server)
         for name, agent in plan.agents.items():
             processes.start(name, "coheft.agents.process.main", agent)
@@ -106,7 +114,7 @@ class Audience:
     def collect(self, observer: Observer, seconds: float = _POLL) -> bool:
         """Take in what has come, show it, and say whether time went on."""
         before = self.record.time
-        for news in observer.collect(self.record.scene, seconds):
+        for news in observer.collect(self.record.scene, seconds, _GATHER):
             self.record.hear(news)
             if isinstance(news, Problem) and (self.is_told_end or not news.is_end):
                 self.display.problem(news)

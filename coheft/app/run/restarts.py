@@ -58,7 +58,7 @@ class Restarts:
             self.display.problem(Problem(source="supervisor", text=str(error)))
 
     def _may_try_again(self, child: Child) -> bool:
-        return child.name != SERVER and child.restarts < self.limit and child.process.returncode != UNUSABLE
+        return child.name != SERVER and child.restarts < self.limit and child.status != UNUSABLE
 
     def _goes_on(self) -> bool:
         while (status := self.observer.status()) is None:
