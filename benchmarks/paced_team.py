@@ -19,6 +19,8 @@ from coheft.app.run.processes import Processes
 from coheft.errors import LinkError
 from coheft.wire.messages.requests import PauseRequest, Refusal, Request, Status, StatusRequest, StopRequest
 from coheft.wire.scenario.schema import Scenario
+from coheft.wire.transport.planes import guard_observer
+from coheft.wire.transport.security import credentials_in
 from coheft.wire.transport.sessions import Keys, ask, open_session
 
 _LIMIT = 120.0
@@ -47,6 +49,11 @@ class Turn:
     def block_time(self) -> float:
         """Wall time per block [s]."""
         return self.wall / self.blocks
+
+    @property
+    def team_time(self) -> float:
+        """CPU time of all processes together per block [s]."""
+        return sum(self.cpu.values()) / self.blocks
 
     @property
     def agent_time(self) -> float:
@@ -136,7 +143,9 @@ def _ran(status: Status) -> float:
 
 
 @contextmanager
-def paced_team(scenario: Scenario, folder: Path, replay: Mapping[str, Path] | None = None) -> Iterator[PacedTeam]:
+def paced_team(
+    scenario: Scenario, folder: Path, replay: Mapping[str, Path] | None = None, keys: Path | None = None
+) -> Iterator[PacedTeam]:
     """Start a team.
 
     Args:
@@ -144,11 +153,14 @@ def paced_team(scenario: Scenario, folder: Path, replay: Mapping[str, Path] | No
         folder: For logs and times.
         replay: What each agent shall say, see ``benchmarks.replay``: then there is no mathematics, and no physics.
             None: the product as it is.
+        keys: Folder of certificates for the secure profile; None: the open profile.
     """
     folder.mkdir()
     settings = {SETTINGS: {"folder": str(folder), "physics": replay is None}}
-    plan = make_plan(replace(scenario, settings=settings))
-    with Processes(folder) as processes, open_session(connect=[plan.server.observe]) as session:
+    plan = make_plan(replace(scenario, settings=settings), keys=keys)
+    operator = None if keys is None else credentials_in(keys, "operator")
+    guard = guard_observer(operator, Keys(plan.run), "operator", [])
+    with Processes(folder) as processes, open_session(connect=[plan.server.observe], guard=guard) as session:
         processes.start("server", "benchmarks.bench_server", plan.server)
         for name, config in plan.agents.items():
             if replay is None:

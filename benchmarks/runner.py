@@ -20,7 +20,7 @@ from coheft.errors import CoheftError
 
 GUARDED = ("kernels", "startup", "inprocess", "floor")
 """Benchmarks with figures that the regression guard compares."""
-BENCHMARKS = (*GUARDED, "realtime", "rounds", "wide")
+BENCHMARKS = (*GUARDED, "secure", "realtime", "rounds", "wide")
 
 
 def measure(name: str, effort: Effort) -> Section:

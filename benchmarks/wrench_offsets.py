@@ -34,7 +34,7 @@ _replace = msgspec.structs.replace
 
 def offset_schedule(number: int) -> FaultSchedule:
     """The team of an even seed, without its own faults, and at most one change of the load."""
-    schedule = draw_schedule(2 * number, delayed=False)
+    schedule = draw_schedule(2 * number, delayed=False, lasting=False)
     scenario = schedule.scenario
     rng = np.random.default_rng([STREAM, number])
     start = _round(rng.uniform(3.0, 7.0))

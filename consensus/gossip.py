@@ -5,6 +5,8 @@ is new. A message carries what changed since the last one, the first heard first
 a lost message is made up for. What does not fit into ``PER_MESSAGE`` records follows with the next: the size of
 messages does not grow with the team. Should somebody have a record wrong, it wins over the right one everywhere, or
 nowhere; when the robot hears it, it tells its own anew, as if it had started again, for others have believed it.
+Records are kept and handed on of robots only that someone known names as a neighbour, beginning with this robot: who
+makes up robots fills no table with them, and keeps no room from true ones.
 
 The **team** is all robots that hold the load. Whenever one of them starts again with an empty memory, lets go or takes
 hold, it is another team, and all of its robots have to be ready for that one.
@@ -13,6 +15,7 @@ hold, it is another team, and all of its robots have to be ready for that one.
 from __future__ import annotations
 
 import zlib
+from collections import deque
 from collections.abc import Iterable
 from itertools import islice
 
@@ -22,6 +25,9 @@ from coheft.consensus.graph import distances
 from coheft.wire.messages.size import PER_MESSAGE
 from coheft.wire.messages.structs import LinkState
 from coheft.wire.scenario.schema import MAX_ROBOTS
+
+_WAITING = 64
+"""Records of so many robots wait for being named: they may have overtaken the record that does so."""
 
 
 class Gossip:
@@ -36,7 +42,7 @@ class Gossip:
     def __init__(self, name: str, neighbours: Iterable[str], incarnation: int = 0) -> None:
         self.name = name
         self.records = {name: LinkState(name, 0, tuple(sorted(neighbours)), incarnation=incarnation)}
-        self._names = [name]
+        self._waiting: dict[str, LinkState] = {}
         self._news = dict.fromkeys([name])
         self._turn = 0
         self._look_at_members()
@@ -49,13 +55,14 @@ class Gossip:
         heard, are_members_same = False, True
         for record in records:
             known = self.records.get(record.robot)
-            if known is not None and not _is_newer(record, known):
+            if known is not None and not is_newer(record, known):
                 continue
             if record.robot == self.name:
                 self._tell(replace(self.own, incarnation=record.incarnation + 1, sequence=0))
                 continue
-            if known is None and len(self.records) >= MAX_ROBOTS:
-                continue  # no team is as large: somebody makes them up
+            if record.robot not in self._named or (known is None and len(self.records) >= MAX_ROBOTS):
+                self._let_wait(record)
+                continue
             self.records[record.robot] = record
             self._news[record.robot] = None
             if record.robot in self.own.neighbours and (known is None or record.incarnation > known.incarnation):
@@ -66,6 +73,13 @@ class Gossip:
             self._look_at_members()
         elif heard:
             self._look_at_readiness()
+
+    def _let_wait(self, record: LinkState) -> None:
+        """Keep what no one known has named so far; of too many, the first ones give way."""
+        waiting = self._waiting.pop(record.robot, None)
+        self._waiting[record.robot] = record if waiting is None or is_newer(record, waiting) else waiting
+        if len(self._waiting) > _WAITING:
+            del self._waiting[next(iter(self._waiting))]
 
     @property
     def own(self) -> LinkState:
@@ -96,8 +110,6 @@ class Gossip:
 
     def news(self) -> list[LinkState]:
         """Records for the next message to the neighbours."""
-        if len(self._names) < len(self.records):
-            self._names = sorted(self.records)
         self._turn = (self._turn + 1) % len(self._names)
         told = {self._names[self._turn], *islice(self._news, PER_MESSAGE - 1)}
         for name in told:
@@ -114,13 +126,21 @@ class Gossip:
         return sorted(self._named - self.records.keys())
 
     def _look_who_is_named(self) -> None:
-        """This robot, whom it names as a neighbour, whom these do, and so on: others are there by mistake."""
-        self._named, left = {self.name}, [self.name]
-        while left:
-            record = self.records.get(left.pop())
-            new = set() if record is None else set(record.neighbours) - self._named
-            self._named |= new
-            left += new
+        """This robot, whom it names as a neighbour, whom these do, and so on, nearest first: others have to wait."""
+        heard = {**self._waiting, **self.records}
+        self._named, left = {self.name}, deque([self.name])
+        records: dict[str, LinkState] = {}
+        while left and len(records) < MAX_ROBOTS:
+            name = left.popleft()
+            if name in heard:
+                records[name] = heard.pop(name)
+                new = [other for other in records[name].neighbours if other not in self._named]
+                self._named.update(new)
+                left += new
+        news = [*self._news, *(name for name in records if name not in self.records)]
+        self._news = dict.fromkeys(name for name in news if name in records)
+        self.records, self._names = records, sorted(records)
+        self._waiting = dict(list(heard.items())[-_WAITING:])
 
     def _look_at_members(self) -> None:
         """Who is there and who talks with whom may have changed."""
@@ -156,7 +176,7 @@ class Gossip:
     """The block at which every robot is ready, the same for all agents; None while somebody is not."""
 
 
-def _is_newer(record: LinkState, known: LinkState) -> bool:
+def is_newer(record: LinkState, known: LinkState) -> bool:
     """Whether one record of a robot replaces another; of two that should be the same, every robot takes the same."""
     age, known_age = (record.incarnation, record.sequence), (known.incarnation, known.sequence)
     return age > known_age or (age == known_age and record != known and repr(record) > repr(known))

@@ -36,7 +36,7 @@ from coheft.wire.messages.requests import (
 from coheft.wire.messages.structs import Message
 from coheft.wire.process.log import LOG
 from coheft.wire.process.problem_log import ProblemLog
-from coheft.wire.process.supervised import COMMENT_AFTER, supervised_main
+from coheft.wire.process.supervised import COMMENT_AFTER, is_supervisor_stopped, supervised_main
 from coheft.wire.scenario.reach import Reach
 from coheft.wire.transport.inbox import Event, Inbox, LinkChange, Question, Received, Refused
 from coheft.wire.transport.planes import SERVER, guard_server_for_observers, guard_server_for_robot
@@ -75,7 +75,7 @@ class Server:
         self._unsaved = ""
         self._failure = ""
         self._recorder = DataRecorder(scenario, self._simulation.scene) if config.save_data is not None else None
-        self._stop_asked = False
+        self._stop_asked = self._is_kept = False
         self._inbox = Inbox()
         self._inbox.serve(observers, {keys.request(role): role for role in ROLES})
         self._truth = Sender(observers, keys.observe_server("truth"), may_drop=True)
@@ -159,17 +159,31 @@ class Server:
         self._go_on()
         read = 0
         while self._simulation.block < self._scenario.blocks and not self._stop_asked:
-            delay = self._delay()
-            is_due = delay == 0.0
-            event = self._inbox.receive(min(delay, _TICK)) if not is_due or read < _AT_ONCE else None
+            self._keep_to_supervisor()
+            # All that has come is taken in before it is asked what is due, because that looks at every robot.
+            event = self._inbox.receive(0.0) if read < _AT_ONCE else None
+            if event is None:
+                read, delay = 0, self._delay()
+                if delay == 0.0:
+                    self._advance()
+                else:
+                    event = self._inbox.receive(min(delay, _TICK))
+                if self._state == "running":
+                    self._robots.check()
             if event is not None:
                 self._handle(event)
                 read += 1
-            elif is_due:
-                self._advance()
-                read = 0
-            if self._state == "running" and (not is_due or event is None):  # at least once a block
-                self._robots.check()
+
+    def _keep_to_supervisor(self) -> None:
+        """Let time stand still while whoever supervises the run is stopped: the rest of it would be lost on him."""
+        is_stopped = is_supervisor_stopped()
+        if is_stopped and self._state == "running":
+            self._state, self._is_kept = "paused", True
+            self._stopwatch.stop()
+            LOG.info("time stands still at block %d: the run's supervisor is stopped", self._simulation.block)
+        elif self._is_kept and not is_stopped:
+            self._is_kept = False
+            self._go_on()
 
     def _delay(self) -> float:
         """Time until the next block may be simulated [s]; infinite if that depends on others."""
@@ -269,7 +283,7 @@ class Server:
                 if self._state == "waiting":
                     raise CoheftError(f"the run has not begun: waiting for {', '.join(self._robots.not_ready)}")
                 if request.paused:
-                    self._state = "paused"
+                    self._state, self._is_kept = "paused", False
                     self._stopwatch.stop()
                 elif self._state == "paused":
                     self._go_on()

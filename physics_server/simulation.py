@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from coheft.errors import LoadError, SimulationError, one_line
-from coheft.estimation.geometry.spatial import Array, rotation_from_quaternion
+from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import ACCELERATION, WRENCH
 from coheft.physics_server.arms.impedance import Arms
 from coheft.physics_server.arms.torque_control import TorqueArms
@@ -21,6 +21,7 @@ from coheft.physics_server.loads import Loads
 from coheft.physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.physics_server.sensors import READINGS, Sensors
+from coheft.wire.messages.codec import is_finite
 from coheft.wire.messages.structs import BoxShape, LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
 from coheft.wire.process.log import LOG
 from coheft.wire.scenario.grasps import place_grasps
@@ -60,7 +61,7 @@ class _Readings:
     Attributes:
         positions: Generalised position of the payload, shape (B, 7): position, quaternion.
         kinematics: ``(w, v, a)`` of each grasp frame, shape (B, N, 9).
-        forces: What the arms exert, see ``Arms.read``, shape (B, read_size).
+        forces: What the arms exert, see ``Arms.readings``, shape (B, read_size).
         rotations: Of the grasp frames in the world, shape (B, N, 3, 3).
     """
 
@@ -118,7 +119,7 @@ class Simulation:
         self.model = build_model(scenario, grasps, errors)
         self.data = mujoco.MjData(self.model)
         arms = TorqueArms if scenario.robots.arms == "seven-joint" else Arms
-        self._arms = arms(scenario, names, grasps, self.model)
+        self._arms = arms(scenario, names, grasps, self.model, self.data)
         self._settle()
         homes = [self.model.site(home_name(name)).id for name in names]
         self._home_rotations = self.data.site_xmat[homes].reshape(-1, 3, 3)
@@ -138,7 +139,7 @@ class Simulation:
 
     def _settle(self) -> None:
         """Let the robots take up the weight, then stop: the run starts at rest, with no drop that excites anything."""
-        self._arms.settle(self.data, int(SETTLING_TIME * PHYSICS_RATE))
+        self._arms.settle(int(SETTLING_TIME * PHYSICS_RATE))
         self.data.qvel[:] = 0.0
         self.data.time = 0.0
 
@@ -222,7 +223,9 @@ class Simulation:
         readings = self._step(controls)
         self._check_held(readings)
         wrenches = self._arms.wrenches(readings.forces, readings.rotations, self._home_rotations)
-        kinematics = np.where(self._is_holding[:, None], readings.kinematics, self._at_rest)
+        kinematics = readings.kinematics
+        if not self._is_holding.all():
+            kinematics = np.where(self._is_holding[:, None], kinematics, self._at_rest)
         samples = self._sensors.measure(kinematics, wrenches)
         measurements = {
             name: Measurements(robot=name, block=self.block, samples=rows, holding=bool(is_holding))
@@ -260,30 +263,32 @@ class Simulation:
 
     def _step(self, controls: Array) -> _Readings:
         """Step the engine through one block, controls of shape (steps, 6 N)."""
-        model, data = self.model, self.data
+        model, data, drive, step = self.model, self.data, self._arms.drive, mujoco.mj_step
         data.qfrc_applied[:] = 0.0
         count, samples = len(self._names), self._scenario.sensors.block
         positions = np.empty((samples, _FREE_JOINT))
+        rotations = np.empty((samples, 9))
         kinematics = np.empty((samples, count * READINGS))
         forces = np.empty((samples, self._arms.read_size))
-        steps_per_sample = len(controls) // samples
-        position, readings = data.qpos[:_FREE_JOINT], data.sensordata[: count * READINGS]
-        for step, control in enumerate(controls):
-            sample, is_between = divmod(step, steps_per_sample)
-            self._arms.drive(data, control)
-            if is_between:
-                mujoco.mj_step(model, data)
-                continue
+        # Views: the engine makes a new one whenever it is asked.
+        position, quaternion = data.qpos[:_FREE_JOINT], data.qpos[3:_FREE_JOINT]
+        readings, exerted = data.sensordata[: count * READINGS], self._arms.readings()
+        for sample, (first, *others) in enumerate(controls.reshape(samples, -1, controls.shape[-1])):
+            drive(first)
             positions[sample] = position
-            mujoco.mj_step(model, data)
+            mujoco.mju_quat2Mat(rotations[sample], quaternion)
+            step(model, data)
             # Sensors, and with Euler's method all that the engine derives, belong to the state before the step.
             kinematics[sample] = readings
-            forces[sample] = self._arms.read(data)
+            forces[sample] = exerted
+            for control in others:
+                drive(control)
+                step(model, data)
         return _Readings(
             positions,
             kinematics.reshape(samples, count, READINGS),
             forces,
-            rotation_from_quaternion(positions[:, None, 3:]) @ self.scene.rotations,
+            rotations.reshape(samples, 1, 3, 3) @ self.scene.rotations,
         )
 
     def _truth(self, position: Array, samples: Array) -> Truth:
@@ -307,10 +312,10 @@ class Simulation:
         Raises:
             SimulationError: There is one.
         """
+        if max(np.abs(controls).max(), np.abs(self._arms.pushed).max()) < mujoco.mjMAXVAL:
+            return
         springs = np.abs(controls).reshape(len(controls), len(self._names), 6).max(axis=(0, 2))
         largest = np.maximum(springs, np.abs(self._arms.pushed).max(axis=1))
-        if (largest < mujoco.mjMAXVAL).all():
-            return
         bad = [name for name, value in zip(self._names, largest, strict=True) if not value < mujoco.mjMAXVAL]
         time = self.block * self._scenario.block_duration
         raise SimulationError(
@@ -325,9 +330,9 @@ class Simulation:
             SimulationError: They do not.
         """
         position = readings.positions[-1]
-        distance = float(np.linalg.norm(position[:3] - PAYLOAD_HOME.translation))
-        angle = 2.0 * math.atan2(np.linalg.norm(position[4:]), abs(position[3]))
-        if not all(np.isfinite(values).all() for values in (position, readings.kinematics, readings.forces)):
+        distance = math.dist(position[:3], PAYLOAD_HOME.translation)
+        angle = 2.0 * math.atan2(math.hypot(*position[4:]), abs(position[3]))
+        if not all(map(is_finite, (position, readings.kinematics, readings.forces))):
             found = "its motion is no longer finite"
         elif distance > MAX_DISTANCE or angle > MAX_ANGLE:
             found = f"it is {distance:.1f} m away from its home and turned by {math.degrees(angle):.0f} degrees"

@@ -252,7 +252,17 @@ def test_a_campaign_whose_summary_cannot_be_written_tells_it(
     monkeypatch.setattr("coheft.app.faults.output.markdown", lambda _: "the table")
     monkeypatch.setattr("coheft.app.results.report.write_report", fail)
     table = tmp_path / "table.md"
-    arguments = ["faults", "--seeds", "1", "--json", str(tmp_path / "x.json"), "--table", str(table)]
+    arguments = [
+        "faults",
+        "--seeds",
+        "1",
+        "--first-seed",
+        "0",
+        "--json",
+        str(tmp_path / "x.json"),
+        "--table",
+        str(table),
+    ]
     assert run_command_line(arguments) == EXIT_ERROR
     assert "the summary" in capfd.readouterr().out
     assert table.read_text() == "the table"

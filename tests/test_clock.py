@@ -55,6 +55,15 @@ def test_in_lockstep_a_block_waits_for_the_answers_that_it_needs() -> None:
     assert [clock.delay(block, answered=7) for block in (8, 9, 10)] == [0.0, 0.0, math.inf]
 
 
+def test_where_many_blocks_may_be_under_way_they_come_by_twos() -> None:
+    clock = Lockstep(4)
+    clock.start(0)
+    assert [clock.delay(block, answered=4) for block in (7, 8, 9)] == [0.0, math.inf, math.inf]
+    assert [clock.delay(block, answered=5) for block in (8, 9, 10)] == [0.0, 0.0, math.inf]
+    for block in range(20):  # nothing stands still: it is enough that all that there is has been answered
+        assert clock.delay(block, answered=block - 1) == 0.0
+
+
 def test_a_stopwatch_adds_up_the_time_for_which_it_runs(now: WallClock) -> None:
     watch = Stopwatch()
     for _ in range(2):

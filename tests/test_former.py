@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import ClassVar
 
 import msgspec
 import numpy as np
@@ -81,8 +82,10 @@ def test_a_setting_under_both_names_is_an_error() -> None:
         parse_scenario(f"seed_method = 3\n{RING3}", "three.toml")
 
 
-class FormerRequest(Message, frozen=True, tag="estimator"):
+class FormerRequest(Message, frozen=True):
     """What ``coheft use seed`` sent."""
+
+    code: ClassVar[int] = EstimatorRequest.code
 
     estimator: str
 

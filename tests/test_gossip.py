@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
@@ -12,8 +13,9 @@ from msgspec.structs import replace
 from coheft.consensus.gossip import Gossip
 from coheft.consensus.graph import Neighbours, build_graph, diameter, distances
 from coheft.wire.messages.codec import encode
+from coheft.wire.messages.size import PER_MESSAGE
 from coheft.wire.messages.structs import LinkState, NeighbourMessage
-from coheft.wire.scenario.schema import Graph
+from coheft.wire.scenario.schema import MAX_ROBOTS, Graph
 from tests.test_graph import graphs, names
 
 Edge = tuple[str, str]
@@ -264,6 +266,55 @@ def test_a_robot_that_nobody_names_as_a_neighbour_is_there_by_mistake(graph: Nei
     for robot in team.robots.values():
         assert robot.graph == graph
         assert robot.start_block == 7
+
+
+def test_made_up_robots_keep_no_team_from_starting_and_are_not_handed_on() -> None:
+    """As many as 1,100, which come before the true ones are known and name each other."""
+    team = Team(build_graph(Graph(kind="line"), names(5)))
+    made_up = [LinkState(f"x{number}", 0, (f"x{number - 1}",)) for number in range(1, 1101)]
+    for first in range(0, len(made_up), 10):
+        team.robots["r01"].hear(made_up[first : first + 10])
+        told = team.block()
+        assert not any(record.robot.startswith("x") for records in told.values() for record in records)
+    team.everybody_ready(200)
+    team.meet()
+    for robot in team.robots.values():
+        assert robot.graph == team.graph
+        assert robot.start_block == 200
+    assert len(team.robots["r01"].records) == 5
+
+
+@pytest.mark.parametrize("is_told", ["robots as well", "names only"])
+def test_a_robot_that_makes_up_neighbours_keeps_a_team_waiting_until_it_starts_again(is_told: str) -> None:
+    team = Team(build_graph(Graph(kind="line"), names(5)))
+    team.meet()
+    made_up = [f"x{number}" for number in range(MAX_ROBOTS)]
+    liar = team.robots["r02"]
+    liar._tell(replace(liar.own, neighbours=("r01", "r03", *made_up)))
+    if is_told == "robots as well":
+        for name in made_up:
+            liar.hear([LinkState(name, 0, ("r02",))])
+    team.blocks(2 * MAX_ROBOTS // PER_MESSAGE)
+    assert team.robots["r00"].start_block is None
+    for robot in team.robots.values():
+        assert len(robot.records) <= MAX_ROBOTS
+    team.restart("r02")
+    team.make_up()
+    team.everybody_ready(200)
+    team.make_up()
+    for robot in team.robots.values():
+        assert robot.graph == team.graph
+        assert robot.start_block == 200
+        assert len(robot.records) == 5
+
+
+def test_a_record_that_overtakes_the_one_that_names_its_robot_is_kept() -> None:
+    robot = Gossip("a", ("b",))
+    robot.hear([LinkState("c", 0, ("b",))])
+    assert "c" not in robot.records
+    robot.hear([LinkState("b", 0, ("a", "c"))])
+    assert robot.graph == {"a": ("b",), "b": ("a", "c"), "c": ("b",)}
+    assert {record.robot for record in robot.news()} == {"a", "b", "c"}
 
 
 def test_robots_that_nothing_was_heard_of_are_named() -> None:

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 
 from coheft.errors import MessageError
 from coheft.wire.messages import codec
-from coheft.wire.messages.codec import decode, encode, seal
+from coheft.wire.messages.codec import decode, encode
+from coheft.wire.messages.frame import PROTOCOL_VERSION, Seal
 from coheft.wire.messages.requests import Request
-from coheft.wire.messages.structs import PROTOCOL_VERSION, Hello, Measurements, Message, Stop
-from tests.fuzz.any_message import KEY, KINDS, name_of, plain, values
+from coheft.wire.messages.structs import Hello, Measurements, Message, Reference, Stop
+from tests.fuzz.any_message import KEY, KINDS, SEAL, fields_of, name_of, of_version, plain, values, with_fields
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=name_of)
@@ -59,7 +60,7 @@ def test_what_was_said_under_another_key_is_refused(key: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "data",
+    "fields",
     [
         b"",
         b"\x81\xa1x" + 100_000 * b"\x91",  # nested too deeply, in a field that no one knows
@@ -67,43 +68,124 @@ def test_what_was_said_under_another_key_is_refused(key: str) -> None:
         b"\x81\xa1\xff\x01",  # not UTF-8
     ],
 )
-def test_hostile_bytes_are_refused(data: bytes) -> None:
+def test_hostile_fields_are_refused(fields: bytes) -> None:
     with pytest.raises(MessageError, match="not a Hello"):
-        decode(seal(data, KEY), Hello, KEY)
+        decode(with_fields(encode(Hello(sender="r1", heard=[]), KEY), fields), Hello, KEY)
 
 
-def _with_array(shape: list[int], numbers: int) -> bytes:
-    header = bytes([len(shape)]) + b"".join(side.to_bytes(4, "little") for side in shape)
-    array = msgspec.msgpack.Ext(1, header + bytes(8 * numbers))
-    return msgspec.msgpack.encode({"version": PROTOCOL_VERSION, "robot": "r1", "block": 0, "samples": array})
+@pytest.mark.parametrize("size", range(41))
+def test_what_is_too_short_for_what_its_header_says_is_refused(size: int) -> None:
+    body = encode(Hello(sender="r1", heard=["r2"]), KEY)[4 : 4 + size]
+    with pytest.raises(MessageError, match="not a Hello"):
+        decode(SEAL.close(body), Hello, KEY)
+
+
+def _with_shapes(words: list[int], numbers: int) -> bytes:
+    """Measurements whose array is said to be of another shape."""
+    sound = encode(Measurements(robot="r1", block=0, samples=np.zeros(numbers)), KEY)
+    assert decode(sound, Measurements, KEY).samples.shape == (numbers,)  # so that its fields are known
+    shapes = b"".join(word.to_bytes(4, "little") for word in words)
+    return with_fields(sound, SEAL.unwrapped(sound, "message").fields, shapes)
 
 
 @pytest.mark.parametrize(
-    ("shape", "numbers"), [([2, 3], 5), ([2, 3], 7), ([2**32 - 1] * 4, 1), ([1] * 5, 1), ([], 0), ([], 2)]
+    ("words", "numbers"),
+    [
+        ([1, 2, 2, 3], 4),  # more numbers than there are
+        ([1, 2, 2, 3], 9),  # fewer
+        ([1, 4, *[2**32 - 1] * 4], 1),
+        ([1, 5, *[1] * 5], 2),  # five dimensions
+        ([9, 1, 2], 2),  # of no type
+        ([1, 2, 2], 2),  # cut short
+        ([1], 2),
+        ([1, 1, 2, 1, 1, 2], 4),  # two arrays
+        ([], 0),
+    ],
 )
-def test_arrays_that_are_not_what_their_header_says_are_refused(shape: list[int], numbers: int) -> None:
-    with pytest.raises(MessageError, match="not a Measurements"):
-        decode(seal(_with_array(shape, numbers), KEY), Measurements, KEY)
+def test_arrays_that_are_not_what_is_said_of_them_are_refused(words: list[int], numbers: int) -> None:
+    with pytest.raises(MessageError, match=r"not a Measurements: .*array"):
+        decode(_with_shapes(words, numbers), Measurements, KEY)
 
 
-@pytest.mark.parametrize("data", [b"", b"\x02", b"\x02\x01\x00\x00\x00", b"\x01\x01\x00\x00\x00" + 7 * b"\x00"])
-def test_arrays_that_are_cut_short_are_refused(data: bytes) -> None:
-    fields = {"version": PROTOCOL_VERSION, "robot": "r1", "block": 0, "samples": msgspec.msgpack.Ext(1, data)}
-    with pytest.raises(MessageError, match="not a Measurements"):
-        decode(seal(msgspec.msgpack.encode(fields), KEY), Measurements, KEY)
-
-
-def test_array_of_the_wrong_code_is_refused() -> None:
-    fields = {"version": PROTOCOL_VERSION, "robot": "r1", "block": 0, "samples": msgspec.msgpack.Ext(9, b"\x00" * 9)}
+@pytest.mark.parametrize(("code", "data"), [(9, b""), (1, b"?")])
+def test_what_stands_for_no_array_is_refused(code: int, data: bytes) -> None:
+    sound = encode(Measurements(robot="r1", block=0, samples=np.zeros(2)), KEY)
+    fields = fields_of(sound) | {"samples": msgspec.msgpack.Ext(code, data)}
     with pytest.raises(MessageError, match="not an array"):
-        decode(seal(msgspec.msgpack.encode(fields), KEY), Measurements, KEY)
+        decode(with_fields(sound, msgspec.msgpack.encode(fields)), Measurements, KEY)
 
 
-@pytest.mark.parametrize("fields", [{"reason": "over"}, {"reason": 3}, {"what": "new"}])
-def test_other_versions_are_told(fields: dict[str, object]) -> None:
-    data = msgspec.msgpack.encode({"version": PROTOCOL_VERSION + 1} | fields)
-    with pytest.raises(MessageError, match=f"version {PROTOCOL_VERSION + 1}.*speaks version {PROTOCOL_VERSION}"):
-        decode(seal(data, KEY), Stop, KEY)
+def test_two_arrays_of_one_name_are_refused() -> None:
+    sound = encode(Measurements(robot="r1", block=0, samples=np.zeros(4)), KEY)
+    array = b"\xa7samples" + msgspec.msgpack.encode(msgspec.msgpack.Ext(1, b""))
+    fields = b"\x83\xa5robot\xa2r1" + 2 * array
+    with pytest.raises(MessageError, match="2 arrays but 1 names"):
+        decode(with_fields(sound, fields, 2 * b"\1\0\0\0\1\0\0\0\2\0\0\0"), Measurements, KEY)
+
+
+def test_fields_may_name_arrays_in_any_order() -> None:
+    """The first time, and when the fields are known."""
+    reference = Reference(robot="r1", block=7, answers=3, motion=np.ones((2, 12)), wrench=np.arange(6.0))
+    sound = encode(reference, KEY)
+    frame = SEAL.unwrapped(sound, "message")
+    fields = msgspec.msgpack.encode(dict(reversed(fields_of(sound).items())))
+    shapes = frame.shapes[-12:] + frame.shapes[:-12]
+    swapped = SEAL.wrapped(frame.code, 7, 3, fields, shapes, [reference.wrench, reference.motion])
+    for _ in range(2):
+        assert plain(decode(swapped, Reference, KEY)) == plain(reference)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if getattr(kind, "is_steady", False)], ids=name_of)
+@settings(max_examples=25)
+@given(data=st.data())
+def test_fields_that_are_known_give_the_same_message(kind: type[Message], data: st.DataObject) -> None:
+    one = data.draw(values(kind))
+    changed = [name for name in kind.in_header if name is not None]
+    other = msgspec.structs.replace(one, **{name: data.draw(values(int)) for name in changed})
+    for message in (one, other, one):
+        assert plain(decode(encode(message, KEY), kind, KEY)) == plain(message)
+
+
+def test_a_list_that_changes_after_it_was_sent_is_sent_as_it_is() -> None:
+    heard = ["r2"]
+    hello = Hello(sender="r1", heard=heard)
+    encode(hello, KEY)
+    heard.append("r3")
+    assert decode(encode(hello, KEY), Hello, KEY).heard == ["r2", "r3"]
+
+
+def test_what_is_in_a_header_has_to_be_for_its_kind() -> None:
+    frame = SEAL.unwrapped(encode(Stop(reason="over"), KEY), "message")
+    with pytest.raises(MessageError, match="not a Stop: its header has 3 where this kind has nothing"):
+        decode(SEAL.wrapped(frame.code, 3, 0, frame.fields, b"", []), Stop, KEY)
+    with pytest.raises(MessageError, match="not a Hello: it is a Stop"):
+        decode(encode(Stop(reason="over"), KEY), Hello, KEY)
+    with pytest.raises(MessageError, match="not a Stop: it is a message of kind 99"):
+        decode(SEAL.wrapped(99, 0, 0, frame.fields, b"", []), Stop, KEY)
+    other = Seal("run-2/agent/r1/block")
+    other.seed = SEAL.seed
+    with pytest.raises(MessageError, match="its header says run"):
+        decode(other.wrapped(frame.code, 0, 0, frame.fields, b"", []), Stop, KEY)
+
+
+def test_no_two_kinds_have_the_same_code() -> None:
+    codes = [kind.code for kinds in KINDS for kind in typing.get_args(kinds) or (kinds,)]
+    assert len(set(codes)) == len(codes)
+
+
+def test_other_versions_are_told() -> None:
+    words = f"version {PROTOCOL_VERSION + 1}.*speaks version {PROTOCOL_VERSION}"
+    with pytest.raises(MessageError, match=words):
+        decode(of_version(PROTOCOL_VERSION + 1, Stop(reason="over"), KEY), Stop, KEY)
+    with pytest.raises(MessageError, match=words):
+        decode(SEAL.close(bytes([PROTOCOL_VERSION + 1])), Stop, KEY)
+
+
+def test_versions_before_there_were_headers_are_told() -> None:
+    """Their messages were a map in MessagePack behind the same checksum."""
+    body = msgspec.msgpack.encode({"version": 5, "reason": "over"})
+    with pytest.raises(MessageError, match="version 5 or older, but this process speaks version 6"):
+        decode(SEAL.close(body), Stop, KEY)
 
 
 def test_what_is_no_array_cannot_be_sent() -> None:
@@ -121,7 +203,7 @@ def test_check_array() -> None:
 
 def test_errors_quote_messages_in_one_short_line() -> None:
     with pytest.raises(MessageError, match=r"unknown field `\\x1b\[2J\\nr1 is fine`$"):
-        decode(seal(b"\x81\xaf\x1b[2J\nr1 is fine\x01", KEY), Hello, KEY)
+        decode(with_fields(encode(Hello(sender="r1", heard=[]), KEY), b"\x81\xaf\x1b[2J\nr1 is fine\x01"), Hello, KEY)
     with pytest.raises(MessageError, match=r"^.{400}\.\.\.$"):
         codec.check_field("sender", 10_000 * "a", "r1")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import secrets
+import threading
 from collections.abc import Iterator
 
 import numpy as np
@@ -13,11 +14,14 @@ import zenoh
 from coheft.app.run.hosts import free_ports
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.messages.codec import encode
+from coheft.wire.messages.frame import PROTOCOL_VERSION
 from coheft.wire.messages.requests import InjectRequest, Refusal, Status, StatusRequest
-from coheft.wire.messages.structs import PROTOCOL_VERSION, Hello, Measurements, Ready
+from coheft.wire.messages.structs import Hello, Measurements, Ready
 from coheft.wire.messages.structs import Scene as SceneMessage
+from coheft.wire.transport.callback_thread import keep_thread_state
 from coheft.wire.transport.inbox import Inbox, LinkChange, Question, Received, Refused
 from coheft.wire.transport.sessions import REFUSAL, Keys, Sender, ask, check_name, open_session
+from tests.fuzz.any_message import of_version
 from tests.waiting import next_event, wait_until
 
 
@@ -68,7 +72,7 @@ def test_what_is_not_the_expected_message_is_refused_and_the_next_one_arrives(pa
     hello = Hello(sender="r2", heard=[])
     far.put(key, b"\xc1 no MessagePack")
     far.put(key, encode(Ready(robot="r2"), key))
-    far.put(key, encode(Hello(version=PROTOCOL_VERSION + 1, sender="r2", heard=[]), key))
+    far.put(key, of_version(PROTOCOL_VERSION + 1, Hello(sender="r2", heard=[]), key))
     far.delete(key)
     far.put(keys.agent("r2", "gossip"), encode(hello, key))
     far.put(key, encode(hello, Keys("older-run").agent("r2", "hello")))
@@ -86,6 +90,27 @@ def test_what_is_not_the_expected_message_is_refused_and_the_next_one_arrives(pa
     assert "nothing is expected under the key" in texts[4]
     assert "of another run" in texts[5]
     assert next_event(inbox) == Received("r2", hello)
+
+
+def test_threads_that_call_back_keep_what_python_knows_of_them(pair, keys):
+    """What is local to a thread goes with its Python state."""
+    near, far = pair
+    local, counts = threading.local(), []
+
+    def count(_: zenoh.Sample) -> None:
+        keep_thread_state()
+        local.count = getattr(local, "count", 0) + 1
+        counts.append(local.count)
+
+    handler = zenoh.handlers.Callback(count, indirect=False)
+    subscriber = near.declare_subscriber(keys.robot("r1", "ready"), handler)
+    sender = Sender(far, keys.robot("r1", "ready"), may_drop=False)
+    wait_until(lambda: sender.has_listener)
+    for _ in range(100):
+        sender.send(Ready(robot="r1"))
+    wait_until(lambda: len(counts) == 100)
+    assert max(counts) > 10
+    subscriber.undeclare()
 
 
 def test_nobody_hears_itself(pair, keys):
@@ -182,7 +207,7 @@ def test_a_malformed_question_is_refused_by_the_inbox(pair, keys):
 def test_an_answer_of_another_release_is_no_silence(pair, keys):
     near, far = pair
     key = keys.request("operator")
-    other = encode(Refusal(reason="no", version=PROTOCOL_VERSION + 1), key)
+    other = of_version(PROTOCOL_VERSION + 1, Refusal(reason="no"), key)
     queryable = near.declare_queryable(key, lambda query: query.reply_err(other, encoding=REFUSAL), complete=True)
     querier = far.declare_querier(key)
     wait_until(lambda: querier.matching_status.matching)

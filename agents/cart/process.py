@@ -16,6 +16,7 @@ from coheft.agents.cart.agent import CartAgent
 from coheft.agents.cart.sums import CHANNELS
 from coheft.agents.inbox import is_possible
 from coheft.agents.process.links import HELLO_PERIOD, AgentLinks, open_links
+from coheft.agents.process.record_check import RecordCheck
 from coheft.errors import LinkError, MessageError
 from coheft.wire.cart.config import CartAgentConfig, CartAgentProcessConfig
 from coheft.wire.cart.messages import CartMeasurement, CartMessage
@@ -38,6 +39,7 @@ class CartAgentProcess:
         self._config = config
         self._links = links
         self._agent = CartAgent(config)
+        self._records = RecordCheck(config.name)
         self._block = 0
         self._measurements: deque[CartMeasurement] = deque()
         self._next_measurement = 0
@@ -110,7 +112,9 @@ class CartAgentProcess:
                 self._next_measurement += 1
             case CartMessage():
                 self._check_message(source, message)
-                self._messages.setdefault(message.block, {})[source] = message
+                tell = self._links.problems.tell
+                gossip = self._records.believed(message.gossip, lambda text: tell(f"refused from {source}: {text}"))
+                self._messages.setdefault(message.block, {})[source] = structs.replace(message, gossip=gossip)
             case Hello():
                 check_field("sender", message.sender, source)
                 self._heard.add(source)

@@ -16,6 +16,7 @@ from coheft.agents.agent import Agent
 from coheft.agents.process.heartbeat import PERIOD, Heartbeat
 from coheft.agents.process.links import HELLO_PERIOD, SERVER, AgentLinks, open_links
 from coheft.agents.process.neighbour_link import NeighbourLink
+from coheft.agents.process.record_check import open_record_check
 from coheft.errors import LinkError, MessageError
 from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
 from coheft.wire.config import AgentProcessConfig
@@ -53,6 +54,7 @@ class AgentProcess:
         self._outside = links
         self._tend_at = now = time.monotonic()
         self._links = {name: NeighbourLink(name, now) for name in config.agent.neighbours}
+        self._records = open_record_check(config.agent.name, config.run, config.security)
         self._measurements: deque[tuple[float, Measurements]] = deque(maxlen=_BACKLOG)
         self._world: int | None = None
         self._attempt = time.time_ns()
@@ -157,7 +159,8 @@ class AgentProcess:
             self._agent.set_holding(self._is_holding, self._block)
         messages = [message for link in self._links.values() for message in link.take_messages(self._block)]
         outbox = self._agent.step(self._block, MeasurementBlock(self._block, measurements.samples), messages)
-        self._outside.message.send(outbox.message)
+        gossip = self._records.signed(outbox.message.gossip)
+        self._outside.message.send(structs.replace(outbox.message, gossip=gossip))
         if outbox.estimate is not None:
             said = outbox.estimate.status, tuple(outbox.estimate.reasons)
             if self._last_estimate is None or said != (self._last_estimate.status, tuple(self._last_estimate.reasons)):
@@ -190,7 +193,8 @@ class AgentProcess:
         """
         event = self._outside.receive(max(0.0, min(wait, self._tend_at - time.monotonic())))
         if event is None:
-            self._tend_links()
+            if time.monotonic() >= self._tend_at:
+                self._tend_links()
             return False
         self._handle(event)
         return True
@@ -230,12 +234,17 @@ class AgentProcess:
                     self._take_measurements(message)
             case NeighbourMessage():
                 check_field("sender", message.sender, source)
+                gossip = self._records.believed(message.gossip, lambda text: self._refuse(source, text))
+                message = structs.replace(message, gossip=gossip)
                 self._links[source].take_message(message, self._next_block, time.monotonic())
             case Hello():
                 check_field("sender", message.sender, source)
                 self._links[source].take_hello(message, self._name, time.monotonic())
                 if self._is_fed and not self._links[source].hears_us:
                     self._answer_hello()
+
+    def _refuse(self, source: str, why: str) -> None:
+        self._outside.problems.tell(f"refused from {source}: {why}")
 
     def _take_measurements(self, message: Measurements) -> None:
         """Keep measurements for their step; those of a new world are for a new agent.

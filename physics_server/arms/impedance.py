@@ -19,6 +19,9 @@ from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.wire.messages.structs import Reference
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 
+_ACTUATOR_ORDER = np.array([3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8])
+"""Columns of a reference's motion: it names the rotation first, actuators (like wrenches) the translation."""
+
 
 def add_arm(
     spec: mujoco.MjSpec, site: str, home_site: str, stiffness: tuple[float, float], damping: tuple[float, float]
@@ -42,22 +45,32 @@ class Arms:
         robots: Whose they are, N names.
         grasps: Of these robots in the payload's frame.
         model: With their actuators; the payload's free joint comes first.
+        data: Its state.
 
     Attributes:
         pushed: Feed-forward wrench ``(f, t)`` of each robot in its own ``F_i`` during the newest block, shape (N, 6).
-        read_size: Numbers that say what all springs exert, see ``read``.
+        read_size: Numbers that say what all springs exert, see ``readings``.
     """
 
     pushed: Array
     read_size: int
 
     def __init__(
-        self, scenario: Scenario, robots: Sequence[str], grasps: Sequence[Pose], model: mujoco.MjModel
+        self,
+        scenario: Scenario,
+        robots: Sequence[str],
+        grasps: Sequence[Pose],
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
     ) -> None:
         self._robots = tuple(robots)
         self._adjoints = np.array([grasp.adjoint() for grasp in grasps])
         self._is_holding = np.ones(len(self._robots), dtype=np.bool_)
-        self._model = model
+        self._model, self._data = model, data
+        # Views: the engine makes a new one whenever it is asked.
+        self._control, self._force = data.ctrl, data.actuator_force
+        self._applied, self._quaternion = data.qfrc_applied[:6], data.qpos[3:7]
+        self._applied_force = self._applied[:3]
         self.pushed = np.zeros((len(self._robots), 6))
         self._push_on_payload: Array | None = None
         self.read_size = model.nu
@@ -71,8 +84,7 @@ class Arms:
         since_sample = np.arange(self._steps_per_sample)[:, None, None] / PHYSICS_RATE
         self._rate_gains = since_sample + damping
         self._slope_gains = scenario.sensors.rate * since_sample * (0.5 * since_sample + damping)
-        self._displacement = np.zeros((samples, count, 6))
-        self._rate = np.zeros((samples, count, 6))
+        self._motions = np.zeros((count, samples, 12))
 
     def controls(self, references: Mapping[str, Reference]) -> Array:
         """What to ``drive`` the arms with at every physics step of a block; the push is the same at all of them.
@@ -87,43 +99,42 @@ class Arms:
         for i, robot in enumerate(self._robots):
             reference = references.get(robot)
             if reference is None:
-                self._displacement[:, i] = self._displacement[-1, i]
-                self._rate[:, i] = 0.0
+                self._motions[i, :, :6] = self._motions[i, -1, :6]
+                self._motions[i, :, 6:] = 0.0
                 continue
-            # References name the rotation first, actuators (like wrenches) the translation.
-            motion = reference.motion
-            self._displacement[:, i, :3], self._displacement[:, i, 3:] = motion[:, 3:6], motion[:, :3]
-            self._rate[:, i, :3], self._rate[:, i, 3:] = motion[:, 9:], motion[:, 6:9]
+            self._motions[i] = reference.motion
             if self._is_holding[i]:
                 self.pushed[i] = reference.wrench
         self._push_on_payload = np.einsum("nij,nj->i", self._adjoints, self.pushed) if self.pushed.any() else None
-        slope = np.diff(self._rate, axis=0)
-        # The next block's reference is not known yet: the slope goes on as it has changed.
-        slope = np.concatenate([slope, 2.0 * slope[-1:] - slope[-2:-1] if len(slope) > 1 else slope])
-        spring = (
-            self._displacement[:, None] + self._rate[:, None] * self._rate_gains + slope[:, None] * self._slope_gains
-        )
+        motions = self._motions.swapaxes(0, 1)[..., _ACTUATOR_ORDER]
+        rate = motions[..., 6:]
+        spring = motions[:, None, :, :6] + rate[:, None] * self._rate_gains
+        if self._steps_per_sample > 1:
+            slope = np.diff(rate, axis=0)
+            # The next block's reference is not known yet: the slope goes on as it has changed.
+            slope = np.concatenate([slope, 2.0 * slope[-1:] - slope[-2:-1] if len(slope) > 1 else slope])
+            spring += slope[:, None] * self._slope_gains
         wanted: Array = spring.reshape(-1, 6 * len(self._robots))
         return wanted
 
-    def settle(self, data: mujoco.MjData, steps: int) -> None:
+    def settle(self, steps: int) -> None:
         """Let the robots take up the weight."""
-        mujoco.mj_step(self._model, data, nstep=steps)
+        mujoco.mj_step(self._model, self._data, nstep=steps)
 
-    def drive(self, data: mujoco.MjData, control: Array) -> None:
+    def drive(self, control: Array) -> None:
         """Set the actuators for the next step, and push; ``control`` is a row of ``controls``.
 
         Forces applied to joints are zero before a block, and left to the arms during it.
         """
-        data.ctrl[:] = control
+        self._control[:] = control
         if self._push_on_payload is not None:
             # A free joint's velocity is in the axes of the world, its angular velocity in those of its body.
-            mujoco.mju_rotVecQuat(data.qfrc_applied[:3], self._push_on_payload[:3], data.qpos[3:7])
-            data.qfrc_applied[3:6] = self._push_on_payload[3:]
+            self._applied[:] = self._push_on_payload
+            mujoco.mju_rotVecQuat(self._applied_force, self._push_on_payload[:3], self._quaternion)
 
-    def read(self, data: mujoco.MjData) -> Array:
-        """What the springs exert at the state before the last step, for ``wrenches``: actuator forces, (6 N,)."""
-        forces: Array = data.actuator_force
+    def readings(self) -> Array:
+        """A view, (6 N,), of what the springs exert at the state before the last step, for ``wrenches``."""
+        forces: Array = self._force
         return forces
 
     def set_holding(self, robot: str, holding: bool) -> None:

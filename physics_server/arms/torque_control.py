@@ -32,9 +32,14 @@ class TorqueArms(Arms):
     """
 
     def __init__(
-        self, scenario: Scenario, robots: Sequence[str], grasps: Sequence[Pose], model: mujoco.MjModel
+        self,
+        scenario: Scenario,
+        robots: Sequence[str],
+        grasps: Sequence[Pose],
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
     ) -> None:
-        super().__init__(scenario, robots, grasps, model)
+        super().__init__(scenario, robots, grasps, model, data)
         self.read_size = 6 * len(robots)
         (k_t, k_r), (d_t, d_r) = scenario.robots.stiffness, scenario.robots.damping
         self._stiffness = np.repeat([k_t, k_r], 3)
@@ -46,18 +51,19 @@ class TorqueArms(Arms):
         self._velocities = np.array([velocities for _, velocities in addresses])
         self._jacobian = np.zeros((len(robots), 6, model.nv))
 
-    def settle(self, data: mujoco.MjData, steps: int) -> None:
+    def settle(self, steps: int) -> None:
         """Let the robots take up the weight."""
+        data = self._data
         data.qpos[self._positions] = HOME_ANGLES
         mujoco.mj_forward(self._model, data)
         at_home = np.zeros(6 * len(self._hands))
         for _ in range(steps):
-            self.drive(data, at_home)
+            self.drive(at_home)
             mujoco.mj_step(self._model, data)
 
-    def drive(self, data: mujoco.MjData, control: Array) -> None:
+    def drive(self, control: Array) -> None:
         """Set the joints' torques for the next step; ``control`` is a row of ``controls``."""
-        count = len(self._hands)
+        data, count = self._data, len(self._hands)
         wanted = control.reshape(count, 6)
         for jacobian, hand in zip(self._jacobian, self._hands, strict=True):
             mujoco.mj_jacSite(self._model, data, jacobian[:3], jacobian[3:], hand)
@@ -81,9 +87,9 @@ class TorqueArms(Arms):
         torques = np.einsum("nij,ni->nj", jacobians, wrench) + posture + data.qfrc_bias[self._velocities]
         data.ctrl[:] = torques.reshape(count * JOINTS)
 
-    def read(self, data: mujoco.MjData) -> Array:
-        """What the wrists' force-torque sensors read, shape (6 N,); they come last of all sensors."""
-        readings: Array = data.sensordata[-self.read_size :]
+    def readings(self) -> Array:
+        """What the wrists' force-torque sensors read, shape (6 N,), a view; they come last of all sensors."""
+        readings: Array = self._data.sensordata[-self.read_size :]
         return readings
 
     def set_holding(self, robot: str, holding: bool) -> None:

@@ -31,8 +31,9 @@ _replace = msgspec.structs.replace
 
 
 @pytest.fixture
-def made_up(monkeypatch: pytest.MonkeyPatch) -> set[int]:
+def made_up(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> set[int]:
     """Seeds whose schedules break two promises each, without running them; the others break none."""
+    monkeypatch.chdir(tmp_path)
     broken: set[int] = set()
 
     def try_seed(seed: int, mutant: str = "") -> Outcome:
@@ -93,7 +94,19 @@ def test_a_campaign_that_is_stopped_tells_what_was_done(
 
     monkeypatch.setattr(campaign, "try_seed", stopped)
     kept, table = tmp_path / "kept.jsonl", tmp_path / "table.md"
-    arguments = ["faults", "--jobs", "1", "--seeds", "9", "--kept", str(kept), "--table", str(table)]
+    arguments = [
+        "faults",
+        "--jobs",
+        "1",
+        "--first-seed",
+        "0",
+        "--seeds",
+        "9",
+        "--kept",
+        str(kept),
+        "--table",
+        str(table),
+    ]
     assert run_command_line(arguments) == EXIT_INTERRUPTED
     out, err = capfd.readouterr()
     assert "violations: 4, in 2 schedules" in out
@@ -104,6 +117,34 @@ def test_a_campaign_that_is_stopped_tells_what_was_done(
     )
     assert run_command_line(["faults", "--jobs", "1", "--first-seed", "3", "--quiet"]) == EXIT_INTERRUPTED
     assert capfd.readouterr() == ("", "stopped after 0 of 100 schedules\n")
+
+
+def test_each_campaign_has_seeds_of_its_own_and_one_that_goes_on_has_the_same(
+    made_up: set[int], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def first_seed(*options: str) -> int:
+        assert run_command_line(["faults", "--seeds", "2", "--jobs", "1", *options]) == EXIT_CONVERGED
+        found = re.search(r"^first seed (\d+)$", capfd.readouterr().out, re.MULTILINE)
+        assert found is not None
+        return int(found[1])
+
+    kept = ["--kept", str(tmp_path / "kept.jsonl")]
+    one, other = first_seed(), first_seed()
+    assert one != other
+    assert first_seed(*kept) == first_seed(*kept) != one
+    assert first_seed(*kept, "--first-seed", "7") == 7
+
+
+def test_schedules_that_fail_are_kept_as_files(made_up: set[int], tmp_path: Path) -> None:
+    made_up |= {6, 8}
+    arguments = ["faults", "--first-seed", "5", "--seeds", "4", "--jobs", "1", "--quiet"]
+    assert run_command_line(arguments) == EXIT_BROKEN_PROMISE
+    assert {path.name for path in (tmp_path / "faults-failed").iterdir()} == {"6.json", "8.json"}
+    assert read_schedule(tmp_path / "faults-failed" / "6.json") == draw_schedule(6)
+    assert run_command_line([*arguments, "--failed", str(tmp_path / "another")]) == EXIT_BROKEN_PROMISE
+    assert (tmp_path / "another" / "8.json").exists()
+    assert run_command_line([*arguments, "--mutant", MUTANT, "--failed", str(tmp_path / "no")]) == EXIT_BROKEN_PROMISE
+    assert not (tmp_path / "no").exists()  # they fail on purpose
 
 
 @pytest.mark.slow
@@ -137,7 +178,7 @@ def test_the_summary_goes_to_standard_output_and_all_else_does_not(
 ) -> None:
     made_up |= {1}
     table = tmp_path / "table.md"
-    arguments = ["faults", "--seeds", "3", "--jobs", "1", "--json", "-", "--table", str(table)]
+    arguments = ["faults", "--seeds", "3", "--first-seed", "0", "--jobs", "1", "--json", "-", "--table", str(table)]
     assert run_command_line(arguments) == EXIT_BROKEN_PROMISE
     out, err = capfd.readouterr()
     summary = json.loads(out)
@@ -145,7 +186,7 @@ def test_the_summary_goes_to_standard_output_and_all_else_does_not(
     assert err.splitlines()[-1] == "coheft faults --replay 1"
     head, *rows = table.read_text().splitlines()
     assert head == "3 schedules (seeds 0 to 2), 0.0 simulated hours: 2 violations."
-    assert rows[-1] == "| lie (scaled) | 3 | 3 of 3 | 2 | 0.50 s | 0.95 s | 1.00 s |"
+    assert rows[-1] == "| lie (scaled) | 3 | 3 of 3 | 2 | 0, 0 | 0.50 s | 0.95 s | 1.00 s |"
 
 
 @pytest.mark.slow

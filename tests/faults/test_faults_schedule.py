@@ -66,7 +66,7 @@ def test_every_kind_of_fault_number_of_faults_team_and_graph_is_drawn():
     assert {len(schedule.faults) for schedule in DRAWN} == set(range(MOST_FAULTS + 1))
     assert {schedule.scenario.robot_count for schedule in DRAWN} == {3, 4, 5, 6}
     assert len({schedule.scenario.graph.kind for schedule in DRAWN}) == 5
-    assert {len(schedule.scenario.load_changes) for schedule in DRAWN} == {0, 1, 2}
+    assert {len(schedule.scenario.load_changes) for schedule in DRAWN} == {0, 1, 2, 3}
 
 
 def test_schedules_are_written_and_read(tmp_path: Path):

@@ -19,9 +19,18 @@ from coheft.app.run.heard import News, check_news
 from coheft.app.terminal.final_table import print_report
 from coheft.app.terminal.screen import LineDisplay, LiveDisplay
 from coheft.errors import MessageError
-from coheft.wire.messages.codec import decode, encode, seal
+from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.structs import Estimate, LoadChangeNotice, Message, Problem, Truth
-from tests.fuzz.any_message import KEY, altered, array_extensions, trees, values, with_a_part_replaced
+from tests.fuzz.any_message import (
+    KEY,
+    altered,
+    array_extensions,
+    fields_of,
+    trees,
+    values,
+    with_a_part_replaced,
+    with_fields,
+)
 from tests.recording.runs import BEGIN, SCENARIO
 from tests.synthetic_run import HEAVY, INFO, LIGHT, ROBOTS, SCENE, estimate, truth
 
@@ -79,10 +88,10 @@ def hear_show_and_report(message: Message) -> None:
 @given(data=st.data())
 def test_a_sound_message_with_something_else_in_a_place(data: st.DataObject) -> None:
     sound = data.draw(st.sampled_from([*SOUND, Problem(source="r1", text="?")]))
-    tree = msgspec.msgpack.decode(encode(sound, KEY)[4:])
-    changed = data.draw(with_a_part_replaced(tree, st.floats() | array_extensions() | trees()))
+    said = encode(sound, KEY)
+    changed = data.draw(with_a_part_replaced(fields_of(said), st.floats() | array_extensions() | trees()))
     try:
-        message = decode(seal(msgspec.msgpack.encode(changed), KEY), type(sound), KEY)
+        message = decode(with_fields(said, msgspec.msgpack.encode(changed)), type(sound), KEY)
     except MessageError:
         return
     hear_show_and_report(message)

@@ -15,9 +15,9 @@ from coheft.app.run.inprocess import run_in_process
 from coheft.app.run.plan import make_plan
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.codec import encode
+from coheft.wire.messages.frame import PROTOCOL_VERSION
 from coheft.wire.messages.requests import InjectRequest, PauseRequest, RemoveRequest, Status, StatusRequest, StopRequest
 from coheft.wire.messages.structs import (
-    PROTOCOL_VERSION,
     Estimate,
     LinkState,
     LoadState,
@@ -31,6 +31,7 @@ from coheft.wire.messages.structs import (
 from coheft.wire.process.supervised import TERMINATED
 from coheft.wire.transport.inbox import Inbox, Received
 from coheft.wire.transport.sessions import Keys, Sender, open_session
+from tests.fuzz.any_message import of_version
 
 from .team import LIMIT, ROOT, Team, running_team, small_scenario, wait_until
 
@@ -124,9 +125,10 @@ def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
         now = team.ask(PauseRequest(paused=True)).block
         wait_until(lambda: not team.ask(StatusRequest()).waiting_for, "the last answers")
         motion = np.zeros((plan.server.scenario.sensors.block, 12))
+        robot_key = keys.robot(first, "reference")
         to_server: dict[str, Message | bytes] = {
             "not a Reference": b"rubbish",
-            f"version {PROTOCOL_VERSION + 1}": Ready(version=PROTOCOL_VERSION + 1, robot=first),
+            f"version {PROTOCOL_VERSION + 1}": of_version(PROTOCOL_VERSION + 1, Ready(robot=first), robot_key),
             "robot is 'nobody'": Reference(robot="nobody", block=now, answers=now, motion=motion, wrench=np.zeros(6)),
             "was answered already": Reference(
                 robot=first, block=now, answers=now, motion=motion * np.nan, wrench=np.zeros(6)
@@ -155,7 +157,7 @@ def test_bad_messages_are_refused_and_the_run_goes_on(tmp_path):
             blocks = Sender(session, keys.agent(second, "block"), may_drop=False)
             wait_until(lambda: references.has_listener and blocks.has_listener, "the stranger's links")
             for key, messages in (
-                (keys.robot(first, "reference"), to_server.values()),
+                (robot_key, to_server.values()),
                 (keys.agent(second, "block"), [*harmless, *to_agent.values()]),
             ):
                 for message in messages:

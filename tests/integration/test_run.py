@@ -196,15 +196,6 @@ def test_a_server_that_is_killed_ends_the_run_and_is_named(
     assert run.text.endswith(f"The run is over, because server {how}.\n")
 
 
-def test_a_frozen_process_does_not_outlive_its_supervisor(start: Callable[..., Run]) -> None:
-    run = start("--duration", "10000")
-    run.wait_until_under_way()
-    os.kill(run.pids["r3"], signal.SIGSTOP)
-    os.killpg(run.supervisor.pid, signal.SIGINT)
-    assert run.wait() == 130
-    assert run.left() == []
-
-
 def test_an_agent_that_is_frozen_when_the_run_ends_is_named(start: Callable[..., Run]) -> None:
     run = start("--realtime", "--duration", "10000")
     run.wait_until_under_way()

@@ -48,7 +48,10 @@ def received(message: M) -> M:
 def in_one_process(scenario: Scenario, blocks: Iterable[BlockRecord]) -> dict[str, object]:
     """The same from a run in this process."""
     graph = build_graph(scenario.graph, scenario.robot_names)
-    scene = received(Simulation(scenario, graph).scene)
+    scene = Simulation(scenario, graph).scene
+    scene = msgspec.structs.replace(
+        scene, rotations=scene.rotations.copy(order="C"), translations=scene.translations.copy(order="C")
+    )
     record = Record(scene, scenario.duration, with_history=True)
     for block in blocks:
         record.add_truth(received(block.truth))

@@ -15,6 +15,7 @@ from coheft.app.cli.base import (
     Count,
     FileTarget,
     Flag,
+    FolderTarget,
     NotNegative,
     ReportTarget,
     app,
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from coheft.app.faults.trial import Outcome
 
 _SEEDS = 100
+_FAILED = Path("faults-failed")
+"""Where schedules that have failed are kept."""
 
 
 def _is_mutant(_: object, name: str) -> None:
@@ -44,11 +47,12 @@ def _is_mutant(_: object, name: str) -> None:
 def faults(
     *,
     seeds: Count = _SEEDS,
-    first_seed: NotNegative = 0,
+    first_seed: NotNegative | None = None,
     jobs: Count | None = None,
     json: ReportTarget = None,
     table: FileTarget = None,
     kept: FileTarget = None,
+    failed: FolderTarget = None,
     mutant: Annotated[str, Parameter(validator=_is_mutant)] = "",
     replay: str | None = None,
     shrink: Flag = False,
@@ -57,15 +61,15 @@ def faults(
     """Let things go wrong in many simulated runs, and check after every block that the promises are kept.
 
     Each seed draws a small team and up to four faults: of the network, of agents, of sensors, of clocks. Of four seeds
-    two have sensors that are off as far as robots are told, see docs/sensors.md. Exit status 4 if a promise was broken;
-    the last line then is the command that shows it again.
+    two have sensors that are off as far as robots are told, see docs/sensors.md; half have small errors that last
+    besides. Exit status 4 if a promise was broken; the last line then is the command that shows it again.
 
     Parameters
     ----------
     seeds:
         Number of runs.
     first_seed:
-        Of the first run; the others count on from there.
+        Of the first run, instead of one from the clock; the others count on from there.
     jobs:
         Number of processes, instead of one per core.
     json:
@@ -75,6 +79,9 @@ def faults(
     kept:
         Add every outcome to this file; a campaign that was cut off goes on where it was. Not with outcomes of other
         code, or of another mutant.
+    failed:
+        Write schedules that break a promise into this folder, instead of 'faults-failed'; --replay FILE runs them again
+        when what a seed draws has changed.
     mutant:
         Put this deliberate bug into the agents: the campaign has to find it.
     replay:
@@ -86,18 +93,19 @@ def faults(
     """
     from rich.console import Console
 
-    from coheft.app.faults.campaign import run_campaign
+    from coheft.app.faults.campaign import kept_first_seed, new_first_seed, run_campaign
     from coheft.app.faults.output import campaign_progress, markdown, print_campaign
     from coheft.app.faults.summary import summarise
     from coheft.app.results.report import write_report
 
     of_a_campaign = {
         "--seeds": seeds != _SEEDS,
-        "--first-seed": first_seed != 0,
+        "--first-seed": first_seed is not None,
         "--jobs": jobs is not None,
         "--json": json is not None,
         "--table": table is not None,
         "--kept": kept is not None,
+        "--failed": failed is not None,
     }
     unusable = [option for option, is_given in of_a_campaign.items() if is_given and replay is not None]
     if unusable:
@@ -108,7 +116,12 @@ def faults(
     console = Console(stderr=json == "-", quiet=quiet)
     if replay is not None:
         return _replay(console, _schedule_of(replay), mutant, is_shrunk=shrink)
+    if first_seed is None:
+        first_seed = None if kept is None else kept_first_seed(kept)
+    if first_seed is None:
+        first_seed = new_first_seed()
     chosen = range(first_seed, first_seed + seeds)
+    console.print(f"first seed {first_seed}", highlight=False)
     done: list[Outcome] = []
     try:
         with campaign_progress(console, len(chosen), quiet=quiet) as on_outcome:
@@ -116,6 +129,8 @@ def faults(
             def tell(outcome: Outcome) -> None:
                 done.append(outcome)
                 on_outcome(outcome)
+                if outcome.violations and not mutant:
+                    _keep_failed(outcome.seed, failed or _FAILED)
 
             outcomes = run_campaign(chosen, jobs=jobs, kept=kept, mutant=mutant, on_outcome=tell)
     except KeyboardInterrupt:
@@ -147,6 +162,17 @@ def _write(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise CoheftError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _keep_failed(seed: int, folder: Path) -> None:
+    from coheft.app.faults.draw import draw_schedule
+    from coheft.app.faults.schedule import write_schedule
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_schedule(draw_schedule(seed), folder / f"{seed}.json")
+    except OSError as error:
+        raise CoheftError(f"cannot write {folder / str(seed)}.json: {error.strerror}") from error
 
 
 def _new_file(seed: int) -> Path:

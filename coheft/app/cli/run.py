@@ -22,6 +22,7 @@ from coheft.app.cli.base import (
     app,
     check_outputs,
 )
+from coheft.app.cli.errors import complain
 from coheft.errors import CoheftError, UsageError
 from coheft.wire.process.log import LogLevel
 
@@ -30,6 +31,7 @@ if TYPE_CHECKING:  # each is loaded by the runs that need it
 
     from coheft.app.recording.recorder import Recorder
     from coheft.app.results.carry_record import CarryRecord
+    from coheft.app.run.broken_off import BrokenOff
     from coheft.app.run.hosts import Hosts
     from coheft.app.run.plan import Clock
     from coheft.app.run_report.folder import ReportPage
@@ -124,6 +126,10 @@ def run(
     feedforward:
         Where robots carry the load along a common path: whether they push with what they know of it.
     """
+    from coheft.app.run.processes import make_nursery
+
+    nursery = make_nursery() if write_configs is None else None  # it imports while we do
+
     from contextlib import ExitStack
     from functools import partial
 
@@ -192,7 +198,9 @@ def run(
         beside: list[Follower | None] = [page, viewer, recorder, carried, broken_off]
         followers = [follower for follower in beside if follower is not None]
         try:
-            found = launch(plan, folder, display, followers=followers, with_history=history, restarts=restarts)
+            found = launch(
+                plan, folder, display, followers=followers, with_history=history, restarts=restarts, nursery=nursery
+            )
         except KeyboardInterrupt:
             raise KeyboardInterrupt(broken_off.sentence()) from None
         except CoheftError as error:
@@ -203,12 +211,17 @@ def run(
         if not quiet:
             print_report(console, found, folder)
         try:
-            if json is not None:
-                write_report(found, json)
-                tell("Report for programs", json)
-        finally:  # if one of them cannot be written, the other may
-            if page is not None:
-                tell("Report", page.write(chosen, clock, found))
+            try:
+                if json is not None:
+                    write_report(found, json)
+                    tell("Report for programs", json)
+            finally:  # if one of them cannot be written, the other may
+                if page is not None:
+                    tell("Report", page.write(chosen, clock, found))
+        except (CoheftError, OSError):
+            for text in _lost(broken_off, recorder):
+                complain(text)
+            raise
         if not broken_off.unsaved:
             tell("Data", save_data)
         if viewer is not None and viewer.is_there:
@@ -216,13 +229,17 @@ def run(
             viewer.wait()
         elif viewer is not None:
             _tell(console, "There was no view, or not until the run had ended; its log", viewer.log)
-    unsaved_recording = "" if recorder is None else recorder.problem
-    if not unsaved_recording:
+    if recorder is not None and not recorder.problem:
         tell("Recording", record)
-    unsaved = f"no data file was written: {broken_off.unsaved}" if broken_off.unsaved else ""
-    if lost := [text for text in (unsaved, unsaved_recording) if text]:
+    if lost := _lost(broken_off, recorder):
         raise CoheftError("\n".join(lost))
     return EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED
+
+
+def _lost(broken_off: BrokenOff, recorder: Recorder | None) -> list[str]:
+    """What of a run that has ended could not be written, besides its reports."""
+    unsaved = f"no data file was written: {broken_off.unsaved}" if broken_off.unsaved else ""
+    return [text for text in (unsaved, "" if recorder is None else recorder.problem) if text]
 
 
 def _tell(console: Console | None, what: str, place: str | Path | None) -> None:

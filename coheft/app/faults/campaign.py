@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -16,15 +17,38 @@ from coheft.app.faults.trial import Outcome, try_schedule
 from coheft.app.run.parallel import side_by_side, workers
 from coheft.errors import CoheftError
 
+_SEEDS, _ROOM = 2**32, 10**6
+"""Seeds are smaller, and a campaign has no more of them than that."""
 _LINKED = ("agents", "consensus", "physics_server")
 """Parts of the package that are folders of their own in a clone, which ``rglob`` does not follow."""
 
 
 class Header(msgspec.Struct, frozen=True):
-    """First line of a file of outcomes: they belong to this code, and to agents with this bug."""
+    """First line of a file of outcomes: they belong to this code, and to agents with this bug.
+
+    Attributes:
+        code: Hash of the code.
+        mutant: The deliberate bug, if any.
+        first_seed: Of the campaign that began the file.
+    """
 
     code: str
     mutant: str = ""
+    first_seed: int = 0
+
+
+def new_first_seed() -> int:
+    """By the clock: each campaign tries what none has tried before."""
+    return time.time_ns() // 1_000_000 % (_SEEDS - _ROOM)
+
+
+def kept_first_seed(path: Path) -> int | None:
+    """First seed of the campaign that began a file of outcomes; None if there is none, or no such file."""
+    try:
+        with path.open("rb") as file:
+            return msgspec.json.decode(file.readline(), type=Header).first_seed
+    except (OSError, msgspec.DecodeError):
+        return None
 
 
 class OutcomeFile:
@@ -33,11 +57,12 @@ class OutcomeFile:
     Args:
         path: The file.
         mutant: The deliberate bug, if any.
+        first_seed: For a file that is not there yet.
     """
 
-    def __init__(self, path: Path, mutant: str = "") -> None:
+    def __init__(self, path: Path, mutant: str = "", first_seed: int = 0) -> None:
         self._path = path
-        self._header = Header(code_hash(), mutant)
+        self._header = Header(code_hash(), mutant, first_seed)
 
     def begin(self) -> list[Outcome]:
         """What has been kept so far, of whatever seeds; a line that was not written to its end is cut off.
@@ -58,10 +83,11 @@ class OutcomeFile:
         return outcomes
 
     def _check(self, first: bytes) -> None:
-        if first == _line(self._header):
-            return
         try:
-            is_ours = msgspec.json.decode(first, type=Header).code == self._header.code
+            header = msgspec.json.decode(first, type=Header)
+            is_ours = header.code == self._header.code
+            if is_ours and header.mutant == self._header.mutant:
+                return
             found = "holds outcomes of another mutant" if is_ours else "is of other code"
         except msgspec.DecodeError:
             found = "holds no outcomes"
@@ -122,7 +148,7 @@ def run_campaign(
         MissingPackageError: A package that campaigns need is not installed.
         CoheftError: The file cannot be read or written, or holds something else.
     """
-    file = None if kept is None else OutcomeFile(kept, mutant)
+    file = None if kept is None else OutcomeFile(kept, mutant, min(seeds))
     outcomes: dict[int, Outcome] = {}
     with workers(jobs):
         if file is not None:

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
+from coheft.app.faults.lasting import with_lasting_errors
 from coheft.app.faults.recovery import latest_recovery
 from coheft.app.faults.schedule import (
     EVERYBODY,
@@ -61,7 +62,9 @@ T = TypeVar("T")
 _replace = msgspec.structs.replace
 
 
-def draw_schedule(seed: int, delayed: bool | None = None, is_exact: bool | None = None) -> FaultSchedule:
+def draw_schedule(
+    seed: int, delayed: bool | None = None, is_exact: bool | None = None, lasting: bool | None = None
+) -> FaultSchedule:
     """The schedule of a seed.
 
     Args:
@@ -69,6 +72,8 @@ def draw_schedule(seed: int, delayed: bool | None = None, is_exact: bool | None 
         delayed: Whether everything happens ``DELAY`` later. None: every other seed.
         is_exact: Whether sensors are exact but for noise and faults, or those of an industrial arm, off as far as
             robots are told. None: two of four seeds.
+        lasting: Whether there are small errors that last besides, see ``lasting``. None: every other time, unless it is
+            said whether sensors are exact.
     """
     schedule = _draw_early(seed)
     if seed % 4 >= 2 if is_exact is None else not is_exact:
@@ -76,6 +81,10 @@ def draw_schedule(seed: int, delayed: bool | None = None, is_exact: bool | None 
         schedule = _replace(schedule, scenario=_replace(schedule.scenario, sensors=sensors))
     if seed % 2 if delayed is None else delayed:
         schedule = _later(schedule)
+    rng = np.random.default_rng([seed, 1])  # of its own: what else is drawn stays as it is
+    is_lasting = bool(rng.random() < 0.5)
+    if (is_lasting and is_exact is None) if lasting is None else lasting:
+        schedule = with_lasting_errors(schedule, rng)
     return _long_enough(schedule)
 
 

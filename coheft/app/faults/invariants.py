@@ -53,7 +53,11 @@ class Violation(msgspec.Struct, frozen=True):
 
 
 class Watch:
-    """Looks at all that a team publishes, see the module."""
+    """Looks at all that a team publishes, see the module.
+
+    Attributes:
+        off_for: Longest time for which a robot has called numbers valid that were off [s]; None if it never did.
+    """
 
     def __init__(self, schedule: FaultSchedule, scene: Scene) -> None:
         scenario = schedule.scenario
@@ -66,6 +70,9 @@ class Watch:
         lies = sorted((fault for fault in schedule.faults if isinstance(fault, Lie)), key=lambda lie: -lie.start)
         self._lies = {lie.robot: lie.start for lie in lies}  # the first one of each
         self._found: dict[tuple[str, str, str], Violation] = {}
+        self._off_since: dict[str, float] = {}
+        self._is_off = False
+        self.off_for: float | None = None
 
     @property
     def violations(self) -> list[Violation]:
@@ -80,9 +87,15 @@ class Watch:
             self._report("P2", block.truth.time, robot, f"raised {type(error).__name__}", str(error))
         for robot, outbox in block.outboxes.items():
             estimate = outbox.estimate
-            if estimate is not None and estimate.status == "valid" and self._lies.get(robot, math.inf) > estimate.time:
+            if estimate is None:
+                continue
+            since, self._is_off = self._off_since.pop(robot, estimate.time), False
+            if estimate.status == "valid" and self._lies.get(robot, math.inf) > estimate.time:
                 self._check_payload(estimate)
                 self._check_poses(estimate)
+            if self._is_off:
+                self._off_since[robot] = since
+                self.off_for = max(self.off_for or 0.0, estimate.time - since)
 
     def _check_payload(self, estimate: Estimate) -> None:
         robot, payload, block = estimate.robot, estimate.payload, estimate.valid_block
@@ -116,6 +129,7 @@ class Watch:
         off = np.abs(error) / deviations
         worst = int(np.argmax(off))
         if off[worst] > DEVIATIONS:
+            self._is_off = True
             text = f"{names[worst]} off by {abs(error[worst]):.3g}, {off[worst]:.1f} of its standard deviations"
             self._report("P1", estimate.time, estimate.robot, what, text, float(off[worst]))
 

@@ -8,7 +8,8 @@ import numpy as np
 from coheft.app.faults.schedule import Corruption, Lie
 from coheft.errors import MessageError
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.messages.codec import decode, encode, seal
+from coheft.wire.messages.codec import decode, encode
+from coheft.wire.messages.frame import Seal
 from coheft.wire.messages.structs import NeighbourMessage
 
 _CHECKSUM_SIZE = 4
@@ -28,7 +29,9 @@ def flip_bits(message: NeighbourMessage, fault: Corruption, rng: np.random.Gener
     for bit in rng.integers(first, 8 * len(data), size=fault.bits):
         data[bit // 8] ^= 1 << (bit % 8)
     try:
-        return decode(seal(bytes(data[_CHECKSUM_SIZE:]), key) if fault.sealed else bytes(data), NeighbourMessage, key)
+        return decode(
+            Seal(key).close(bytes(data[_CHECKSUM_SIZE:])) if fault.sealed else bytes(data), NeighbourMessage, key
+        )
     except MessageError:
         return None
 

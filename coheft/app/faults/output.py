@@ -10,8 +10,9 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from coheft.app.faults.lasting import lasting_kinds
 from coheft.app.faults.schedule import FaultSchedule
-from coheft.app.faults.summary import CampaignSummary
+from coheft.app.faults.summary import CampaignSummary, KindSummary
 from coheft.app.faults.trial import Outcome
 from coheft.app.terminal.progress import show_progress
 from coheft.app.terminal.wide_table import print_table
@@ -39,12 +40,12 @@ def print_campaign(console: Console, summary: CampaignSummary, outcomes: Sequenc
     """What was injected and what came of it; the last line replays the first schedule that failed."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1))
     table.add_column("fault")
-    for name in ("injected", "went stale", "violations", "all valid after [s]: median", "95 %", "worst"):
+    for name in ("injected", "went stale", "violations", "off, > 1 s", "all valid after [s]: median", "95 %", "worst"):
         table.add_column(name, justify="right")
     for kind in summary.kinds:
         times = ("", "", "") if kind.recovered_s is None else tuple(f"{time:.2f}" for time in kind.recovered_s)
         stale = f"{kind.went_stale} of {kind.schedules}"
-        table.add_row(kind.kind, str(kind.injected), stale, str(kind.violations), *times)
+        table.add_row(kind.kind, str(kind.injected), stale, str(kind.violations), _off(kind), *times)
     print_table(console, table)
     console.print(
         f"\n{summary.schedules} schedules, {summary.simulated_h:.1f} simulated hours, {summary.lost} loads lost"
@@ -52,6 +53,12 @@ def print_campaign(console: Console, summary: CampaignSummary, outcomes: Sequenc
     lies, named = summary.lies
     if lies:
         console.print(f"{named} of {lies} agents that lied were named by others")
+    untold, off, long = summary.untold
+    if untold:
+        console.print(
+            f"in {untold} schedules sensors were off by more than robots were told: in {off} of these a robot called "
+            f"numbers valid that were off, in {long} for more than 1 s"
+        )
     console.print(f"violations: {summary.violations}, in {len(summary.failed)} schedules")
     failed = [outcome for outcome in outcomes if outcome.violations]
     for outcome in failed[:_SHOWN]:
@@ -69,14 +76,19 @@ def markdown(summary: CampaignSummary) -> str:
         f"{summary.schedules} schedules (seeds {summary.seeds[0]} to {summary.seeds[1]}), {summary.simulated_h:.1f} "
         f"simulated hours: {summary.violations} violations.",
         "",
-        "| fault | injected | went stale | violations | all valid again after: median | 95 % | worst |",
-        "|---|---|---|---|---|---|---|",
+        "| fault | injected | went stale | violations | off, > 1 s | all valid again after: median | 95 % | worst |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for kind in summary.kinds:
         times = ("", "", "") if kind.recovered_s is None else tuple(f"{time:.2f} s" for time in kind.recovered_s)
         stale = f"{kind.went_stale} of {kind.schedules}"
-        lines.append(" | ".join([f"| {kind.kind}", str(kind.injected), stale, str(kind.violations), *times]) + " |")
+        cells = [f"| {kind.kind}", str(kind.injected), stale, str(kind.violations), _off(kind), *times]
+        lines.append(" | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def _off(kind: KindSummary) -> str:
+    return "{}, {}".format(*kind.off)
 
 
 def print_schedule(console: Console, schedule: FaultSchedule) -> None:
@@ -88,7 +100,10 @@ def print_schedule(console: Console, schedule: FaultSchedule) -> None:
     )
     for change in scenario.load_changes:
         what = f"{change.mass:g} kg put on" if change.mass is not None else f"load {change.remove} taken away"
+        what += f", which leaks {change.leak:g} kg/s" if change.leak > 0.0 else ""
         console.print(f"  {change.at:6.2f} s  {what}", highlight=False)
+    if lasting := lasting_kinds(scenario):
+        console.print(f"  all the time    {', '.join(lasting)}", highlight=False)
     for fault in sorted(schedule.faults, key=lambda fault: fault.start):
         fields = msgspec.to_builtins(fault)
         rest = ", ".join(f"{k} {v}" for k, v in fields.items() if k not in ("kind", "start", "end", "seed"))

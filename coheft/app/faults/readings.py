@@ -9,7 +9,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import ACCELERATION, FORCE, GYRO, TORQUE, VELOCITY
 
 _COLUMNS = {"gyro": GYRO, "velocity": VELOCITY, "acceleration": ACCELERATION, "force": FORCE, "torque": TORQUE}
-_USUAL = {"gyro": 0.5, "velocity": 0.3, "acceleration": 10.0, "force": 30.0, "torque": 3.0}
+USUAL = {"gyro": 0.5, "velocity": 0.3, "acceleration": 10.0, "force": 30.0, "torque": 3.0}
 """What the sensors of a team at work usually read: [rad/s], [m/s], [m/s²], [N], [N·m]."""
 _OUTLIER = 10.0
 """Outliers lie within plus or minus so many times what is usual."""
@@ -68,7 +68,7 @@ class Readings:
         self, samples: Array, fault: SensorFault, rng: np.random.Generator, signs: Array, last: Array | None
     ) -> None:
         """Do to samples, in place, what the fault does; ``last`` is the one before, if there is one."""
-        columns, usual = _COLUMNS[fault.sensor], _USUAL[fault.sensor]
+        columns, usual = _COLUMNS[fault.sensor], USUAL[fault.sensor]
         values = samples[:, columns]
         match fault.how:
             case "nan":

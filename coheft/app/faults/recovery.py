@@ -24,6 +24,7 @@ from coheft.app.faults.run import FaultyBlock
 from coheft.app.faults.schedule import Crash, FaultSchedule, Lie, Partition, Release
 from coheft.consensus.graph import build_graph, diameter
 from coheft.wire.messages.structs import Estimate
+from coheft.wire.scenario.schema import LoadChange
 
 BACK_FROM_SILENCE = 3.0
 """Time until every robot is valid again after crashes and partitions [s]."""
@@ -49,7 +50,12 @@ def latest_recovery(schedule: FaultSchedule) -> float:
 
 def _calm_from(schedule: FaultSchedule) -> float:
     """From when on nothing happens any more [s]."""
-    return max([schedule.last_fault_end, *(change.at for change in schedule.scenario.load_changes)])
+    return max([schedule.last_fault_end, *(_end_of(change) for change in schedule.scenario.load_changes)])
+
+
+def _end_of(change: LoadChange) -> float:
+    """When a change of the load is over [s]: a load that leaks goes on changing until nothing is left."""
+    return change.at + (change.mass or 0.0) / change.leak if change.leak > 0.0 else change.at
 
 
 def _tellings(schedule: FaultSchedule) -> float:

@@ -9,6 +9,9 @@ import numpy as np
 
 from coheft.app.faults.trial import Outcome
 
+_LONG = 1.0
+"""Within so long somebody should notice what has become visible [s]."""
+
 
 class KindSummary(msgspec.Struct, frozen=True):
     """Of all schedules with a kind of fault.
@@ -19,6 +22,7 @@ class KindSummary(msgspec.Struct, frozen=True):
         schedules: In how many schedules.
         went_stale: In how many of these somebody told that it could not know any more.
         violations: Promises broken in these schedules.
+        off: In how many of these a robot called numbers valid that were off, and in how many for more than 1 s.
         recovered_s: Median, 95th percentile and largest time from its end until all were valid again [s], of the
             schedules in which it ended last; None where there are none.
     """
@@ -28,6 +32,7 @@ class KindSummary(msgspec.Struct, frozen=True):
     schedules: int
     went_stale: int
     violations: int
+    off: tuple[int, int]
     recovered_s: tuple[float, float, float] | None
 
 
@@ -44,6 +49,8 @@ class CampaignSummary(msgspec.Struct, frozen=True):
         first_valid_s: As ``KindSummary.recovered_s``, of the time until all were valid for the first time.
         refused: Number of messages that the codec refused.
         lies: Number of agents that lied, and of those whom another one named.
+        untold: Number of schedules in which sensors were off by more than robots were told; of those in which a robot
+            called numbers valid that were off; and of those in which one did for more than 1 s.
         kinds: By kind of fault.
     """
 
@@ -56,6 +63,7 @@ class CampaignSummary(msgspec.Struct, frozen=True):
     first_valid_s: tuple[float, float, float] | None
     refused: int
     lies: tuple[int, int]
+    untold: tuple[int, int, int]
     kinds: list[KindSummary]
 
 
@@ -76,6 +84,7 @@ def summarise(outcomes: Sequence[Outcome]) -> CampaignSummary:
             int(_total(outcomes, lambda outcome: outcome.lied)),
             int(_total(outcomes, lambda outcome: outcome.named)),
         ),
+        untold=(sum(o.untold for o in outcomes), *_off([o for o in outcomes if o.untold])),
         kinds=[_kind("none", [o for o in outcomes if not o.faults], outcomes)]
         + [_kind(kind, [o for o in outcomes if kind in o.faults], outcomes) for kind in kinds],
     )
@@ -89,8 +98,15 @@ def _kind(kind: str, with_it: Sequence[Outcome], outcomes: Sequence[Outcome]) ->
         schedules=len(with_it),
         went_stale=sum(outcome.stale > 0.0 for outcome in with_it),
         violations=sum(len(outcome.violations) for outcome in with_it),
+        off=_off(with_it),
         recovered_s=_spread([o.recovered for o in outcomes if o.last == last and o.recovered is not None]),
     )
+
+
+def _off(outcomes: Sequence[Outcome]) -> tuple[int, int]:
+    """See ``KindSummary.off``."""
+    times = [outcome.off_for for outcome in outcomes if outcome.off_for is not None]
+    return len(times), sum(time > _LONG for time in times)
 
 
 def _total(outcomes: Sequence[Outcome], of: Callable[[Outcome], float]) -> float:

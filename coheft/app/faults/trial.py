@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import msgspec
 
 from coheft.app.faults.invariants import Violation, Watch
+from coheft.app.faults.lasting import is_untold, lasting_kinds
 from coheft.app.faults.recovery import Recovery
 from coheft.app.faults.run import FaultyBlock, FaultyRun
 from coheft.app.faults.schedule import FaultSchedule, Lie, is_harmless
@@ -20,10 +21,12 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         seed: Of the schedule.
-        faults: Kinds of its faults.
+        faults: Kinds of its faults, and of its small errors that last.
         last: Kind of the fault that ended last; empty if there was none.
         simulated: Simulated time [s].
-        violations: Of the promises.
+        violations: Of the promises. Where sensors are off by more than robots are told, only P2 is promised.
+        untold: Whether they are.
+        off_for: Longest time for which a robot called numbers valid that were off [s]; None if it never did.
         first_valid: When all were valid for the first time [s]; None if never.
         recovered: Time from the end of all faults and changes of the load until all were valid [s]; None if they were
             not.
@@ -46,6 +49,8 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     refused: int
     lied: int
     named: int
+    untold: bool = False
+    off_for: float | None = None
     lost: str = ""
     took: float = 0.0
 
@@ -56,7 +61,7 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
     run = FaultyRun(schedule)
     watch, recovery, names = Watch(schedule, run.scene), Recovery(schedule), _Named(schedule)
     quiet = _Quiet(schedule, run)
-    simulated, lost = 0.0, ""
+    simulated, lost, untold = 0.0, "", is_untold(schedule.scenario)
     try:
         for block in run:
             simulated = block.truth.time
@@ -64,18 +69,18 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
             recovery.look(block)
             names.look(block)
             quiet.look(block)
-            if recovery.is_steady:
+            if recovery.is_steady and not untold:  # what is off for ever may show late
                 break
     except SimulationError as error:
         lost = str(error)
-    violations = watch.violations
-    if not lost:
+    violations = [violation for violation in watch.violations if not untold or violation.promise == "P2"]
+    if not lost and not untold:
         violations += filter(None, [recovery.violation()])
     violations += filter(None, [quiet.violation])
     last = max(schedule.faults, key=lambda fault: fault.end, default=None)
     return Outcome(
         seed=schedule.seed,
-        faults=tuple(fault.kind for fault in schedule.faults),
+        faults=(*(fault.kind for fault in schedule.faults), *lasting_kinds(schedule.scenario)),
         last=last.kind if last is not None else "",
         simulated=simulated,
         violations=violations,
@@ -85,6 +90,8 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
         refused=run.network.refused,
         lied=names.liars,
         named=names.count,
+        untold=untold,
+        off_for=watch.off_for,
         lost=lost,
         took=time.perf_counter() - began,
     )

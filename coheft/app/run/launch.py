@@ -12,11 +12,13 @@ import msgspec
 
 from coheft.app.results.record import Record
 from coheft.app.results.report import Report, RunInfo, build_report
+from coheft.app.run.beat import beating
 from coheft.app.run.folder import RunFile, announce, announced, has_gone
 from coheft.app.run.follower import Follower
+from coheft.app.run.nursery import Nursery
 from coheft.app.run.observer import Observer, observe
 from coheft.app.run.plan import Plan
-from coheft.app.run.processes import Processes
+from coheft.app.run.processes import Processes, make_nursery
 from coheft.app.run.restarts import Restarts
 from coheft.app.terminal.screen import Display
 from coheft.app.terminal.standard_output import check_standard_output
@@ -26,9 +28,13 @@ from coheft.wire.messages.structs import Problem
 from coheft.wire.transport.planes import SERVER
 
 _POLL = 0.02
+_GATHER = 0.03
+"""After the first message others are waited for [s]: a run is looked at about twenty times a second, however fast it
+goes, and whoever is killed is missed within 50 ms."""
 _START_LIMIT = 60.0
 _NO_COMMENT = 5.0
 _SILENCE = 2.0
+_STOPPED = 2.0
 _LAST_WORDS = 1.0
 _WRITING_LIMIT = 120.0  # the server may have a long recording to write before it answers
 _AGENTS_END = 5.0
@@ -42,8 +48,11 @@ def launch(
     followers: Sequence[Follower] = (),
     with_history: bool = False,
     restarts: int = 0,
+    nursery: Nursery | None = None,
 ) -> Report:
     """Run a plan to its end, and compare what the robots found with the truth.
+
+    Processes are forked by ``nursery``, or a new one if there is none yet, where systems can do so.
 
     An agent that fails while the run goes on is started again, up to ``restarts`` times. The server is not: with it the
     simulated world is gone.
@@ -54,20 +63,22 @@ def launch(
         KeyboardInterrupt: Ctrl-C.
     """
     scenario = plan.server.scenario
-    with Processes(folder) as processes, observe(plan.run_file()) as observer, display:
-        processes.start(SERVER, "coheft.physics_server.server", plan.server)
+    nursery = nursery or make_nursery()
+    # Processes end before the link to them does, which a frozen one would keep from closing.
+    with observe(plan.run_file()) as observer, Processes(folder, nursery) as processes, display:
+        server = processes.start(SERVER, "coheft.physics_server.server", plan.server)
         for name, agent in plan.agents.items():
             processes.start(name, "coheft.agents.process.main", agent)
-        with announced(folder, _run_file(plan, processes)):
-            first = _wait_for_start(observer, processes, display)
+        with announced(folder, _run_file(plan, processes)), beating(server.process.stdin):
+            again = Restarts(
+                restarts, processes, observer, display, lambda: announce(folder, _run_file(plan, processes))
+            )
+            first = _wait_for_start(observer, again, display)
             display.begin(first)
             record = Record(first.scene, scenario.duration, with_history=with_history)
             audience = Audience(record, display, followers, is_told_end=False)
             for follower in followers:
                 follower.begin(first)
-            again = Restarts(
-                restarts, processes, observer, display, lambda: announce(folder, _run_file(plan, processes))
-            )
             status = _follow(audience, observer, processes, again, is_saving=plan.server.save_data is not None)
             for follower in followers:
                 follower.end(status)
@@ -103,7 +114,7 @@ class Audience:
     def collect(self, observer: Observer, seconds: float = _POLL) -> bool:
         """Take in what has come, show it, and say whether time went on."""
         before = self.record.time
-        for news in observer.collect(self.record.scene, seconds):
+        for news in observer.collect(self.record.scene, seconds, _GATHER):
             self.record.hear(news)
             if isinstance(news, Problem) and (self.is_told_end or not news.is_end):
                 self.display.problem(news)
@@ -117,12 +128,12 @@ def _run_file(plan: Plan, processes: Processes) -> RunFile:
     return msgspec.structs.replace(plan.run_file(), pids=processes.pids)
 
 
-def _wait_for_start(observer: Observer, processes: Processes, display: Display) -> Status:
+def _wait_for_start(observer: Observer, again: Restarts, display: Display) -> Status:
     """Wait until all links stand and the clock runs; as long as one more comes now and then, however many there are."""
     began = moved_at = time.monotonic()
     waiting_for = [SERVER]
     while time.monotonic() < moved_at + _START_LIMIT:
-        processes.check()
+        again.check(has_begun=False)
         status = observer.status()
         if status is not None:
             if status.state != "waiting":
@@ -150,7 +161,11 @@ def _follow(
     news = time.monotonic()
     while not processes.all_done_but(SERVER) or processes.failed:
         again.check()
-        if audience.collect(observer):
+        looked_at = time.monotonic()
+        goes_on = audience.collect(observer)
+        if (gap := time.monotonic() - looked_at) > _STOPPED:
+            audience.display.note(f"this process was stopped for {gap:.0f} s, and time stood still for most of that")
+        if goes_on:
             news = time.monotonic()
         elif time.monotonic() > news + _SILENCE:
             status = observer.status()

@@ -45,13 +45,15 @@ class Observer:
             estimate, problem = (self._keys.observe_agent(name, topic) for topic in ("estimate", "problem"))
             self._inbox.listen(session, name, {estimate: Estimate, problem: Problem})
 
-    def collect(self, scene: Scene, seconds: float) -> list[News]:
+    def collect(self, scene: Scene, seconds: float, gather: float = 0.0) -> list[News]:
         """Wait at most that long for something new, then return what has come, checked, in the order in which it came.
 
-        What makes no sense becomes a ``Problem``.
+        What comes in the ``gather`` seconds after the first is waited for. What makes no sense becomes a ``Problem``.
         """
         news: list[News] = []
         event = self._inbox.receive(seconds)
+        if event is not None and gather > 0.0:
+            time.sleep(gather)
         deadline = time.monotonic() + _COLLECT_LIMIT
         while event is not None:
             match event:

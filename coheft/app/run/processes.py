@@ -15,15 +15,18 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import IO, Any, Self
 
 import msgspec
 
+from coheft.app.run.nursery import Forked, Nursery, can_fork
 from coheft.errors import CoheftError, one_line
 from coheft.wire.process.supervised import KILLED_BY, ONE_THREAD, TERMINATED, UNUSABLE
 
 # No one draws: MuJoCo need not load what it would draw with.
 ENVIRONMENT = {**ONE_THREAD, "MUJOCO_GL": "disable"}
+FORKED = ("coheft.agents.process.main", "coheft.physics_server.server")
+"""What a run is made of."""
 _GO_BY_THEMSELVES = 1.0
 _GO_WHEN_ASKED = 0.4
 _OTHERS_FAIL = 0.5
@@ -59,14 +62,20 @@ class Child:
     module: str
     config: bytes
     log: Path
-    process: subprocess.Popen[bytes]
+    process: subprocess.Popen[bytes] | Forked
     log_start: int
     restarts: int = 0
 
     @property
+    def status(self) -> int:
+        """With which it has ended, or minus the number of a signal."""
+        assert self.process.returncode is not None
+        return self.process.returncode
+
+    @property
     def how(self) -> str:
         """How it ended."""
-        code = self.process.returncode
+        code = self.status
         if code == TERMINATED:
             return "was told to end by SIGTERM"
         return f"was killed by signal {-code}" if code < 0 else f"ended with status {code}"
@@ -74,7 +83,7 @@ class Child:
     @property
     def how_and_why(self) -> str:
         """How it ended, with its last words where they tell why: a signal comes from elsewhere."""
-        if self.process.returncode < 0 or self.process.returncode == TERMINATED:
+        if self.status < 0 or self.status == TERMINATED:
             return self.how
         words = ""
         with suppress(FileNotFoundError):
@@ -90,25 +99,31 @@ class Child:
 
 
 class Processes:
-    """The processes of a run. Leaving the context stops those that are left, within two seconds."""
+    """The processes of a run. Leaving the context stops those that are left, within two seconds.
 
-    def __init__(self, folder: Path) -> None:
+    Args:
+        folder: For their logs.
+        nursery: Forks those of its modules; None: all are started from scratch. It ends with the context.
+    """
+
+    def __init__(self, folder: Path, nursery: Nursery | None = None) -> None:
         self.folder = folder
         self.children: list[Child] = []
+        self._nursery = nursery
 
     def start(self, name: str, module: str, config: msgspec.Struct) -> Child:
         """Start ``python -m module`` with its configuration; its output goes to ``<name>.log``."""
         log = self.folder / f"{name}.log"
         log.unlink(missing_ok=True)
         line = msgspec.json.encode(config)
-        child = Child(name, module, line, log, *_start(module, line, log))
+        child = Child(name, module, line, log, *self._start(name, module, line, log))
         self.children.append(child)
         return child
 
     def start_again(self, child: Child) -> None:
         """Start a process that has ended once more; its output is added to its log."""
         _close_stdin(child)
-        process, log_start = _start(child.module, child.config, child.log)
+        process, log_start = self._start(child.name, child.module, child.config, child.log)
         self.children[self.children.index(child)] = replace(
             child, process=process, restarts=child.restarts + 1, log_start=log_start
         )
@@ -174,6 +189,23 @@ class Processes:
         for child in self._left():
             child.process.kill()
             child.process.wait()
+        if self._nursery is not None:
+            self._nursery.close()
+
+    def _start(self, name: str, module: str, config: bytes, log: Path) -> tuple[subprocess.Popen[bytes] | Forked, int]:
+        """A new process, and where its output begins in the log [B]."""
+        log.parent.mkdir(parents=True, exist_ok=True)  # somebody may have cleaned up while the run goes on
+        with log.open("ab") as output:
+            log_start = output.tell()
+            process: subprocess.Popen[bytes] | Forked | None = None
+            if self._nursery is not None and module in self._nursery.modules:
+                process = self._nursery.start(name, module, output.fileno())
+            process = process or _spawned(module, output)
+        assert process.stdin is not None
+        with suppress(BrokenPipeError):  # it has failed already: whoever checks will see
+            process.stdin.write(config + b"\n")
+            process.stdin.flush()
+        return process, log_start
 
     def _left(self) -> list[Child]:
         return [child for child in self.children if child.process.poll() is None]
@@ -192,24 +224,21 @@ class Processes:
         self.stop()
 
 
-def _start(module: str, config: bytes, log: Path) -> tuple[subprocess.Popen[bytes], int]:
-    """A new process, and where its output begins in the log [B]."""
-    log.parent.mkdir(parents=True, exist_ok=True)  # somebody may have cleaned up while the run goes on
-    with log.open("ab") as output:
-        log_start = output.tell()
-        process = subprocess.Popen(
-            [sys.executable, "-m", module],
-            stdin=subprocess.PIPE,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            env={**os.environ, **ENVIRONMENT},
-            start_new_session=True,  # or Ctrl-C would hit it before it can be told to go
-        )
-    assert process.stdin is not None
-    with suppress(BrokenPipeError):  # it has failed already: whoever checks will see
-        process.stdin.write(config + b"\n")
-        process.stdin.flush()
-    return process, log_start
+def _spawned(module: str, output: IO[bytes]) -> subprocess.Popen[bytes]:
+    """``python -m module``."""
+    return subprocess.Popen(
+        [sys.executable, "-m", module],
+        stdin=subprocess.PIPE,
+        stdout=output,
+        stderr=subprocess.STDOUT,
+        env={**os.environ, **ENVIRONMENT},
+        start_new_session=True,  # or Ctrl-C would hit it before it can be told to go
+    )
+
+
+def make_nursery() -> Nursery | None:
+    """A new process that imports what those of a run need; None where they are started from scratch."""
+    return Nursery(FORKED, {**os.environ, **ENVIRONMENT}) if can_fork() else None
 
 
 def _close_stdin(child: Child) -> None:
@@ -227,14 +256,14 @@ def _error(failed: Sequence[Child], limit: int | None = None) -> ProcessError:
     first = min(
         failed,
         key=lambda child: (
-            child.process.returncode >= 0,
-            child.process.returncode != UNUSABLE,
+            child.status >= 0,
+            child.status != UNUSABLE,
             "Traceback" not in "".join(child.lines),
         ),
     )
     times = f"{first.restarts} time{'s' * (first.restarts > 1)}"
     again = f" after it had been started again {times}" if first.restarts else ""
-    if first.process.returncode == UNUSABLE:
+    if first.status == UNUSABLE:
         again = ": to start it again would not help"
     elif 0 < first.restarts == limit:
         again += " (--restarts)"

@@ -32,8 +32,11 @@ class Restarts:
     display: Display
     announce: Callable[[], None]
 
-    def check(self) -> None:
+    def check(self, *, has_begun: bool = True) -> None:
         """Start agents that have failed again.
+
+        Args:
+            has_begun: Whether time runs: before, it is enough that the server is there, which may take long to answer.
 
         Raises:
             ProcessError: Something has failed that cannot be started again, or once too often, or the run is over.
@@ -41,7 +44,8 @@ class Restarts:
         failed = self.processes.failed
         if not failed:
             return
-        if not (all(self._may_try_again(child) for child in failed) and self._goes_on()):
+        goes_on = self._goes_on if has_begun else lambda: not self.processes.ended(SERVER)
+        if not (all(self._may_try_again(child) for child in failed) and goes_on()):
             is_server_there = all(child.name != SERVER for child in failed)
             self.processes.check(self.limit if is_server_there else None)
         for child in failed:
@@ -54,7 +58,7 @@ class Restarts:
             self.display.problem(Problem(source="supervisor", text=str(error)))
 
     def _may_try_again(self, child: Child) -> bool:
-        return child.name != SERVER and child.restarts < self.limit and child.process.returncode != UNUSABLE
+        return child.name != SERVER and child.restarts < self.limit and child.status != UNUSABLE
 
     def _goes_on(self) -> bool:
         while (status := self.observer.status()) is None:

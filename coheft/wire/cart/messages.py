@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -25,6 +25,10 @@ class CartMeasurement(Message, frozen=True):
         hand: Where in ``{b}`` it did so, shape (2,) [m].
     """
 
+    code: ClassVar[int] = 50
+    in_header: ClassVar[tuple[str | None, str | None]] = ("block", None)
+    is_steady: ClassVar[bool] = True
+
     robot: str
     block: int
     motion: np.ndarray[Any, Any]
@@ -42,6 +46,10 @@ class CartPush(Message, frozen=True):
         wrench: About the contact point, axes of ``{b}``, shape (3,) [N, N, N·m].
         hand: The contact point in ``{b}``, shape (2,) [m].
     """
+
+    code: ClassVar[int] = 51
+    in_header: ClassVar[tuple[str | None, str | None]] = ("block", "answers")
+    is_steady: ClassVar[bool] = True
 
     robot: str
     block: int
@@ -64,6 +72,10 @@ class CartMessage(Message, frozen=True):
             empty before.
         valid: Which of them are complete so far, 0 or 1, shape (K,).
     """
+
+    code: ClassVar[int] = 52
+    in_header: ClassVar[tuple[str | None, str | None]] = ("block", None)
+    is_steady: ClassVar[bool] = True
 
     sender: str
     block: int
@@ -91,6 +103,9 @@ class CartEstimate(Message, frozen=True):
         problems: Messages refused so far.
     """
 
+    code: ClassVar[int] = 53
+    in_header: ClassVar[tuple[str | None, str | None]] = ("block", None)
+
     robot: str
     block: int
     time: float
@@ -115,6 +130,9 @@ class CartTruth(Message, frozen=True):
         effort: Root of the sum over hands of ``f^2 + (tau / arm)^2`` [N].
         slip: Sideways velocity of the wheels [m/s].
     """
+
+    code: ClassVar[int] = 54
+    in_header: ClassVar[tuple[str | None, str | None]] = ("block", None)
 
     block: int
     time: float

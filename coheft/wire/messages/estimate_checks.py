@@ -14,6 +14,7 @@ from coheft.wire.messages.structs import PayloadEstimate, PoseEstimate
 ROTATION_TOLERANCE = 1e-6
 """By so much a rotation may be off."""
 _LARGEST = 1e15
+_IDENTITY = np.eye(3)
 
 
 def check_payload(payload: PayloadEstimate) -> None:
@@ -53,8 +54,10 @@ def check_rotation(rotation: Array, name: str) -> None:
         MessageError: It is none.
     """
     check_numbers(rotation, (3, 3), f"rotation of {name!r}")
-    difference = np.abs(rotation.T @ rotation - np.eye(3)).max()
-    if difference > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
+    difference = np.abs(rotation.T @ rotation - _IDENTITY).max()
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    if difference > ROTATION_TOLERANCE or determinant < 0.0:
         raise MessageError(f"rotation of {name!r} is none: expected an orthonormal matrix whose determinant is 1")
 
 
@@ -64,6 +67,8 @@ def check_numbers(array: Array, shape: tuple[int, ...], name: str) -> None:
     Raises:
         MessageError: It has another shape, or holds what is not finite or too large.
     """
+    if array.shape == shape and np.abs(array).max() < _LARGEST:  # which no number is that is not finite
+        return
     check_array(array, shape, name)
     check_number(float(np.abs(array).max()), f"largest number of {name}")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from msgspec.structs import force_setattr
 
@@ -12,33 +12,43 @@ from coheft.wire.messages.structs import LoadState, Message, Scene
 # --- to the server -----------------------------------------------------------------------------------------------
 
 
-class StatusRequest(Message, frozen=True, tag="status"):
+class StatusRequest(Message, frozen=True):
     """How is the run?"""
 
+    code: ClassVar[int] = 30
 
-class InjectRequest(Message, frozen=True, tag="inject"):
+
+class InjectRequest(Message, frozen=True):
     """Put a load onto the payload at the next block."""
+
+    code: ClassVar[int] = 31
 
     mass: float
     position: tuple[float, float, float]
     size: tuple[float, float, float] = (0.1, 0.1, 0.1)
 
 
-class RemoveRequest(Message, frozen=True, tag="remove"):
+class RemoveRequest(Message, frozen=True):
     """Take a load away at the next block."""
+
+    code: ClassVar[int] = 32
 
     load: int
 
 
-class HoldRequest(Message, frozen=True, tag="hold"):
+class HoldRequest(Message, frozen=True):
     """Let a robot take its hand off the payload, or take hold of it again, at the next block."""
+
+    code: ClassVar[int] = 33
 
     robot: str
     holding: bool
 
 
-class EstimatorRequest(Message, frozen=True, tag="estimator"):
+class EstimatorRequest(Message, frozen=True):
     """Let all robots forget what they know and begin anew with another estimator, at the next block."""
+
+    code: ClassVar[int] = 34
 
     estimator: str
 
@@ -46,14 +56,18 @@ class EstimatorRequest(Message, frozen=True, tag="estimator"):
         keep_present(self)
 
 
-class PauseRequest(Message, frozen=True, tag="pause"):
+class PauseRequest(Message, frozen=True):
     """Stop the clock, or let it go on."""
+
+    code: ClassVar[int] = 35
 
     paused: bool
 
 
-class StopRequest(Message, frozen=True, tag="stop"):
+class StopRequest(Message, frozen=True):
     """End the run."""
+
+    code: ClassVar[int] = 36
 
 
 Request = StatusRequest | InjectRequest | RemoveRequest | HoldRequest | EstimatorRequest | PauseRequest | StopRequest
@@ -80,6 +94,8 @@ class Status(Message, frozen=True):
         failure: Why the run broke off; empty if it did not.
     """
 
+    code: ClassVar[int] = 40
+
     scenario: str
     state: Literal["waiting", "running", "paused", "finished"]
     block: int
@@ -104,6 +120,8 @@ class Status(Message, frozen=True):
 class Refusal(Message, frozen=True):
     """The answer to a request that was not carried out, and why."""
 
+    code: ClassVar[int] = 41
+
     reason: str
 
 
@@ -120,6 +138,8 @@ class LinkRequest(Message, frozen=True):
         cut: Whether to cut the link, or to mend it.
     """
 
+    code: ClassVar[int] = 42
+
     neighbour: str
     cut: bool
 
@@ -131,6 +151,8 @@ class CutLinks(Message, frozen=True):
         robot: Who answers.
         neighbours: On whom it has hung up.
     """
+
+    code: ClassVar[int] = 43
 
     robot: str
     neighbours: list[str]

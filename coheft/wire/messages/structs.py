@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import msgspec
 import numpy as np
 
 from coheft.wire.former_names import keep_present
 
-PROTOCOL_VERSION = 5
-
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Base of all messages; ``version`` must be equal on both sides."""
+    """Base of all messages.
 
-    version: int = PROTOCOL_VERSION
+    Attributes:
+        code: Of its kind; no two have the same, and none that is in use gets another meaning.
+        in_header: Names of its fields that travel as the header's ``block`` and ``number``, see ``frame``.
+        is_steady: Whether its other fields, numbers of arrays aside, hardly ever change.
+    """
+
+    code: ClassVar[int]
+    in_header: ClassVar[tuple[str | None, str | None]] = (None, None)
+    is_steady: ClassVar[bool] = False
 
 
 # --- robot plane: server <-> one robot ---------------------------------------------------------------------------
@@ -31,6 +37,9 @@ class Ready(Message, frozen=True):
         attempt: Grows whenever it begins to ask anew, because it has started or lost its link: it has forgotten what it
             was sent before.
     """
+
+    code: ClassVar[int] = 1
+    in_header: ClassVar[tuple[str | None, str | None]] = (None, "attempt")
 
     robot: str
     missing: list[str] = []
@@ -50,6 +59,10 @@ class Measurements(Message, frozen=True):
         holding: Whether its hand held the payload during the block.
         estimator: Which one to use from this block on, the same for all robots; empty: that of its configuration.
     """
+
+    code: ClassVar[int] = 2
+    in_header: ClassVar[tuple[str | None, str | None]] = ("block", "attempt")
+    is_steady: ClassVar[bool] = True
 
     robot: str
     block: int
@@ -74,6 +87,10 @@ class Reference(Message, frozen=True):
         wrench: Feed-forward wrench ``(f, t)`` on the payload in ``F_i``, shape (6,) [N, N·m].
     """
 
+    code: ClassVar[int] = 3
+    in_header: ClassVar[tuple[str | None, str | None]] = ("block", "answers")
+    is_steady: ClassVar[bool] = True
+
     robot: str
     block: int
     answers: int
@@ -83,6 +100,8 @@ class Reference(Message, frozen=True):
 
 class Stop(Message, frozen=True):
     """Server to robot: the run is over."""
+
+    code: ClassVar[int] = 4
 
     reason: str
 
@@ -102,6 +121,10 @@ class Hello(Message, frozen=True):
         incarnation: As in ``NeighbourMessage``.
     """
 
+    code: ClassVar[int] = 10
+    in_header: ClassVar[tuple[str | None, str | None]] = (None, "incarnation")
+    is_steady: ClassVar[bool] = True
+
     sender: str
     heard: list[str]
     incarnation: int = 0
@@ -119,6 +142,8 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
         holding: Whether it has hold of the load. One whose agent is dead still holds what it held.
         since: Block from which this is so.
         team: Number of the membership that it is ready for, see ``coheft.consensus.gossip``.
+        signature: Of the robot, over all of the above, in the secure profile.
+        certificate: Of the robot (DER), in the secure profile: those who are no neighbours of it have not seen it.
     """
 
     robot: str
@@ -129,6 +154,8 @@ class LinkState(msgspec.Struct, frozen=True, forbid_unknown_fields=True, order=T
     holding: bool = True
     since: int = 0
     team: int = 0
+    signature: bytes = b""
+    certificate: bytes = b""
 
 
 class NeighbourMessage(Message, frozen=True):
@@ -141,6 +168,10 @@ class NeighbourMessage(Message, frozen=True):
         channels: The estimator's arrays by name; it says in which frame they are.
         incarnation: Grows when the sender starts again with an empty memory; what an older one said is void.
     """
+
+    code: ClassVar[int] = 11
+    in_header: ClassVar[tuple[str | None, str | None]] = ("block", "incarnation")
+    is_steady: ClassVar[bool] = True
 
     sender: str
     block: int
@@ -235,6 +266,9 @@ class Estimate(Message, frozen=True):
         sensor_errors: What it has found out of its sensors, where it was told that they may be off.
     """
 
+    code: ClassVar[int] = 20
+    in_header: ClassVar[tuple[str | None, str | None]] = ("block", None)
+
     robot: str
     block: int
     time: float
@@ -272,6 +306,8 @@ class Problem(Message, frozen=True):
         text: What is wrong.
         is_end: The run ends with it; whoever supervises the run learns that from the process itself.
     """
+
+    code: ClassVar[int] = 21
 
     source: str
     text: str
@@ -319,6 +355,9 @@ class Truth(Message, frozen=True):
         samples: What every robot measured last in the block, by robot in the order of the scene, (N, 15), each in its
             own frame, columns as in ``MeasurementBlock``.
     """
+
+    code: ClassVar[int] = 22
+    in_header: ClassVar[tuple[str | None, str | None]] = ("block", None)
 
     block: int
     time: float

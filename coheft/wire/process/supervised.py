@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import NoReturn, TypeVar
@@ -18,6 +20,12 @@ from coheft.wire.process.log import LOG, log_to_stderr
 from coheft.wire.process.memory import give_back_memory
 
 C = TypeVar("C", bound=msgspec.Struct)
+BEAT = 0.2
+"""Time between two signs of life of a supervisor that gives them [s]."""
+_STOPPED = 1.5
+"""A supervisor of which nothing has come for so long is stopped [s]."""
+_beats: list[float] = []
+"""When the last sign of life came, as ``time.monotonic()`` [s]; empty if none ever did."""
 COMMENT_AFTER = 5.0
 """Who has not been met after so long may never come [s]: it is said whom the process waits for."""
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1")
@@ -48,6 +56,8 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     log_to_stderr(getattr(config, "log_level", "info"))
     _run_in_batches()
     give_back_memory()
+    gc.collect()
+    gc.freeze()  # what has been imported stays: to look through it again and again takes a tenth of a process's time
     threading.Thread(target=_leave_with_stdin, daemon=True).start()
     try:
         run(config)
@@ -55,6 +65,11 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
         LOG.error("%s", error)
         sys.exit(UNUSABLE if isinstance(error, PluginError) else 1)
     sys.exit(0)
+
+
+def is_supervisor_stopped() -> bool:
+    """Whether a supervisor that gave signs of life does so no more, though it is there."""
+    return bool(_beats) and time.monotonic() - _beats[0] > _STOPPED
 
 
 def _run_in_batches() -> None:
@@ -71,7 +86,7 @@ def _run_in_batches() -> None:
 def _leave_with_stdin() -> None:
     """Wait for the end of stdin, then leave at once: whoever wanted the run is gone."""
     while os.read(sys.stdin.fileno(), 4096):
-        pass
+        _beats[:] = [time.monotonic()]
     with suppress(OSError):
         remove_parts()
     os._exit(0)

@@ -44,10 +44,13 @@ class Reach:
 
     def excess(self, reference: Reference) -> str | None:
         """What the arm cannot do in a reference of the right shapes, in words; None if it can do it all."""
-        asked = np.abs(reference.motion[:, :6]) + self._delay * np.abs(reference.motion[:, 6:])
+        motion, wrench = np.abs(reference.motion), np.abs(reference.wrench)
+        asked = motion[:, :6] + self._delay * motion[:, 6:]
+        if (asked <= self._displacement).all() and (wrench <= self._wrench).all():
+            return None
         parts = (
             ("motion", asked.max(axis=0), self._displacement, ("rad", "m")),
-            ("wrench", np.abs(reference.wrench), self._wrench, ("N", "N·m")),
+            ("wrench", wrench, self._wrench, ("N", "N·m")),
         )
         for name, largest, limits, units in parts:
             for axis, (found, limit) in enumerate(zip(largest, limits, strict=True)):

@@ -6,8 +6,11 @@ from collections import deque
 from dataclasses import dataclass
 from queue import SimpleQueue
 from threading import Lock
+from typing import NamedTuple
 
 import zenoh
+
+from coheft.wire.transport.callback_thread import keep_thread_state
 
 ROOM = 8 * 2**20
 """For what one source has said and no one has read yet [B]: minutes of a listener's absence, and no more of its memory
@@ -17,11 +20,10 @@ _BUFFER = 2**16
 """What a query takes at least: one of Zenoh's receive buffers [B]."""
 
 
-@dataclass(frozen=True)
-class Said:
+class Said(NamedTuple):
     """A message as it came."""
 
-    key: str
+    key: zenoh.KeyExpr
     data: bytes
 
 
@@ -54,9 +56,10 @@ class Backlog:
 
     def put(self, item: object) -> None:
         """Add a sample, a query, or an event as it is."""
+        keep_thread_state()
         if isinstance(item, zenoh.Sample):
             # A copy, because the sample would keep a whole receive buffer alive.
-            item = Said(str(item.key_expr), item.payload.to_bytes())
+            item = Said(item.key_expr, item.payload.to_bytes())
             size = _OVERHEAD + len(item.data)
         else:
             size = _BUFFER

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 from queue import Empty, SimpleQueue
 from typing import Any, cast
 
+import msgspec
 import zenoh
 
 from coheft.errors import MessageError
-from coheft.wire.messages.codec import decode, encode
+from coheft.wire.messages.codec import Reader, decode, encode
 from coheft.wire.messages.requests import Refusal, Request
 from coheft.wire.messages.structs import Message
 from coheft.wire.transport.backlog import Backlog, Lost, Said
@@ -17,8 +18,7 @@ from coheft.wire.transport.security import Guard
 from coheft.wire.transport.sessions import REFUSAL, Role, session_id
 
 
-@dataclass(frozen=True)
-class Received:
+class Received(msgspec.Struct, frozen=True):
     """A message, from the source whose key it came under."""
 
     source: str
@@ -89,7 +89,7 @@ class Inbox:
     def __init__(self) -> None:
         self._turns: SimpleQueue[Backlog] = SimpleQueue()
         self._backlogs: dict[str, Backlog] = {}
-        self._kinds: dict[str, tuple[str, type[Message]]] = {}
+        self._readers: dict[str, tuple[str, Reader[Message]]] = {}
         self._roles: dict[str, tuple[Role, Any]] = {}
         self._kept: dict[str, list[Any]] = {}  # by session; a subscriber that no one holds goes silent
 
@@ -108,7 +108,7 @@ class Inbox:
         places = {key.rpartition("/")[0] for key in kinds}
         if len(places) != 1:
             raise ValueError(f"keys are below {sorted(places)} but expected one place")
-        self._kinds |= {key: (source, kind) for key, kind in kinds.items()}
+        self._readers |= {key: (source, Reader(kind, key)) for key, kind in kinds.items()}
         self._keep(
             session,
             session.declare_subscriber(
@@ -214,11 +214,12 @@ class Inbox:
         return cast(LinkChange | Presence | Refused, item)
 
     def _decode(self, said: Said) -> Event:
-        source, kind = self._kinds.get(said.key, (said.key, None))
-        if kind is None:
-            return Refused(source, MessageError(f"nothing is expected under the key '{said.key}'"))
+        key = str(said.key)
+        source, reader = self._readers.get(key, (key, None))
+        if reader is None:
+            return Refused(source, MessageError(f"nothing is expected under the key '{key}'"))
         try:
-            return Received(source, decode(said.data, kind, said.key))
+            return Received(source, reader.read(said.data))
         except MessageError as error:
             return Refused(source, error)
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
 import zenoh
 from msgspec import structs
 
 from coheft.errors import MessageError
-from coheft.wire.messages.codec import check_field
+from coheft.wire.messages.codec import check_field, is_finite
 from coheft.wire.messages.structs import Measurements, Message, Ready, Reference, Stop
 from coheft.wire.transport.inbox import Inbox
 from coheft.wire.transport.sessions import Keys, Sender
@@ -134,8 +133,9 @@ class RobotLink:
         Raises:
             MessageError: It is the first one of these.
         """
-        is_finite = np.isfinite(reference.motion).all() and np.isfinite(reference.wrench).all()
-        excess = self._excess(reference) if is_finite else f"the reference of block {reference.block} is not finite"
+        excess: str | None = f"the reference of block {reference.block} is not finite"
+        if is_finite(reference.motion) and is_finite(reference.wrench):
+            excess = self._excess(reference)
         self._references[reference.block] = reference if excess is None else None
         was_refused, self.is_refused = self.is_refused, excess is not None
         if excess is not None and not was_refused:

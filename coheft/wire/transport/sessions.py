@@ -10,9 +10,9 @@ import json
 import os
 import re
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from threading import Lock
+from threading import Lock, Thread
 from typing import Any, Literal, TypeVar, get_args
 
 # Few threads for all of Zenoh's work: fewer switches between threads per message. Not one, because each listener that
@@ -25,7 +25,7 @@ os.environ.setdefault(
 import zenoh
 
 from coheft.errors import CoheftError, LinkError
-from coheft.wire.messages.codec import decode, encode
+from coheft.wire.messages.codec import Writer, decode, encode
 from coheft.wire.messages.requests import Refusal, Request, Status
 from coheft.wire.messages.size import LEAST_LIMIT
 from coheft.wire.messages.structs import Message
@@ -70,6 +70,8 @@ _DIAL_SETTINGS: dict[str, object] = {
     "exit_on_failure": False,
     "retry": {"period_init_ms": 20, "period_max_ms": 50, "period_increase_factor": 1.5},
 }
+_FAREWELL = 1.0
+"""Time to close a session [s]: whoever is frozen at the other end takes no farewell, for which Zenoh waits 10 s."""
 
 
 @contextmanager
@@ -109,8 +111,17 @@ def open_session(
         session = zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
     except zenoh.ZError as error:
         raise LinkError(f"cannot listen at {listen} and dial {connect}: {error}") from error
-    with session:
+    try:
         yield session
+    finally:
+        closing = Thread(target=_close, args=(session,), daemon=True)
+        closing.start()
+        closing.join(_FAREWELL)
+
+
+def _close(session: zenoh.Session) -> None:
+    with suppress(zenoh.ZError):  # Zenoh has given up
+        session.close()  # type: ignore[no-untyped-call]
 
 
 def session_id(session: zenoh.Session) -> str:
@@ -175,7 +186,7 @@ class Sender:
 
     def __init__(self, session: zenoh.Session | None, key: str, *, may_drop: bool) -> None:
         self._control = zenoh.CongestionControl.DROP if may_drop else zenoh.CongestionControl.BLOCK
-        self._key = key
+        self._key, self._writer = key, Writer(key)
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._lock = Lock()
         if session is not None:
@@ -195,7 +206,7 @@ class Sender:
 
     def send(self, message: Message) -> None:
         """Say it to all who listen now."""
-        data = encode(message, self._key)
+        data = self._writer.write(message)
         with self._lock:
             for publisher in self._publishers.values():
                 publisher.put(data)

@@ -1,0 +1,66 @@
+"""The secure profile against the open one: encrypted links, access rules, signed words of robots about themselves.
+
+    python -m benchmarks.secure [--effort short|usual|full]
+
+Two teams of the product as it is stand side by side and take turns of a second or two, while the other stands still.
+"""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmarks.figures import Effort, Figure, Section
+from benchmarks.paced_team import Turn, paced_team
+from benchmarks.runner import run_alone
+from benchmarks.scenarios import team_scenario
+from benchmarks.stepped_team import SETTLED
+from benchmarks.timing import ratio
+from coheft.app.run.keys import make_keys
+
+SIZES = (6, 24)
+BAR = 1.15
+_TURNS: dict[Effort, int] = {"short": 6, "usual": 10, "full": 30}
+_TURN = {6: 1.0, 24: 2.0}
+"""By size [s]."""
+
+
+def measure(effort: Effort) -> Section:
+    """The secure profile against the open one, for each size of a team."""
+    figures = [figure for robots in SIZES for figure in _of_size(robots, _TURNS[effort])]
+    return Section(name="secure", title="Secure profile against the open one", figures=figures)
+
+
+def _of_size(robots: int, turns: int) -> list[Figure]:
+    scenario = team_scenario(robots)
+    secure: list[Turn] = []
+    plain: list[Turn] = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        make_keys(folder / "keys", scenario)
+        with paced_team(scenario, folder / "secure", keys=folder / "keys") as locked:
+            locked.run_until(SETTLED)  # first, so that the other team finds other ports free
+            with paced_team(scenario, folder / "open") as free:
+                free.run_until(SETTLED)
+                for _ in range(turns):
+                    secure.append(locked.turn(_TURN[robots]))
+                    plain.append(free.turn(_TURN[robots]))
+                free.stop()
+            locked.stop()
+
+    def against(title: str, quantity: Callable[[Turn], float], bar: float | None = None) -> Figure:
+        mine, its = [quantity(turn) for turn in secure], [quantity(turn) for turn in plain]
+        note = f"{1e3 * statistics.median(mine):.2f} against {1e3 * statistics.median(its):.2f} ms"
+        return Figure(name=f"{title}, N = {robots}", value=ratio(mine, its), bar=bar, note=note)
+
+    return [
+        against("time per block", lambda turn: turn.block_time, BAR),
+        against("CPU time per agent and block", lambda turn: turn.agent_time),
+        against("CPU time of the server per block", lambda turn: turn.server_time),
+    ]
+
+
+if __name__ == "__main__":
+    run_alone("secure", __doc__)

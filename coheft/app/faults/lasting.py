@@ -1,0 +1,132 @@
+"""Small errors that last: sensors that are off for the whole run, of which robots are told or not, and small changes of
+the load, which no robot is ever told of.
+
+Sizes are 0.3 to 3 times what a sensor's noise is, where it usually reads. They are the scenario's own errors and
+tolerances, so runs with real processes can have the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import msgspec
+import numpy as np
+
+from coheft.app.faults.readings import USUAL
+from coheft.app.faults.schedule import FaultSchedule
+from coheft.estimation.tolerance import INDUSTRIAL, SENSORS, SensorDrift, SensorTolerance
+from coheft.wire.scenario.schema import LoadChange, Scenario, Sensors
+
+SHAPES = ("offset", "scale", "mounting", "delay", "drift")
+"""What can be wrong with a sensor for long."""
+_SIZES = (0.3, 3.0)
+"""As multiples of the noise."""
+_DELAY = 0.001
+"""A delay of as many times this is as bad as an offset of as many times the noise, roughly [s]."""
+_CHANGES = (0.001, 0.05)
+"""Small changes, as shares of the payload's mass."""
+_LEAKS = (2.0, 8.0)
+"""Time in which such a share leaks away [s]."""
+_MOST = 3
+"""Errors at a time."""
+_TOLD, _LOAD, _LEAK = 0.5, 0.4, 0.5
+"""Shares: of errors that robots are told of, of schedules with a small change, of these that are leaks."""
+
+_replace = msgspec.structs.replace
+
+
+def with_lasting_errors(schedule: FaultSchedule, rng: np.random.Generator) -> FaultSchedule:
+    """A schedule with some of them besides what it has."""
+    scenario = schedule.scenario
+    if rng.random() < _LOAD:
+        scenario = _replace(scenario, load_changes=(*scenario.load_changes, _small_change(scenario, rng)))
+    is_told = bool(rng.random() < _TOLD)
+    shapes = SHAPES if is_told else SHAPES[:-1]  # a scenario has no drift that robots are not told of
+    keys: dict[str, float] = {}
+    drift: dict[str, float] = {}
+    for _ in range(rng.integers(1, _MOST + 1)):
+        shape = shapes[rng.integers(len(shapes))]
+        key, value = _error(scenario, shape, rng)
+        (drift if shape == "drift" else keys)[key] = float(f"{value:.3g}")
+    return _replace(schedule, scenario=_replace(scenario, sensors=_off(scenario.sensors, keys, drift, is_told)))
+
+
+def _error(scenario: Scenario, shape: str, rng: np.random.Generator) -> tuple[str, float]:
+    """A key of the tolerance, or of the drift, and how large it is."""
+    size = _between(_SIZES, rng)
+    if shape == "delay":
+        return ("clock", "wrench_delay")[rng.integers(2)], size * _DELAY
+    with_shape = {"mounting": SENSORS[:3], "drift": tuple(SensorDrift.__struct_fields__)}.get(shape, SENSORS)
+    sensor = with_shape[rng.integers(len(with_shape))]
+    noise = size * float(getattr(scenario.noise, sensor))
+    match shape:
+        case "offset":
+            return f"{sensor}_offset", noise
+        case "scale":
+            return f"{sensor}_scale", noise / USUAL[sensor]
+        case "mounting":
+            return f"{sensor}_mounting_deg", math.degrees(noise / USUAL[sensor])
+    return sensor, noise * math.sqrt(60.0 / scenario.duration)  # so far off at the end
+
+
+def _off(sensors: Sensors, keys: Mapping[str, float], drift: Mapping[str, float], is_told: bool) -> Sensors:
+    """Sensors that are off by as much more."""
+    before = sensors.tolerance
+    errors = _replace(before, **{key: math.hypot(getattr(before, key), value) for key, value in keys.items()})
+    if is_told:
+        return _replace(sensors, tolerance=errors, drift=_replace(sensors.drift, **drift))
+    return _replace(sensors, errors=errors)
+
+
+def _small_change(scenario: Scenario, rng: np.random.Generator) -> LoadChange:
+    """After all others: loads are known by numbers."""
+    width, depth = scenario.robots.perimeter.extent if scenario.robots.perimeter is not None else (0.5, 0.5)
+    mass = float(f"{_between(_CHANGES, rng) * scenario.payload.inertia().mass:.3g}")
+    leak = float(f"{mass / rng.uniform(*_LEAKS):.3g}") if rng.random() < _LEAK else 0.0
+    latest = max([1.0, *(change.at for change in scenario.load_changes)])
+    x, y = rng.uniform(-0.4, 0.4, size=2) * (width, depth)
+    place = round(float(x), 3), round(float(y), 3), 0.1
+    return LoadChange(at=round(latest + float(rng.uniform(0.5, 6.0)), 3), mass=mass, position=place, leak=leak)
+
+
+def _between(ends: tuple[float, float], rng: np.random.Generator) -> float:
+    low, high = ends
+    return float(low * (high / low) ** rng.random())
+
+
+def is_untold(scenario: Scenario) -> bool:
+    """Whether sensors are off by more than robots are told."""
+    return isinstance(scenario.sensors.errors, SensorTolerance)
+
+
+def lasting_kinds(scenario: Scenario) -> tuple[str, ...]:
+    """What lasts in a scenario, in words, each kind once: errors other than those that teams are drawn with anyway."""
+    tolerance, errors = scenario.sensors.tolerance, scenario.sensor_errors
+    usual, word = (tolerance, "untold") if is_untold(scenario) else (_usual(tolerance), "told")
+    kinds = {
+        f"{word} {_shape(key)}"
+        for key in SensorTolerance.__struct_fields__
+        if getattr(errors, key) != getattr(usual, key)
+    }
+    kinds |= {f"{word} drift"} if scenario.sensors.drift.is_any else set()
+    small = _CHANGES[1] * scenario.payload.inertia().mass
+    for change in scenario.load_changes:
+        if change.leak > 0.0:
+            kinds.add("slow leak")
+        elif change.mass is not None and change.mass <= small:
+            kinds.add("small change of the load")
+    return tuple(sorted(kinds))
+
+
+def _usual(tolerance: SensorTolerance) -> SensorTolerance:
+    """Of a good industrial arm, if nothing is better than there; else none."""
+    fields = SensorTolerance.__struct_fields__
+    is_industrial = all(getattr(tolerance, key) >= getattr(INDUSTRIAL, key) for key in fields)
+    return INDUSTRIAL if is_industrial else SensorTolerance()
+
+
+def _shape(key: str) -> str:
+    if key in ("clock", "wrench_delay"):
+        return "delay"
+    return key.removesuffix("_deg").rpartition("_")[2]

@@ -1,0 +1,231 @@
+"""One process that imports what all processes of a run need, and forks them: so that it is imported once.
+
+The process is a fresh one, never the user's own, which may have threads, open sessions and whatever else a fork breaks:
+it does nothing but import and fork. What it forks is what ``python -m module`` would be, in a session of its own, with
+its log; the other end of its stdin stays with whoever asked for it, and ends with them. How it ended is told.
+
+Where systems cannot fork (or not so that libraries survive it, as on macOS), and where ``COHEFT_SPAWN`` is set, for
+debugging, each process is started from scratch.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import importlib
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+
+_PACKET = 4096
+_END_LIMIT = 1.0
+_SET_NAME = 15
+"""What ``prctl`` calls the name of a thread, and ``top`` that of a process."""
+
+
+def can_fork() -> bool:
+    """Whether there can be a nursery."""
+    return sys.platform == "linux" and not os.environ.get("COHEFT_SPAWN")
+
+
+class Forked:
+    """A process of a nursery, with what is used of ``subprocess.Popen``.
+
+    Attributes:
+        pid: Its number.
+        stdin: Where it is told what to do.
+        returncode: How it ended: its exit status, or minus the number of a signal; None while it goes on.
+    """
+
+    def __init__(self, nursery: Nursery, pid: int, stdin: int) -> None:
+        self._nursery = nursery
+        self.pid = pid
+        self.stdin = os.fdopen(stdin, "wb")
+        self.returncode: int | None = None
+
+    def poll(self) -> int | None:
+        """How it has ended, None while it goes on."""
+        self._nursery.take_in(0.0)
+        return self.returncode
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for its end.
+
+        Raises:
+            subprocess.TimeoutExpired: It goes on for longer than ``timeout`` [s].
+        """
+        deadline = None if timeout is None else time.monotonic() + timeout
+        while self.returncode is None:
+            left = None if deadline is None else deadline - time.monotonic()
+            if timeout is not None and left is not None and left <= 0.0:
+                raise subprocess.TimeoutExpired(f"process {self.pid}", timeout)
+            self._nursery.take_in(left)
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        """Send it a signal, if it goes on."""
+        if self.poll() is None:
+            with suppress(ProcessLookupError):
+                os.kill(self.pid, number)
+
+    def terminate(self) -> None:
+        """Ask it to end."""
+        self.send_signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        """End it."""
+        self.send_signal(signal.SIGKILL)
+
+
+class Nursery:
+    """Starts the process that imports, which goes on in the background.
+
+    Args:
+        modules: What can be forked: each has a function ``main`` without arguments.
+        environment: Of all its processes.
+    """
+
+    def __init__(self, modules: Sequence[str], environment: Mapping[str, str]) -> None:
+        self.modules = tuple(modules)
+        self._children: dict[int, Forked] = {}
+        self._newest: Forked | None = None
+        self._is_there = True
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", __name__, str(theirs.fileno()), *modules],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,  # a module that cannot be imported says so when it is started from scratch
+                env=dict(environment),
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,
+            )
+
+    def start(self, name: str, module: str, log: int) -> Forked | None:
+        """Fork a process as soon as all is imported.
+
+        Args:
+            name: What ``top`` shows.
+            module: Whose ``main`` it runs, one of ``modules``.
+            log: Open file for what it says.
+
+        Returns:
+            The process; None if the nursery is gone.
+        """
+        theirs, self._stdin = os.pipe()
+        self._newest = None
+        try:
+            socket.send_fds(self._socket, [f"{module} {name}".encode()], [theirs, log])
+            while self._newest is None and self._is_there:
+                self.take_in(None)
+        except OSError:
+            self._lose()
+        finally:
+            os.close(theirs)
+        if self._newest is None:
+            os.close(self._stdin)
+        return self._newest
+
+    def take_in(self, timeout: float | None) -> None:
+        """Take in what the nursery tells, if anything within ``timeout`` [s] (None: wait without limit)."""
+        while self._is_there and select.select([self._socket], [], [], timeout)[0]:
+            timeout = 0.0
+            try:
+                words = self._socket.recv(_PACKET).split()
+            except OSError:
+                words = []
+            if not words:
+                self._lose()
+            elif words[0] == b"started":
+                pid = int(words[1])
+                self._newest = self._children[pid] = Forked(self, pid, self._stdin)
+            else:
+                child = self._children.pop(int(words[1]), None)
+                if child is not None:
+                    child.returncode = int(words[2])
+
+    def _lose(self) -> None:
+        """It is gone; no one would ever know how the processes that are left end, so they end now."""
+        self._is_there = False
+        for child in self._children.values():
+            with suppress(ProcessLookupError):
+                os.kill(child.pid, signal.SIGKILL)
+            child.returncode = -signal.SIGKILL
+        self._children.clear()
+
+    def __del__(self) -> None:
+        self.close()  # also where no run has begun
+
+    def close(self) -> None:
+        """End it; its processes go on."""
+        self._is_there = False
+        self._socket.close()
+        try:
+            self._process.wait(_END_LIMIT)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+def _main() -> None:
+    """In the nursery: import, then fork what is asked for, and tell what has ended, until whoever asks is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    asks = socket.socket(fileno=int(sys.argv[1]))
+    mains = {name: importlib.import_module(name).main for name in sys.argv[2:]}
+    gc.collect()
+    gc.freeze()  # what is shared stays shared: the collector would write to all of it
+    woken, wakes = socket.socketpair()
+    wakes.setblocking(False)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    signal.set_wakeup_fd(wakes.fileno(), warn_on_full_buffer=False)
+    while True:
+        ready, _, _ = select.select([asks, woken], [], [])
+        if woken in ready:
+            woken.recv(_PACKET)
+            _tell_ends(asks)
+        if asks in ready:
+            request, files, _, _ = socket.recv_fds(asks, _PACKET, 2)
+            if not request:
+                return
+            module, name = request.decode().split(" ", 1)
+            pid = os.fork()
+            if pid == 0:
+                signal.set_wakeup_fd(-1)
+                signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+                for each in (asks, woken, wakes):
+                    each.close()
+                _become(name, *files)
+                mains[module]()
+                return
+            for file in files:
+                os.close(file)
+            asks.send(f"started {pid}".encode())
+
+
+def _tell_ends(asks: socket.socket) -> None:
+    """Tell of all processes that have ended."""
+    with suppress(ChildProcessError):
+        while (ended := os.waitpid(-1, os.WNOHANG))[0]:
+            asks.send(f"ended {ended[0]} {os.waitstatus_to_exitcode(ended[1])}".encode())
+
+
+def _become(name: str, stdin: int, log: int) -> None:
+    """Let this process, which has just been forked, be one of its own."""
+    os.setsid()
+    for file, number in ((stdin, 0), (log, 1), (log, 2)):
+        os.dup2(file, number)
+    os.close(stdin)
+    os.close(log)
+    with suppress(AttributeError, OSError):
+        ctypes.CDLL(None).prctl(_SET_NAME, name.encode(), 0, 0, 0)
+
+
+if __name__ == "__main__":
+    _main()

@@ -1,0 +1,74 @@
+"""The arrays of a message: which types and shapes they have, and where each begins in the block that holds them all."""
+
+from __future__ import annotations
+
+import math
+import struct
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from coheft.wire.messages.frame import WORD, padded
+
+AnyArray = npt.NDArray[Any]
+DTYPES: dict[int, np.dtype[Any]] = {1: np.dtype("<f8"), 2: np.dtype("<f4"), 3: np.dtype("<i4"), 4: np.dtype("<i8")}
+"""Of arrays, by the code of their type; numbers of other kinds are sent in double precision."""
+CODES = {dtype: code for code, dtype in DTYPES.items()}
+DOUBLE = DTYPES[1]
+MAX_DIMENSIONS = 4
+"""Of an array."""
+
+
+class Place(NamedTuple):
+    """Where an array is: type and shape, and where it begins among all arrays of its message [B]."""
+
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+    begin: int
+
+
+class Places(NamedTuple):
+    """Where all arrays of a message are, and what they take [B]."""
+
+    each: tuple[Place, ...]
+    size: int
+
+
+@lru_cache(maxsize=1024)
+def described(shapes: tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]) -> bytes:
+    """Types and shapes, as they travel: for each array its type and number of dimensions, and what these are."""
+    words: list[int] = []
+    for dtype, shape in shapes:
+        words += CODES[dtype], len(shape), *shape
+    return struct.pack(f"<{len(words)}I", *words)
+
+
+def places_of(shapes: bytes) -> Places:
+    """Inverse of ``described``.
+
+    Raises:
+        ValueError: These are no types and shapes.
+    """
+    words = struct.unpack(f"<{len(shapes) // WORD}I", shapes)
+    places: list[Place] = []
+    at = end = 0
+    while at < len(words):
+        code, dimensions = words[at], words[at + 1] if at + 1 < len(words) else 0
+        shape = words[at + 2 : at + 2 + dimensions]
+        if code not in DTYPES or dimensions > MAX_DIMENSIONS or at + 2 + dimensions > len(words):
+            raise ValueError(f"expected arrays of types 1 to {len(DTYPES)} and at most {MAX_DIMENSIONS} dimensions")
+        places.append(Place(DTYPES[code], shape, end))
+        end += padded(DTYPES[code].itemsize * math.prod(shape))
+        at += 2 + dimensions
+    return Places(tuple(places), end)
+
+
+_known = lru_cache(maxsize=256)(places_of)
+_SHORT = 256
+
+
+def known_places(shapes: bytes) -> Places:
+    """The same as ``places_of``, for shapes that come again and again."""
+    return _known(shapes) if len(shapes) <= _SHORT else places_of(shapes)

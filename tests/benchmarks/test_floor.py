@@ -1,0 +1,47 @@
+"""The benchmark that compares the whole system and its bare floor with Zenoh alone."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from benchmarks.compare import load_committed
+from benchmarks.figures import Section, guarded
+from benchmarks.floor import SIZES, Ratios, Turns, _figures
+from benchmarks.paced_team import Turn
+from coheft.estimation.geometry.spatial import Array
+
+
+def turn(wall: float, agent: float, server: float) -> Turn:
+    """Ten blocks of two robots, with times per block."""
+    cpu = {"server": 10 * server, "r1": 10 * agent, "r2": 10 * agent}
+    return Turn(first=0, blocks=10, wall=10 * wall, cpu=cpu)
+
+
+TURNS = Turns(
+    whole=[turn(6.0, 4.0, 2.0), turn(60.0, 4.0, 2.0), turn(8.0, 4.0, 2.0)],
+    bare=[turn(4.0, 1.5, 1.0)] * 3,
+    zenoh=[turn(2.0, 0.5, 1.0)] * 3,
+    steps=[0.25] * 3,
+)
+
+
+def test_ratios_are_medians_of_what_was_side_by_side() -> None:
+    assert TURNS.ratios() == Ratios(
+        whole_over_zenoh=4.0,
+        bare_over_zenoh=2.0,
+        whole_over_zenoh_cpu=5.0,
+        bare_over_zenoh_cpu=2.0,
+        server_over_bare_server=2.0,
+        server_over_steps=8.0,
+    )
+    assert {"whole_over_zenoh", "bare_over_zenoh", "server_over_bare_server"} < set(msgspec.to_builtins(TURNS.ratios()))
+
+
+@pytest.mark.parametrize("robots", SIZES)
+def test_what_is_guarded_has_been_committed(robots: int) -> None:
+    waits: Array = TURNS.steps  # type: ignore[assignment]
+    figures = _figures(robots, TURNS, TURNS.ratios(), (waits, waits))
+    found = guarded([Section(name="floor", title="", figures=figures)])
+    assert found.keys() <= load_committed().keys()
+    assert len(found) == 3

@@ -1,0 +1,112 @@
+"""Runs whose supervisor, parts or disk stop at a bad moment: what is found is not lost, and what is said is true."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from coheft.app.run.folder import RUN_FILE
+from coheft.app.run.observer import ask_run
+from coheft.wire.messages.requests import StatusRequest
+from tests.integration.command_line import Run
+from tests.waiting import LIMIT, wait_until
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")
+
+
+def test_time_stands_still_while_the_supervisor_is_stopped(start: Callable[..., Run], tmp_path: Path) -> None:
+    """As after Ctrl-Z, and for longer than the run would take."""
+    report = tmp_path / "report.json"
+    run = start("--duration", "20", "--change", "t=12,mass=2,at=0.2,0.1,0.08", "--json", str(report))
+    run.wait_until_under_way()
+    log = run.folder / "server.log"
+    os.kill(run.supervisor.pid, signal.SIGSTOP)
+    try:
+        wait_until(lambda: "the run's supervisor is stopped" in log.read_text(), "the server to notice")
+        before = ask_run(StatusRequest(), run.folder)
+        assert before.state == "paused"
+        time.sleep(4.0)
+        assert ask_run(StatusRequest(), run.folder).block == before.block
+    finally:
+        os.kill(run.supervisor.pid, signal.SIGCONT)
+    assert run.wait() == 0, run.text
+    assert "this process was stopped for" in run.text
+    found = json.loads(report.read_text())
+    assert all(robot["converged"] for robot in found["robots"].values())
+    assert found["load_changes"][0]["detected_at_s"] == pytest.approx(12.0, abs=1.0)
+
+
+def test_an_operator_can_pause_a_run_whose_supervisor_goes_on_again(start: Callable[..., Run]) -> None:
+    """That it stood still because of its supervisor does not make it go on against the operator's word."""
+    run = start("--duration", "10000")
+    run.wait_until_under_way()
+    log = run.folder / "server.log"
+    os.kill(run.supervisor.pid, signal.SIGSTOP)
+    try:
+        wait_until(lambda: "the run's supervisor is stopped" in log.read_text(), "the server to notice")
+        assert run.ask("pause")[0] == 0
+    finally:
+        os.kill(run.supervisor.pid, signal.SIGCONT)
+    time.sleep(2.0)
+    assert ask_run(StatusRequest(), run.folder).state == "paused"
+    assert run.ask("resume")[0] == 0
+    assert run.ask("stop")[0] == 0
+    assert run.wait() in (0, 3), run.text
+
+
+def test_agents_that_are_killed_before_the_clock_starts_are_started_again(start: Callable[..., Run]) -> None:
+    run = start("--duration", "10")
+    wait_until((run.folder / RUN_FILE).exists, "the processes")
+    for name in ("r1", "r2"):
+        os.kill(run.read_pids()[name], signal.SIGKILL)
+    assert run.wait() == 0, run.text
+    assert "r1 was killed by signal 9; started again (1 of 3)" in run.words
+    assert "r2 was killed by signal 9; started again (1 of 3)" in run.words
+
+
+def test_before_the_clock_starts_agents_are_started_again_so_often_only(start: Callable[..., Run]) -> None:
+    run = start("--duration", "10", "--restarts", "0")
+    wait_until((run.folder / RUN_FILE).exists, "the processes")
+    os.kill(run.read_pids()["r2"], signal.SIGKILL)
+    assert run.wait() == 1
+    assert run.text.endswith("The run is over, because r2 was killed by signal 9.\n")
+
+
+@pytest.mark.parametrize("part", ["r3", "server"])
+def test_ctrl_c_does_not_wait_for_a_part_that_is_frozen(part: str, start: Callable[..., Run]) -> None:
+    run = start("--duration", "10000")
+    run.wait_until_under_way()
+    os.kill(run.pids[part], signal.SIGSTOP)
+    time.sleep(3.0)  # its links are full by then
+    began = time.monotonic()
+    os.killpg(run.supervisor.pid, signal.SIGINT)
+    assert run.wait() == 130
+    assert time.monotonic() - began < 6.0  # it took more than 10 s
+    assert run.left() == []
+    assert "Traceback" not in run.text
+
+
+def test_a_report_that_cannot_be_written_does_not_hide_that_the_recording_was_cut(tmp_path: Path) -> None:
+    """A limit of the size of files, in blocks of 512 B, is as good as a full disk."""
+    pytest.importorskip("matplotlib")
+    recording, report = tmp_path / "run.mcap", tmp_path / "report"
+    command = f"{sys.executable} -m coheft run ring3 --duration 4 --record {recording} --report {report}"
+    done = subprocess.run(
+        ["sh", "-c", f"ulimit -f 200; exec {command} --logs {tmp_path / 'logs'}"],
+        capture_output=True,
+        text=True,
+        timeout=3 * LIMIT,  # pictures take long on a busy machine
+        check=False,
+    )
+    assert done.returncode == 1
+    assert "cannot write the report into" in done.stderr
+    assert f"{recording}: could not be written any more" in done.stderr
+    assert "Traceback" not in done.stderr
