@@ -31,7 +31,10 @@ from coheft.estimation.batch.identify import (
     grasps_from_twists,
     parameters_fit,
 )
-from coheft.estimation.batch.judge.verdict import Verdict, judge_forces
+from coheft.estimation.batch.judge.forces import judge_forces
+from coheft.estimation.batch.judge.poses import judge_poses
+from coheft.estimation.batch.judge.sensors import stuck_sensor
+from coheft.estimation.batch.judge.verdict import UNKNOWN, Verdict
 from coheft.estimation.batch.payload import make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
 from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
@@ -88,11 +91,13 @@ def identify_poses(
         found = _with_doubts(recording, grasps, tolerances, cutoff)
     suspicions = (*_suspicions(grasps), *unsettled(grasps.team, grasps.is_settled))
     verdict = None
-    if tolerances is None and not suspicions and not any(map(recording.has, ("twist", "dtwist", "acceleration"))):
-        verdict = _verdict(recording, signals, grasps.team, cutoff)
+    if tolerances is None and not any(map(recording.has, ("twist", "dtwist", "acceleration"))):
+        verdict = _verdict(recording, signals, grasps, bool(suspicions), cutoff)
         if verdict is not None and not verdict.is_refuted:
             hidden = _hidden(verdict, found)
             found = replace(found, hidden=hidden, remarks=(*found.remarks, _what_is_hidden(hidden)))
+        elif verdict is not None and verdict.cause != UNKNOWN:
+            suspicions = ()  # this is what they are about
     return replace(found, loops=tuple(loops), suspicions=suspicions, verdict=verdict)
 
 
@@ -110,14 +115,24 @@ def _hidden(verdict: Verdict, found: Identification) -> tuple[HiddenError, ...]:
     return tuple(worst)
 
 
-def _verdict(recording: Recording, signals: Signals, team: TeamPoses, cutoff: float) -> Verdict | None:
-    """Of forces, if poses are known: else nothing says what they should be."""
+def _verdict(
+    recording: Recording, signals: Signals, grasps: HandEye, is_suspicious: bool, cutoff: float
+) -> Verdict | None:
+    """Of sensors, of poses and, if poses are known and those of one load, of forces."""
+    team = grasps.team
     relative = [team.relative(0, other) for other in range(1, len(team.poses))]
+    at_first_sight = stuck_sensor(recording)
+    if at_first_sight is not None:
+        return at_first_sight
     if any(pose.unseen for pose in relative) or not recording.gravity.any():  # nothing has a weight there
         return None
     centre = centre_of(team.poses)
+    poses = [centre.inverse() @ pose for pose in team.poses]
+    by_poses = judge_poses(recording, signals, grasps.homes, poses)
+    if by_poses is not None or is_suspicious:
+        return by_poses
     turns = max(float(np.sqrt(np.linalg.eigvalsh(pose.covariance[:3, :3])[-1])) for pose in relative)
-    return judge_forces(recording, signals, [centre.inverse() @ pose for pose in team.poses], turns, cutoff)
+    return judge_forces(recording, signals, poses, turns, cutoff)
 
 
 def _what_is_hidden(hidden: Sequence[HiddenError]) -> str:
