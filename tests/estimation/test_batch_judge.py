@@ -13,6 +13,7 @@ from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify_poses import identify_poses
 from coheft.estimation.batch.judge.band import white_level
 from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.batch.signals import low_pass
 from coheft.estimation.geometry.spatial import Array
@@ -56,6 +57,21 @@ def home_turned(axis: Array) -> Fault:
         return np.hstack([turn.apply(pose[:, :3]), (turn * Rotation.from_quat(pose[:, 3:])).as_quat()]), wrench
 
     return fault
+
+
+def turned(wrench: Array) -> Array:
+    """By a mounting that is a third of a right angle off."""
+    turn = Rotation.from_euler("z", 30.0, degrees=True)
+    return np.hstack([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])])
+
+
+def exchanged(wrench: Array) -> Array:
+    """Columns y and z."""
+    return wrench[:, [0, 2, 1, 3, 5, 4]]
+
+
+def drifting(wrench: Array) -> Array:
+    return wrench + np.linspace(0.0, 1.0, len(wrench))[:, None] * [2.0, 0.0, 1.0, 0.0, 0.0, 0.0]
 
 
 def late(wrench: Array) -> Array:
@@ -102,6 +118,11 @@ def test_good_recordings_are_accepted(seed: int, count: int) -> None:
         (to_wrench(lambda wrench: wrench * [1, 1, 1, 0.102, 0.102, 0.102]), ("r1", "r2", "r3"), "moment scale", None),
         (in_home_axes, (), "base axes", "r2"),
         (in_home_axes, ("r1", "r2", "r3"), "base axes", None),
+        (to_wrench(turned), (), "sensor turned", "r2"),
+        (to_wrench(turned), ("r1", "r2", "r3"), "sensor turned", None),
+        (to_wrench(exchanged), (), "sensor turned", "r2"),
+        (to_wrench(exchanged), ("r1", "r2", "r3"), "sensor turned", None),
+        (to_wrench(drifting), (), "drift", "r2"),
         (to_wrench(late), (), "clock", "r2"),
         (to_wrench(late), ("r1", "r2", "r3"), "clock", None),
         (home_turned(np.array([0.05, 0.0, 0.0])), (), "homes not level", "r2"),
@@ -145,6 +166,63 @@ def test_a_sensor_that_repeats_itself_is_named(columns: slice) -> None:
 
     _, verdict = judged(with_fault(held_recording(SEED), to_wrench(stuck)))
     assert (verdict.cause, verdict.robot, verdict.value) == ("sensor dead", "r2", (10.0,))
+
+
+def slipped(turn_deg: float, shift: float) -> Fault:
+    """From 10 s on the grasp frame is elsewhere in the load."""
+
+    def fault(pose: Array, wrench: Array) -> tuple[Array, Array]:
+        own = Rotation.from_quat(pose[1000:, 3:])
+        step, turn = np.array([0.0, shift, 0.0]), Rotation.from_rotvec([np.radians(turn_deg), 0.0, 0.0])
+        pose[1000:, :3] += own.apply(step)
+        pose[1000:, 3:] = (own * turn).as_quat()
+        force, moment = wrench[1000:, :3].copy(), wrench[1000:, 3:].copy()
+        wrench[1000:, :3] = turn.inv().apply(force)
+        wrench[1000:, 3:] = turn.inv().apply(moment - np.cross(step, force))
+        return pose, wrench
+
+    return fault
+
+
+@pytest.mark.parametrize(("turn_deg", "shift"), [(0.0, 0.005), (1.0, 0.0), (1.0, 0.02)])
+def test_a_grasp_that_slips_is_named(turn_deg: float, shift: float) -> None:
+    _, verdict = judged(with_fault(held_recording(SEED), slipped(turn_deg, shift)))
+    assert (verdict.cause, verdict.robot) == ("slip", "r2")
+    assert verdict.value == pytest.approx((turn_deg, shift, 10.0), abs=0.2)
+    assert verdict.value[1] == pytest.approx(shift, abs=2e-4)
+
+
+def test_of_two_robots_either_grasp_may_have_slipped() -> None:
+    _, verdict = judged(with_fault(held_recording(SEED, 2), slipped(0.0, 0.005)))
+    assert (verdict.cause, verdict.robot) == ("slip", None)
+
+
+def test_a_grip_that_gives_does_not_slip() -> None:
+    rng = np.random.default_rng(2)
+
+    def giving(pose: Array, wrench: Array) -> tuple[Array, Array]:
+        bend = low_pass(3e-3 * rng.normal(size=(len(pose), 3)), 100.0, 0.5)
+        pose[:, :3] += Rotation.from_quat(pose[:, 3:]).apply(bend)
+        return pose, wrench
+
+    _, verdict = judged(with_fault(held_recording(SEED), giving))
+    assert verdict.cause != "slip"
+
+
+def test_poses_that_repeat_themselves_are_named() -> None:
+    def stuck(pose: Array, wrench: Array) -> tuple[Array, Array]:
+        pose[1000:] = pose[1000]
+        return pose, wrench
+
+    _, verdict = judged(with_fault(held_recording(SEED), stuck))
+    assert (verdict.cause, verdict.robot, verdict.value) == ("sensor dead", "r2", (10.0,))
+
+
+def test_inverse_poses_of_all_are_named() -> None:
+    recording = held_recording(SEED)
+    found, verdict = judged(with_fault(recording, lambda pose, wrench: (inverse_poses(pose), wrench), *recording.names))
+    assert verdict.cause == "inverse poses"
+    assert found.doubts[0] == verdict.words
 
 
 def test_a_sensor_that_has_nothing_but_noise_is_named() -> None:

@@ -37,6 +37,7 @@ from coheft.estimation.batch.judge.sensors import stuck_sensor
 from coheft.estimation.batch.judge.verdict import UNKNOWN, Verdict
 from coheft.estimation.batch.payload import make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
+from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, EDGE, Signals, signals_of
@@ -93,6 +94,8 @@ def identify_poses(
     verdict = None
     if tolerances is None and not any(map(recording.has, ("twist", "dtwist", "acceleration"))):
         verdict = _verdict(recording, signals, grasps, bool(suspicions), cutoff)
+        if verdict is not None and verdict.cause == UNKNOWN:
+            verdict = _inverse(recording, cutoff) or verdict
         if verdict is not None and not verdict.is_refuted:
             hidden = _hidden(verdict, found)
             found = replace(found, hidden=hidden, remarks=(*found.remarks, _what_is_hidden(hidden)))
@@ -121,11 +124,11 @@ def _verdict(
     """Of sensors, of poses and, if poses are known and those of one load, of forces."""
     team = grasps.team
     relative = [team.relative(0, other) for other in range(1, len(team.poses))]
+    if any(pose.unseen for pose in relative) or not recording.gravity.any():  # nothing has a weight there
+        return None
     at_first_sight = stuck_sensor(recording)
     if at_first_sight is not None:
         return at_first_sight
-    if any(pose.unseen for pose in relative) or not recording.gravity.any():  # nothing has a weight there
-        return None
     centre = centre_of(team.poses)
     poses = [centre.inverse() @ pose for pose in team.poses]
     by_poses = judge_poses(recording, signals, grasps.homes, poses)
@@ -133,6 +136,30 @@ def _verdict(
         return by_poses
     turns = max(float(np.sqrt(np.linalg.eigvalsh(pose.covariance[:3, :3])[-1])) for pose in relative)
     return judge_forces(recording, signals, poses, turns, cutoff)
+
+
+def _inverse(recording: Recording, cutoff: float) -> Verdict | None:
+    """That all poses are inverse, if they are: then they fit each other, but not the forces."""
+    robots = {
+        name: replace(robot, pose=None if robot.pose is None else inverse_poses(robot.pose))
+        for name, robot in recording.robots.items()
+    }
+    try:
+        signals = plausible_signals(inverse := replace(recording, robots=robots), cutoff)
+        wrists = WristPoses.of(inverse.stacked("pose"), recording.rate, at_home=False)
+        start, _ = grasps_from_twists(signals, with_instruments=True)
+    except RecordingError:
+        return None
+    grasps = fit_hand_eye(wrists.averaged(_POSES_PER_SECOND), start.team.poses)
+    verdict = None if _suspicions(grasps) else _verdict(inverse, signals, grasps, False, cutoff)
+    if verdict is None or verdict.is_refuted:
+        return None
+    return Verdict(
+        is_refuted=True,
+        cause="inverse poses",
+        words="forces are not those of a load that moves like this, but they are if all poses are those of the home "
+        "frame in the grasp frame, and not the other way round: invert them",
+    )
 
 
 def _what_is_hidden(hidden: Sequence[HiddenError]) -> str:
