@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.sensors import silent_sensor
 from coheft.estimation.batch.judge.suspects import Suspect, Suspects
-from coheft.estimation.batch.judge.verdict import UNKNOWN, Verdict
+from coheft.estimation.batch.judge.verdict import Verdict
 from coheft.estimation.batch.judge.words import angle_deg, is_ambiguous, words_of
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit, WrenchMisfit
 from coheft.estimation.batch.recording import Recording
@@ -27,16 +28,12 @@ class Bars:
         gain: Of one cause, see ``Suspect.gain``.
         share: Of what changes in the wrench; a smaller misfit without a cause hardly matters.
         mended: Share of the excess that a cause may leave if it is the whole story.
-        by_far: Share of the excess that a cause has to explain if others are there, too.
-        calm: Mean squares of whitened residuals below which nothing else is there, where the load moves and above.
     """
 
     excess: float = 4.5
     gain: float = 6.0
     share: float = 0.02
     mended: float = 0.02
-    by_far: float = 0.5
-    calm: tuple[float, float] = (1.3, 2.0)
 
 
 BARS = Bars()
@@ -46,7 +43,7 @@ _SURE = 6.0
 
 
 def judge_forces(
-    recording: Recording, signals: Signals, poses: Sequence[Pose], turns: float, cutoff: float
+    recording: Recording, signals: Signals, poses: Sequence[Pose], turns: float, cutoff: float, assumed: str | None
 ) -> Verdict | None:
     """Judge whether the forces of a recording are those of one rigid body.
 
@@ -56,6 +53,7 @@ def judge_forces(
         poses: Of grasp frames in a frame at their middle.
         turns: Largest standard deviation of their rotations [rad].
         cutoff: Of the filter [Hz].
+        assumed: The cause that the user names; None: the one that explains most.
 
     Returns:
         None if samples are too few per second to tell noise from motion.
@@ -72,11 +70,11 @@ def judge_forces(
     if level is not None:
         return level
     found = suspects.all()
-    is_calm = plain.inside < BARS.calm[0] and plain.above < BARS.calm[1]
-    sure = [one for one in found if one.gain > BARS.gain and (is_calm or _explains(one, misfit) > BARS.by_far)]
+    sure = [one for one in found if one.gain > BARS.gain]
     if not sure and not (plain.excess > BARS.excess and misfit.share() > BARS.share):
-        return Verdict.accepted(plain, found)
-    best = sure[0] if sure else found[0]
+        return Verdict.accepted(plain, found, assumed)
+    mending = (one for one in found if one.cause == assumed and _mends(one, plain.excess))
+    best = next(mending, (sure or found)[0])
     second = next(one for one in found if one.cause is not best.cause)
     is_mended = _mends(best, plain.excess)
     robot, words = words_of(best, recording, misfit)
@@ -85,7 +83,7 @@ def judge_forces(
     if not sure or not is_mended:
         return silent_sensor(recording, cutoff) or Verdict(
             is_refuted=True,
-            cause=UNKNOWN,
+            cause=Cause.UNKNOWN,
             ratio=ratio,
             margin=margin,
             second=second.cause.value,
@@ -98,13 +96,14 @@ def judge_forces(
     rest = f"; the second best cause, {second.cause.value}, is hardly worse" if margin < 10.0 else ""
     return Verdict(
         is_refuted=True,
-        cause=best.cause.value,
+        cause=best.cause,
         robot=robot,
         value=tuple(float(number) for number in (*best.value, *(() if best.time is None else (best.time,)))),
         ratio=ratio,
         margin=margin,
         second=second.cause.value,
         mass=mass,
+        gravity=best.value @ homes if best.cause is Cause.GRAVITY else None,
         words=f"{differs}. One cause mends it: {words}{rest}{with_it}",
     )
 
@@ -117,13 +116,6 @@ def _mass_of(fit: Fit) -> tuple[float, float]:
 def _mends(suspect: Suspect, excess: float) -> bool:
     """Whether a cause is the whole story."""
     return suspect.gain > -np.inf and suspect.fit.excess < max(BARS.excess + 0.5, BARS.mended * excess)
-
-
-def _explains(suspect: Suspect, misfit: WrenchMisfit) -> float:
-    """Share of what is beyond noise where the load moves that a cause explains."""
-    before, after = (float(np.sum(f.residual[: misfit.band.moving] ** 2)) for f in (misfit.plain, suspect.fit))
-    count = misfit.plain.residual[: misfit.band.moving].size
-    return (before - after) / (before - count) if before > 1.1 * count else 0.0
 
 
 def _worst(misfit: WrenchMisfit) -> float:
@@ -151,7 +143,7 @@ def _level(homes: Array, recording: Recording, turns: float, suspects: Suspects,
     if not _mends(by_forces, plain.excess):
         return Verdict(
             is_refuted=True,
-            cause=UNKNOWN,
+            cause=Cause.UNKNOWN,
             ratio=ratio,
             words=f"home frames are not level with each other, by {apart:.3g} degrees, but forces are those of a load "
             f"in none of them: are poses those of grasp frames in the home frames, and not the other way round? Are "
@@ -163,11 +155,12 @@ def _level(homes: Array, recording: Recording, turns: float, suspects: Suspects,
     mass, std = _mass_of(by_forces.fit)
     return Verdict(
         is_refuted=True,
-        cause="homes not level",
+        cause=Cause.NOT_LEVEL,
         robot=wrong[0] if len(wrong) == 1 else None,
         value=tuple(off),
         ratio=ratio,
         mass=(mass, std),
+        gravity=by_forces.value @ homes,
         words=f"home frames are not level with each other, by {apart:.3g} degrees; by what forces say of gravity it is "
         f"{who}, turned by {max(off):.3g} degrees. With gravity where forces have it, the mass is {mass:.4g} kg (std "
         f"{std:.2g} kg). Turn the poses of {who} into a frame whose z axis points up",

@@ -6,15 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.clocks import clock_delays
 from coheft.estimation.batch.judge.slips import find_slip
-from coheft.estimation.batch.judge.suspects import Cause
 from coheft.estimation.batch.judge.verdict import Verdict
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import Signals
 from coheft.estimation.geometry.spatial import Pose
 
-SLIP = "slip"
 _SURE = 6.0
 _LATE = 1e-3
 """Clocks that differ by less hardly matter [s]."""
@@ -44,7 +43,7 @@ def _slipped(recording: Recording, homes: Sequence[Pose], poses: Sequence[Pose])
     whose = name or f"{recording.names[slip.robot]} (or of the other robot)"
     return Verdict(
         is_refuted=True,
-        cause=SLIP,
+        cause=Cause.SLIP,
         robot=name,
         value=(slip.turn_deg, slip.shift, slip.time),
         words=f"the grasp of {whose} slipped at {slip.time:.1f} s, by {1e3 * slip.shift:.3g} mm and "
@@ -66,9 +65,10 @@ def _late(recording: Recording, signals: Signals, poses: Sequence[Pose]) -> Verd
     )
     return Verdict(
         is_refuted=True,
-        cause=Cause.CLOCK.value,
+        cause=Cause.CLOCK,
         robot=name,
         value=(delay,),
+        channels=("pose", "wrench"),
         words=f"poses of {whose} {abs(1e3 * delay):.3g} ms {'late' if delay > 0.0 else 'early'} against the others' "
         f"(std {1e3 * std:.2g} ms), and perhaps all else that is recorded of it: shift its samples in time",
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coheft.estimation.batch.judge.band import white_level
+from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.verdict import Verdict
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.geometry.spatial import Array
@@ -75,4 +76,4 @@ def _longest_repeat(samples: Array) -> tuple[int, int]:
 
 
 def _dead(robot: str, start: float, words: str) -> Verdict:
-    return Verdict(is_refuted=True, cause="sensor dead", robot=robot, value=(start,), words=words)
+    return Verdict(is_refuted=True, cause=Cause.DEAD, robot=robot, value=(start,), words=words)

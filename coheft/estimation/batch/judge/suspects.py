@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -16,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
 from coheft.estimation.batch.body import regressor, total_wrench
+from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.turned import fit_turned
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit, WrenchMisfit
 from coheft.estimation.geometry.body_motion import BODY_A
@@ -26,24 +26,6 @@ _STEP = 0.06
 _LONGEST_DELAY, _DELAY_STEP, _DELAY_FOUND = 0.5, 0.05, 2e-4
 _TURNS = 8
 _TURNED = 1e-6
-
-
-class Cause(Enum):
-    """What may be wrong."""
-
-    OFFSET = "offset"
-    LEVER = "lever"
-    SCALE = "scale"
-    FORCE_SCALE = "force scale"
-    MOMENT_SCALE = "moment scale"
-    BASE_AXES = "base axes"
-    TURNED = "sensor turned"
-    COMPENSATED = "weight compensated"
-    CLOCK = "clock"
-    GRAVITY = "gravity"
-    LOAD_CHANGE = "load change"
-    OFFSET_JUMP = "offset jump"
-    DRIFT = "drift"
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.batch.judge.suspects import Cause, Suspect
+from coheft.estimation.batch.judge.cause import Cause
+from coheft.estimation.batch.judge.suspects import Suspect
 from coheft.estimation.batch.judge.turned import turned_words
 from coheft.estimation.batch.judge.wrench_misfit import WrenchMisfit
 from coheft.estimation.batch.recording import Recording
@@ -56,11 +57,9 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
         case Cause.LOAD_CHANGE:
             return None, f"the load changed at {suspect.time:.1f} s; --from and --to choose a part"
         case Cause.OFFSET_JUMP:
-            return (
-                None,
-                f"the zero of some sensor jumped, or a grasp slipped, at {suspect.time:.1f} s; --from and --to choose "
-                f"a part",
-            )
+            return None, f"the zero of some sensor jumped at {suspect.time:.1f} s; --from and --to choose a part"
+        case cause:
+            raise ValueError(f"expected a cause that forces have, found {cause}")
 
 
 def _offset_words(offset: Array, recording: Recording, misfit: WrenchMisfit) -> tuple[str | None, str]:
