@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from coheft.errors import RecordingError
 from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify_poses import identify_poses
 from coheft.estimation.batch.judge.band import white_level
+from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.batch.signals import low_pass
 from coheft.estimation.geometry.spatial import Array
@@ -56,6 +59,21 @@ def home_turned(axis: Array) -> Fault:
         return np.hstack([turn.apply(pose[:, :3]), (turn * Rotation.from_quat(pose[:, 3:])).as_quat()]), wrench
 
     return fault
+
+
+def turned(wrench: Array) -> Array:
+    """By a mounting that is a third of a right angle off."""
+    turn = Rotation.from_euler("z", 30.0, degrees=True)
+    return np.hstack([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])])
+
+
+def exchanged(wrench: Array) -> Array:
+    """Columns y and z."""
+    return wrench[:, [0, 2, 1, 3, 5, 4]]
+
+
+def drifting(wrench: Array) -> Array:
+    return wrench + np.linspace(0.0, 1.0, len(wrench))[:, None] * [2.0, 0.0, 1.0, 0.0, 0.0, 0.0]
 
 
 def late(wrench: Array) -> Array:
@@ -102,6 +120,11 @@ def test_good_recordings_are_accepted(seed: int, count: int) -> None:
         (to_wrench(lambda wrench: wrench * [1, 1, 1, 0.102, 0.102, 0.102]), ("r1", "r2", "r3"), "moment scale", None),
         (in_home_axes, (), "base axes", "r2"),
         (in_home_axes, ("r1", "r2", "r3"), "base axes", None),
+        (to_wrench(turned), (), "sensor turned", "r2"),
+        (to_wrench(turned), ("r1", "r2", "r3"), "sensor turned", None),
+        (to_wrench(exchanged), (), "sensor turned", "r2"),
+        (to_wrench(exchanged), ("r1", "r2", "r3"), "sensor turned", None),
+        (to_wrench(drifting), (), "drift", "r2"),
         (to_wrench(late), (), "clock", "r2"),
         (to_wrench(late), ("r1", "r2", "r3"), "clock", None),
         (home_turned(np.array([0.05, 0.0, 0.0])), (), "homes not level", "r2"),
@@ -145,6 +168,63 @@ def test_a_sensor_that_repeats_itself_is_named(columns: slice) -> None:
 
     _, verdict = judged(with_fault(held_recording(SEED), to_wrench(stuck)))
     assert (verdict.cause, verdict.robot, verdict.value) == ("sensor dead", "r2", (10.0,))
+
+
+def slipped(turn_deg: float, shift: float) -> Fault:
+    """From 10 s on the grasp frame is elsewhere in the load."""
+
+    def fault(pose: Array, wrench: Array) -> tuple[Array, Array]:
+        own = Rotation.from_quat(pose[1000:, 3:])
+        step, turn = np.array([0.0, shift, 0.0]), Rotation.from_rotvec([np.radians(turn_deg), 0.0, 0.0])
+        pose[1000:, :3] += own.apply(step)
+        pose[1000:, 3:] = (own * turn).as_quat()
+        force, moment = wrench[1000:, :3].copy(), wrench[1000:, 3:].copy()
+        wrench[1000:, :3] = turn.inv().apply(force)
+        wrench[1000:, 3:] = turn.inv().apply(moment - np.cross(step, force))
+        return pose, wrench
+
+    return fault
+
+
+@pytest.mark.parametrize(("turn_deg", "shift"), [(0.0, 0.005), (1.0, 0.0), (1.0, 0.02)])
+def test_a_grasp_that_slips_is_named(turn_deg: float, shift: float) -> None:
+    _, verdict = judged(with_fault(held_recording(SEED), slipped(turn_deg, shift)))
+    assert (verdict.cause, verdict.robot) == ("slip", "r2")
+    assert verdict.value == pytest.approx((turn_deg, shift, 10.0), abs=0.2)
+    assert verdict.value[1] == pytest.approx(shift, abs=2e-4)
+
+
+def test_of_two_robots_either_grasp_may_have_slipped() -> None:
+    _, verdict = judged(with_fault(held_recording(SEED, 2), slipped(0.0, 0.005)))
+    assert (verdict.cause, verdict.robot) == ("slip", None)
+
+
+def test_a_grip_that_gives_does_not_slip() -> None:
+    rng = np.random.default_rng(2)
+
+    def giving(pose: Array, wrench: Array) -> tuple[Array, Array]:
+        bend = low_pass(3e-3 * rng.normal(size=(len(pose), 3)), 100.0, 0.5)
+        pose[:, :3] += Rotation.from_quat(pose[:, 3:]).apply(bend)
+        return pose, wrench
+
+    _, verdict = judged(with_fault(held_recording(SEED), giving))
+    assert verdict.cause != "slip"
+
+
+def test_poses_that_repeat_themselves_are_named() -> None:
+    def stuck(pose: Array, wrench: Array) -> tuple[Array, Array]:
+        pose[1000:] = pose[1000]
+        return pose, wrench
+
+    _, verdict = judged(with_fault(held_recording(SEED), stuck))
+    assert (verdict.cause, verdict.robot, verdict.value) == ("sensor dead", "r2", (10.0,))
+
+
+def test_inverse_poses_of_all_are_named() -> None:
+    recording = held_recording(SEED)
+    found, verdict = judged(with_fault(recording, lambda pose, wrench: (inverse_poses(pose), wrench), *recording.names))
+    assert verdict.cause == "inverse poses"
+    assert found.doubts[0] == verdict.words
 
 
 def test_a_sensor_that_has_nothing_but_noise_is_named() -> None:
@@ -262,3 +342,45 @@ def test_results_do_not_depend_on_who_is_first() -> None:
     assert one.mass is not None
     assert other.mass is not None
     assert other.mass[0] == pytest.approx(one.mass[0], abs=0.2 * one.mass[1])
+
+
+@pytest.mark.parametrize(
+    ("fault", "robots", "cause"),
+    [
+        (to_wrench(lambda wrench: wrench + [4.0, -3.0, 2.0, 0.0, 0.0, 0.0]), (), Cause.OFFSET),
+        (to_wrench(lambda wrench: wrench - wrench[:20].mean(axis=0)), ("r1", "r2", "r3"), Cause.OFFSET),
+        (to_wrench(drifting), (), Cause.DRIFT),
+        (to_wrench(lever), (), Cause.LEVER),
+        (to_wrench(lever), ("r1", "r2", "r3"), Cause.LEVER),
+        (to_wrench(lambda wrench: -1.1 * wrench), (), Cause.SCALE),
+        (to_wrench(lambda wrench: wrench * [1.1, 1.1, 1.1, 1.0, 1.0, 1.0]), (), Cause.FORCE_SCALE),
+        (to_wrench(lambda wrench: wrench * [1, 1, 1, 0.102, 0.102, 0.102]), ("r1", "r2", "r3"), Cause.MOMENT_SCALE),
+        (in_home_axes, ("r1", "r2", "r3"), Cause.BASE_AXES),
+        (to_wrench(exchanged), (), Cause.TURNED),
+        (to_wrench(late), (), Cause.CLOCK),
+        (lambda pose, wrench: (late(pose), wrench), (), Cause.CLOCK),
+        (lambda pose, wrench: (late(pose), late(wrench)), (), Cause.CLOCK),
+        (home_turned(np.array([0.05, 0.0, 0.0])), (), Cause.NOT_LEVEL),
+        (lambda pose, wrench: (inverse_poses(pose), wrench), ("r1", "r2", "r3"), Cause.INVERSE),
+    ],
+)
+def test_what_is_assumed_is_taken_out(fault: Fault, robots: tuple[str, ...], cause: Cause) -> None:
+    recording = with_fault(held_recording(SEED), fault, *robots)
+    found = identify_poses(recording, assume=cause)
+    assert found.doubts == ()
+    assert found.remarks[0].startswith(f"Taken out, as assumed ({cause}): ")
+    assert deviations(recording, found).max() < 5.0
+
+
+def test_what_cannot_be_assumed_is_refused() -> None:
+    recording = held_recording(SEED)
+    with pytest.raises(RecordingError, match="nothing is wrong with the recording"):
+        identify_poses(recording, assume="offset")
+    wrong = with_fault(recording, to_wrench(turned))
+    with pytest.raises(RecordingError, match=r"does not explain the recording\. .* is turned against the grasp frame"):
+        identify_poses(wrong, assume="lever")
+    with pytest.raises(RecordingError, match="it can be any of: offset, "):
+        identify_poses(wrong, assume="weather")
+    slip = with_fault(recording, slipped(0.0, 0.005))
+    with pytest.raises(RecordingError, match="nothing says what sensors would have read without 'slip'"):
+        identify_poses(slip, assume="slip")

@@ -32,6 +32,7 @@ def identify(
     from_: Annotated[float | None, Parameter(name="--from")] = None,
     to: float | None = None,
     cutoff: Positive | None = None,
+    assume: str | None = None,
     topics: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative_iterable="")] = (),
     holds: GivenPath | None = None,
     json: ReportTarget = None,
@@ -60,6 +61,9 @@ def identify(
         Leave out what came after [s].
     cutoff:
         Of the low-pass filter [Hz]; 5 for batch, else 3; likelihood has none.
+    assume:
+        What is wrong with the recording, by the name that its verdict has, for instance 'offset' or 'sensor turned': it
+        is taken out, and what is left is identified (method pose).
     topics:
         Of an MCAP file or a bag: which are of which robot, as left=/left/wrench left=/left/pose right=/right/wrench
         right=/right/pose. Without it, robots are what topics' names begin with.
@@ -103,7 +107,7 @@ def identify(
         with gone_if_broken_off(report):
             if report is not None:
                 make_folder(report)
-            found = find(recorded, method, (bounds or Bounds()) if calibrate else None, cutoff, statics)
+            found = find(recorded, method, (bounds or Bounds()) if calibrate else None, cutoff, statics, assume)
     except RecordingError as error:
         raise RecordingError(f"{recording}: {error}") from error
     result = make_report(str(recording), recorded, found)

@@ -49,6 +49,7 @@ def identify(
     bounds: Bounds | None = None,
     cutoff: float | None = None,
     statics: Statics | None = None,
+    assume: str | None = None,
 ) -> Identification:
     """Identify the load.
 
@@ -58,6 +59,7 @@ def identify(
         bounds: Of calibration errors, which are then estimated along; None: there are none.
         cutoff: Of the low-pass filter [Hz]; None: the method's own.
         statics: Holds that were recorded apart, of the same robots.
+        assume: What is wrong with the recording, as verdicts name it; it is taken out of it.
 
     Raises:
         RecordingError: The recording does not hold what the method needs, or numbers that cannot be computed with.
@@ -65,7 +67,7 @@ def identify(
     """
     method = method or suitable(recording)
     try:
-        return _identify(recording, method, bounds, cutoff, statics)
+        return _identify(recording, method, bounds, cutoff, statics, assume)
     except (np.linalg.LinAlgError, OverflowError) as error:
         raise RecordingError(
             f"--method {method} cannot compute with these numbers ({error}): are some of them huge, or constant "
@@ -75,13 +77,20 @@ def identify(
 
 
 def _identify(
-    recording: Recording, method: Method, bounds: Bounds | None, cutoff: float | None, statics: Statics | None
+    recording: Recording,
+    method: Method,
+    bounds: Bounds | None,
+    cutoff: float | None,
+    statics: Statics | None,
+    assume: str | None,
 ) -> Identification:
     """Identify the load, arguments as of ``identify``."""
     if bounds is not None and method != "pose":
         raise UsageError(f"calibration errors are estimated by --method pose only, not by {method}")
     if bounds is not None and statics is not None:
         raise UsageError("--calibrate cannot correct holds that were recorded apart: leave it, or --holds, out")
+    if assume is not None and (method != "pose" or bounds is not None):
+        raise UsageError("--assume goes with --method pose, and without --calibrate: only that is judged")
     if cutoff is not None and method in ("likelihood", "static"):
         raise UsageError(f"--method {method} has no filter: leave --cutoff out, or choose another method")
     match method:
@@ -92,7 +101,8 @@ def _identify(
         case "instruments":
             found = identify_with_instruments(recording, cutoff or CUTOFF)
         case "pose":
-            found = identify_poses(recording, None if bounds is None else _tolerances(bounds), cutoff or CUTOFF)
+            tolerances = None if bounds is None else _tolerances(bounds)
+            found = identify_poses(recording, tolerances, cutoff or CUTOFF, assume)
         case "likelihood":
             found = identify_sensors(recording)
     return found if statics is None else with_statics(found, statics)

@@ -61,6 +61,7 @@ class HandEye:
 
     Attributes:
         team: Grasp frames in the first one.
+        homes: Home frames in the first one.
         errors: Of each robot's calibration, shape (N, 7).
         errors_std: Their standard deviations, shape (N, 7); where they are those of before, nothing was learned.
         noise: Standard deviation of a sample's angles [rad] and positions [m], 1e-5 at least.
@@ -69,6 +70,7 @@ class HandEye:
     """
 
     team: TeamPoses
+    homes: tuple[Pose, ...]
     errors: Array
     errors_std: Array
     noise: tuple[float, float]
@@ -117,6 +119,7 @@ def fit_hand_eye(
     is_small = np.abs(step) <= np.maximum(_CLOSE, _SMALL * spread.ravel())
     return HandEye(
         team=TeamPoses(guess.grasps, covariance[np.ix_(grasps, grasps)], Visibility()),
+        homes=guess.homes,
         errors=guess.errors,
         errors_std=spread[:, ERRORS],
         noise=noise,

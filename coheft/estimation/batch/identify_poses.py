@@ -23,7 +23,7 @@ from coheft.estimation.batch.calibration_findings import calibration_findings
 from coheft.estimation.batch.doubts import unsettled
 from coheft.estimation.batch.hand_eye import HandEye, fit_hand_eye
 from coheft.estimation.batch.hand_eye_equations import ERRORS, GRASP, position_scale_rows, unknowns_of
-from coheft.estimation.batch.identification import HiddenError, Identification
+from coheft.estimation.batch.identification import Identification
 from coheft.estimation.batch.identify import (
     at_first_grasp,
     centre_of,
@@ -31,9 +31,13 @@ from coheft.estimation.batch.identify import (
     grasps_from_twists,
     parameters_fit,
 )
-from coheft.estimation.batch.judge.verdict import Verdict, judge_forces
+from coheft.estimation.batch.judge.cause import Cause
+from coheft.estimation.batch.judge.mend import mend
+from coheft.estimation.batch.judge.verdict import Verdict
+from coheft.estimation.batch.judged import check_assumption, judge, with_hidden
 from coheft.estimation.batch.payload import make_payload, of_central_numbers
 from coheft.estimation.batch.plausibility import plausible_signals
+from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.pose_differences import derivative_by_poses, turned_covariance
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, EDGE, Signals, signals_of
@@ -46,6 +50,8 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 
 _POSES_PER_SECOND = 25.0
+_MENDINGS = 3
+"""A clock that poses show is finished by forces: it may be that of the poses alone, or of all that is recorded."""
 _LARGEST_TURN, _LARGEST_SHIFT = 1.0, 0.01
 """Poses that fit worse than this, averaged over a 25th of a second, are not of one load [degrees, m]."""
 _IDENTIFIABLE = (
@@ -63,7 +69,7 @@ _BEYOND = (
 
 
 def identify_poses(
-    recording: Recording, tolerances: Tolerances | None = None, cutoff: float = CUTOFF
+    recording: Recording, tolerances: Tolerances | None = None, cutoff: float = CUTOFF, assume: str | None = None
 ) -> Identification:
     """Grasps from poses, nothing differentiated; the load from motion, every robot with all others as instruments.
 
@@ -71,10 +77,32 @@ def identify_poses(
         recording: With poses and wrenches.
         tolerances: How well the robots are calibrated; what may be wrong is estimated along. None: perfectly.
         cutoff: Of the filter for the load's motion [Hz].
+        assume: What is wrong with the recording, as verdicts name it: that is taken out of it, and what is left is
+            identified. Not with tolerances.
 
     Raises:
-        RecordingError: Something is missing, or calibration errors cannot be told from so short a motion.
+        RecordingError: Something is missing, calibration errors cannot be told from so short a motion, or what is
+            assumed does not explain the recording.
     """
+    if assume is None:
+        return _identify(recording, tolerances, cutoff, None)
+    mended = recording
+    words: list[str] = []
+    for _ in range(_MENDINGS):
+        found = _identify(mended, None, cutoff, assume)
+        if words and (found.verdict is None or not found.verdict.is_refuted or found.verdict.cause != assume):
+            break
+        verdict = check_assumption(found.verdict, assume)
+        centre = centre_of(found.team.poses)
+        mended = mend(mended, verdict, [centre.inverse() @ pose for pose in found.team.poses])
+        words.append(f"Taken out, as assumed ({assume}): {verdict.words}")
+    return replace(found, remarks=(*words, *found.remarks))
+
+
+def _identify(
+    recording: Recording, tolerances: Tolerances | None, cutoff: float, assumed: str | None
+) -> Identification:
+    """Identify, arguments as of ``identify_poses``."""
     signals = plausible_signals(recording, cutoff)
     if tolerances is not None:
         _check_duration(recording, signals)
@@ -88,50 +116,39 @@ def identify_poses(
         found = _with_doubts(recording, grasps, tolerances, cutoff)
     suspicions = (*_suspicions(grasps), *unsettled(grasps.team, grasps.is_settled))
     verdict = None
-    if tolerances is None and not suspicions and not any(map(recording.has, ("twist", "dtwist", "acceleration"))):
-        verdict = _verdict(recording, signals, grasps.team, cutoff)
+    if tolerances is None and not any(map(recording.has, ("twist", "dtwist", "acceleration"))):
+        verdict = judge(recording, signals, grasps, cutoff, is_suspicious=bool(suspicions), assumed=assumed)
+        if verdict is not None and verdict.cause == Cause.UNKNOWN:
+            verdict = _inverse(recording, cutoff) or verdict
         if verdict is not None and not verdict.is_refuted:
-            hidden = _hidden(verdict, found)
-            found = replace(found, hidden=hidden, remarks=(*found.remarks, _what_is_hidden(hidden)))
+            found = with_hidden(found, verdict)
+        elif verdict is not None and verdict.cause != Cause.UNKNOWN:
+            suspicions = ()  # this is what they are about
     return replace(found, loops=tuple(loops), suspicions=suspicions, verdict=verdict)
 
 
-def _hidden(verdict: Verdict, found: Identification) -> tuple[HiddenError, ...]:
-    """What each of the ten numbers may be off by the worst of causes that the recording would not have shown."""
-    centre = centre_of(found.team.poses)
-    _, derivative = at_first_grasp(found.payload.inertia.carried(centre.inverse()), centre)
-    worst = [HiddenError("", 0.0)] * len(derivative)
-    for cause, covariance in verdict.hidden:
-        variances = np.diag(derivative @ covariance @ derivative.T)
-        for number, variance in enumerate(variances):
-            std = float(np.sqrt(max(variance, 0.0)))
-            if std > worst[number].std:
-                worst[number] = HiddenError(cause.value, std)
-    return tuple(worst)
-
-
-def _verdict(recording: Recording, signals: Signals, team: TeamPoses, cutoff: float) -> Verdict | None:
-    """Of forces, if poses are known: else nothing says what they should be."""
-    relative = [team.relative(0, other) for other in range(1, len(team.poses))]
-    if any(pose.unseen for pose in relative) or not recording.gravity.any():  # nothing has a weight there
+def _inverse(recording: Recording, cutoff: float) -> Verdict | None:
+    """That all poses are inverse, if they are: then they fit each other, but not the forces."""
+    robots = {
+        name: replace(robot, pose=None if robot.pose is None else inverse_poses(robot.pose))
+        for name, robot in recording.robots.items()
+    }
+    try:
+        signals = plausible_signals(inverse := replace(recording, robots=robots), cutoff)
+        wrists = WristPoses.of(inverse.stacked("pose"), recording.rate, at_home=False)
+        start, _ = grasps_from_twists(signals, with_instruments=True)
+    except RecordingError:
         return None
-    centre = centre_of(team.poses)
-    turns = max(float(np.sqrt(np.linalg.eigvalsh(pose.covariance[:3, :3])[-1])) for pose in relative)
-    return judge_forces(recording, signals, [centre.inverse() @ pose for pose in team.poses], turns, cutoff)
-
-
-def _what_is_hidden(hidden: Sequence[HiddenError]) -> str:
-    """The worst of them, in words."""
-    mass, com, tensor = hidden[0], max(hidden[1:4], key=_std), max(hidden[4:], key=_std)
-    return (
-        f"This recording would not show sensors that are off by little, which may add standard deviations of "
-        f"{mass.std:.2g} kg ({mass.cause}) to the mass, {1e3 * com.std:.2g} mm ({com.cause}) to the centre of mass and "
-        f"{tensor.std:.2g} kg·m² ({tensor.cause}) to moments of inertia."
+    grasps = fit_hand_eye(wrists.averaged(_POSES_PER_SECOND), start.team.poses)
+    verdict = None if _suspicions(grasps) else judge(inverse, signals, grasps, cutoff)
+    if verdict is None or verdict.is_refuted:
+        return None
+    return Verdict(
+        is_refuted=True,
+        cause=Cause.INVERSE,
+        words="forces are not those of a load that moves like this, but they are if all poses are those of the home "
+        "frame in the grasp frame, and not the other way round: invert them",
     )
-
-
-def _std(error: HiddenError) -> float:
-    return error.std
 
 
 def _check_duration(recording: Recording, signals: Signals) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from coheft.errors import RecordingError
 from coheft.estimation.batch.jumps import check_jumps
-from coheft.estimation.batch.quaternion_order import check_quaternions
+from coheft.estimation.batch.pose_conventions import check_conventions
 from coheft.estimation.batch.recording import Recording, check_recording
 from coheft.estimation.batch.signals import Signals, signals_of
 from coheft.estimation.geometry.spatial import Array
@@ -36,7 +36,7 @@ def plausible_signals(recording: Recording, cutoff: float) -> Signals:
     check_units(recording)
     check_jumps(recording)
     if recording.has("pose"):
-        check_quaternions(recording, cutoff)
+        check_conventions(recording, cutoff)
     signals = signals_of(recording, cutoff)
     if signals.wrench is not None:
         check_weight(recording, signals.wrench, signals.a)

@@ -9,12 +9,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from coheft.estimation.batch.body import body_motions
 from coheft.estimation.batch.inertia_fit import others
 from coheft.estimation.batch.signals import OVERSAMPLING, Signals
 from coheft.estimation.geometry.body_motion import BODY_ALPHA, BODY_W
 from coheft.estimation.geometry.spatial import Array, Pose
+
+_STEPS, _STEP, _LONGEST, _FOUND = 12, 0.1, 1.0, 1e-4
+"""Of Gauss-Newton [s]."""
 
 
 def clock_delays(signals: Signals, poses: Sequence[Pose]) -> tuple[Array, Array]:
@@ -31,13 +35,19 @@ def clock_delays(signals: Signals, poses: Sequence[Pose]) -> tuple[Array, Array]
     mean = others(motions)
     delays, deviations = np.empty(len(poses)), np.empty(len(poses))
     for robot, (own, said) in enumerate(zip(motions, mean, strict=True)):
-        w, alpha = said[:, BODY_W], said[:, BODY_ALPHA]
-        turned = [np.cross(axis, w).ravel() for axis in np.eye(3)]
-        columns = np.stack([-alpha.ravel(), *turned], axis=-1)
-        difference = (own[:, BODY_W] - w).ravel()
-        solution = np.linalg.lstsq(columns, difference)[0]
+        at = CubicSpline(signals.time, np.hstack([said[:, BODY_W], said[:, BODY_ALPHA]]))
+        delay = 0.0
+        for _ in range(_STEPS):
+            w, alpha = np.hsplit(at(np.clip(signals.time - delay, signals.time[0], signals.time[-1])), 2)
+            turned = [np.cross(axis, w).ravel() for axis in np.eye(3)]
+            columns = np.stack([-alpha.ravel(), *turned], axis=-1)
+            difference = (own[:, BODY_W] - w).ravel()
+            solution = np.linalg.lstsq(columns, difference)[0]
+            delay = float(np.clip(delay + np.clip(solution[0], -_STEP, _STEP), -_LONGEST, _LONGEST))
+            if abs(solution[0]) < _FOUND:
+                break
         left = difference - columns @ solution
         # What went through the filter is independent every half of its period.
         variance = 0.5 * OVERSAMPLING * float(np.mean(left**2)) * np.linalg.pinv(columns.T @ columns)[0, 0]
-        delays[robot], deviations[robot] = solution[0], np.sqrt(variance)
+        delays[robot], deviations[robot] = delay, np.sqrt(variance)
     return delays, deviations

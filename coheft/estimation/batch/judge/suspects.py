@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -16,6 +15,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
 from coheft.estimation.batch.body import regressor, total_wrench
+from coheft.estimation.batch.judge.cause import Cause
+from coheft.estimation.batch.judge.turned import fit_turned
 from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit, WrenchMisfit
 from coheft.estimation.geometry.body_motion import BODY_A
 from coheft.estimation.geometry.spatial import Array, skew
@@ -27,22 +28,6 @@ _TURNS = 8
 _TURNED = 1e-6
 
 
-class Cause(Enum):
-    """What may be wrong."""
-
-    OFFSET = "offset"
-    LEVER = "lever"
-    SCALE = "scale"
-    FORCE_SCALE = "force scale"
-    MOMENT_SCALE = "moment scale"
-    BASE_AXES = "base axes"
-    COMPENSATED = "weight compensated"
-    CLOCK = "clock"
-    GRAVITY = "gravity"
-    LOAD_CHANGE = "load change"
-    OFFSET_JUMP = "offset jump"
-
-
 @dataclass(frozen=True, eq=False)
 class Suspect:
     """One cause, fitted.
@@ -52,7 +37,8 @@ class Suspect:
         robot: Whose; None: of all alike, or of no robot in particular.
         fit: With it.
         gain: Twice the log likelihood ratio to no cause, less what the cause's unknowns cost.
-        value: Its unknowns: an offset (6,) in the body frame, a lever (3,) [m], a factor, a delay [s], gravity (3,).
+        value: Its unknowns: an offset (6,) in the body frame, a lever (3,) [m], a factor, a delay [s], gravity (3,),
+            a sensor's axes (9,), or an offset and its drift per minute (12,).
         time: When it happened [s]; None if all the time.
     """
 
@@ -86,8 +72,9 @@ class Suspects:
 
     def all(self) -> list[Suspect]:
         """From the likeliest to the least likely."""
-        found = [*self._offset(), *self._levers(), *self._scales(), *self._clocks(), *self._axes(), *self._changes()]
-        return sorted([*found, self._no_weight(), self.direction_of_gravity()], key=lambda suspect: -suspect.gain)
+        sensors = [*self._offset(), *self._levers(), *self._scales(), *self._clocks(), *self._axes(), *self._turned()]
+        found = [*sensors, *self._changes(), self._no_weight(), self.direction_of_gravity()]
+        return sorted(found, key=lambda suspect: -suspect.gain)
 
     def _suspect(self, cause: Cause, robot: int | None, fit: Fit, unknowns: int, value: Array | None = None) -> Suspect:
         cost = unknowns * self._per_unknown + (self._whose if robot is not None else 0.0)
@@ -96,9 +83,13 @@ class Suspects:
         return Suspect(cause, robot, fit, gain, fit.solution[BODY_NUMBERS:] if value is None else value)
 
     def _offset(self) -> Iterator[Suspect]:
-        """A constant wrench; in whose sensor it is, the total does not tell."""
+        """A constant wrench, or one that drifts; in whose sensor it is, the total does not tell."""
         columns = np.broadcast_to(np.eye(6), (len(self._misfit.total), 6, 6))
         yield self._suspect(Cause.OFFSET, None, self._misfit.fit(columns), 6)
+        minutes = (self._misfit.signals.time / 60.0)[:, None, None]
+        yield self._suspect(
+            Cause.DRIFT, None, self._misfit.fit(np.concatenate([columns, minutes * columns], axis=-1)), 12
+        )
 
     def _levers(self) -> Iterator[Suspect]:
         """Moments that are about another point: ``t + l x f``."""
@@ -166,6 +157,13 @@ class Suspects:
             yield self._suspect(Cause.BASE_AXES, robot, fit, 1)
         yield self._suspect(Cause.BASE_AXES, None, self._misfit.fit(total=total_wrench(turned, self._misfit.poses)), 1)
 
+    def _turned(self) -> Iterator[Suspect]:
+        """Sensors whose axes are turned or exchanged."""
+        for robots in (*([robot] for robot in range(self._count)), list(range(self._count))):
+            axes, fit = fit_turned(self._misfit, robots)
+            robot = robots[0] if len(robots) == 1 else None
+            yield self._suspect(Cause.TURNED, robot, fit, 3, axes.ravel())
+
     def _no_weight(self) -> Suspect:
         """Forces from which a controller has taken the weight away."""
         return self._suspect(Cause.COMPENSATED, None, self._misfit.fit(regressor=self._regressor(np.zeros(3))), 1)
@@ -190,10 +188,10 @@ class Suspects:
         mean *= size / max(float(np.linalg.norm(mean)), 1e-9)
         others = [*(self._homes @ self._gravity), *(size * np.vstack([np.eye(3), -np.eye(3)]))]
         rough = sorted(others, key=lambda start: self._misfit.fit(regressor=self._regressor(start)).misfit)
-        best = min((self._turned(start) for start in (mean, *rough[:2])), key=lambda found: found[1].misfit)
+        best = min((self._tilted(start) for start in (mean, *rough[:2])), key=lambda found: found[1].misfit)
         return self._suspect(Cause.GRAVITY, None, best[1], 2, best[0])
 
-    def _turned(self, gravity: Array) -> tuple[Array, Fit]:
+    def _tilted(self, gravity: Array) -> tuple[Array, Fit]:
         """The direction nearby that fits best, by Gauss-Newton, and the fit with it."""
         for _ in range(_TURNS):
             basis = np.linalg.svd(gravity[None])[2][1:]

@@ -1,55 +1,20 @@
-"""The verdict on a fit: whether forces are those of one rigid body, and if not, what would mend it."""
+"""What a judge says of a recording."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from coheft.estimation.batch.judge.band import white_level
-from coheft.estimation.batch.judge.clocks import clock_delays
-from coheft.estimation.batch.judge.suspects import Cause, Suspect, Suspects
-from coheft.estimation.batch.judge.words import angle_deg, is_ambiguous, words_of
-from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit, WrenchMisfit
-from coheft.estimation.batch.recording import Recording
-from coheft.estimation.batch.signals import Signals
-from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.batch.judge.cause import Cause
+from coheft.estimation.batch.judge.suspects import Suspect
+from coheft.estimation.batch.judge.wrench_misfit import BODY_NUMBERS, Fit
+from coheft.estimation.geometry.spatial import Array
 
-
-@dataclass(frozen=True)
-class Bars:
-    """From when on something is more than chance.
-
-    Attributes:
-        excess: Of residuals, in their own deviations.
-        gain: Of one cause, see ``Suspect.gain``.
-        share: Of what changes in the wrench; a smaller misfit without a cause hardly matters.
-        mended: Share of the excess that a cause may leave if it is the whole story.
-        by_far: Share of the excess that a cause has to explain if others are there, too.
-        calm: Mean squares of whitened residuals below which nothing else is there, where the load moves and above.
-    """
-
-    excess: float = 4.5
-    gain: float = 6.0
-    share: float = 0.02
-    mended: float = 0.02
-    by_far: float = 0.5
-    calm: tuple[float, float] = (1.3, 2.0)
-
-
-BARS = Bars()
 _HIDING = (Cause.OFFSET, Cause.LEVER, Cause.SCALE, Cause.FORCE_SCALE, Cause.CLOCK, Cause.GRAVITY)
 """What sensors may well have without its being noticed."""
-_LEVEL = 0.5
-"""Home frames that differ by more are not level [degrees], if poses show it by ``_SURE`` of their deviations."""
-_SURE = 6.0
-_LATE = 1e-3
-"""Clocks that differ by less hardly matter [s]."""
-_NOISE_ALONE = 1.5
-"""Mean square of readings, in that of their noise, below which there is nothing else in them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,228 +23,43 @@ class Verdict:
 
     Attributes:
         is_refuted: Whether the numbers are not to be trusted.
-        cause: What is wrong: a ``Cause``'s value, or "sensor dead", "homes not level", "unknown"; empty if nothing is.
+        cause: What is wrong: empty if nothing is.
         robot: Whose fault it is, if it is one robot's.
         value: What a cause's unknowns are, see ``Suspect.value``.
         ratio: By how many times residuals are larger than noise explains.
         margin: Gain over the second best cause.
         second: That cause.
         mass: The load's mass with the cause estimated along, and its standard deviation [kg]; None if it is not mended.
+        channels: Of a clock: what of the robot's record is late.
+        gravity: In all home frames (N, 3) [m/s²], as forces have it, if it is that what is wrong.
         words: All of this in a sentence; empty if nothing is wrong.
         hidden: What an accepted fit may hide: by cause, the covariance (10, 10) that it would add to ``theta`` in the
             body frame if nothing but this recording spoke against it.
     """
 
     is_refuted: bool
-    cause: str = ""
+    cause: Cause | Literal[""] = ""
     robot: str | None = None
     value: tuple[float, ...] = ()
     ratio: float = 1.0
     margin: float = 0.0
     second: str = ""
     mass: tuple[float, float] | None = None
+    channels: tuple[str, ...] = ("wrench",)
+    gravity: Array | None = None
     words: str = ""
     hidden: tuple[tuple[Cause, Array], ...] = ()
 
     @classmethod
-    def accepted(cls, plain: Fit, suspects: Sequence[Suspect]) -> Self:
-        """Nothing speaks against the fit: what is not significant biases it by little more than it makes uncertain."""
+    def accepted(cls, plain: Fit, suspects: Sequence[Suspect], assumed: str | None) -> Self:
+        """Nothing speaks against the fit: what is not significant biases it by little more than it makes uncertain.
+
+        So does a cause that was assumed, and taken out with its own uncertainty.
+        """
         known = plain.covariance[:BODY_NUMBERS, :BODY_NUMBERS]
         hidden = tuple(
             (suspect.cause, suspect.fit.covariance[:BODY_NUMBERS, :BODY_NUMBERS] - known)
             for suspect in suspects
-            if suspect.cause in _HIDING and suspect.gain > -np.inf
+            if (suspect.cause in _HIDING or suspect.cause == assumed) and suspect.gain > -np.inf
         )
         return cls(is_refuted=False, hidden=hidden)
-
-
-def judge_forces(
-    recording: Recording, signals: Signals, poses: Sequence[Pose], turns: float, cutoff: float
-) -> Verdict | None:
-    """Judge whether the forces of a recording are those of one rigid body.
-
-    Args:
-        recording: With poses and wrenches; without twists and accelerations of its own.
-        signals: Of it, filtered.
-        poses: Of grasp frames in a frame at their middle.
-        turns: Largest standard deviation of their rotations [rad].
-        cutoff: Of the filter [Hz].
-
-    Returns:
-        None if samples are too few per second to tell noise from motion.
-    """
-    at_first_sight = _stuck(recording) or _late(recording, signals, poses)
-    if at_first_sight is not None:
-        return at_first_sight
-    try:
-        misfit = WrenchMisfit(recording, signals, poses, cutoff)
-    except ValueError:
-        return None
-    homes = _homes(signals, poses)
-    plain = misfit.plain
-    ratio = float(np.sqrt(plain.inside))
-    suspects = Suspects(misfit, homes, recording.gravity)
-    level = _level(homes, recording, turns, suspects, plain)
-    if level is not None:
-        return level
-    found = suspects.all()
-    is_calm = plain.inside < BARS.calm[0] and plain.above < BARS.calm[1]
-    sure = [one for one in found if one.gain > BARS.gain and (is_calm or _explains(one, misfit) > BARS.by_far)]
-    if not sure and not (plain.excess > BARS.excess and misfit.share() > BARS.share):
-        return Verdict.accepted(plain, found)
-    best = sure[0] if sure else found[0]
-    second = next(one for one in found if one.cause is not best.cause)
-    is_mended = _mends(best, plain.excess)
-    robot, words = words_of(best, recording, misfit)
-    differs = f"forces differ from any rigid body's by {ratio:.2g} times what noise explains"
-    margin = best.gain - second.gain
-    if not sure or not is_mended:
-        return _silent(recording, cutoff) or Verdict(
-            is_refuted=True,
-            cause="unknown",
-            ratio=ratio,
-            margin=margin,
-            second=second.cause.value,
-            words=f"{differs}, most at {_worst(misfit):.1f} s, and no single cause explains it; most like it is that "
-            f"{words}. Are the robots calibrated (--calibrate)? Did something happen meanwhile (--from and --to "
-            f"choose a part)?",
-        )
-    mass = None if is_ambiguous(best, recording) else _mass_of(best.fit)
-    with_it = "" if mass is None else f". With it estimated along, the mass is {mass[0]:.4g} kg (std {mass[1]:.2g} kg)"
-    rest = f"; the second best cause, {second.cause.value}, is hardly worse" if margin < 10.0 else ""
-    return Verdict(
-        is_refuted=True,
-        cause=best.cause.value,
-        robot=robot,
-        value=tuple(float(number) for number in (*best.value, *(() if best.time is None else (best.time,)))),
-        ratio=ratio,
-        margin=margin,
-        second=second.cause.value,
-        mass=mass,
-        words=f"{differs}. One cause mends it: {words}{rest}{with_it}",
-    )
-
-
-def _mass_of(fit: Fit) -> tuple[float, float]:
-    """Mass and its standard deviation [kg]."""
-    return float(fit.solution[0]), float(np.sqrt(max(fit.covariance[0, 0], 0.0)))
-
-
-def _mends(suspect: Suspect, excess: float) -> bool:
-    """Whether a cause is the whole story."""
-    return suspect.gain > -np.inf and suspect.fit.excess < max(BARS.excess + 0.5, BARS.mended * excess)
-
-
-def _explains(suspect: Suspect, misfit: WrenchMisfit) -> float:
-    """Share of what is beyond noise where the load moves that a cause explains."""
-    before, after = (float(np.sum(f.residual[: misfit.band.moving] ** 2)) for f in (misfit.plain, suspect.fit))
-    count = misfit.plain.residual[: misfit.band.moving].size
-    return (before - after) / (before - count) if before > 1.1 * count else 0.0
-
-
-def _worst(misfit: WrenchMisfit) -> float:
-    """Time at which the body explains least of the wrench [s]."""
-    left = misfit.total - misfit.regressor @ misfit.plain.solution[:BODY_NUMBERS]
-    sizes = np.linalg.norm(left / np.std(left, axis=0), axis=1)
-    return float(misfit.signals.time[int(np.argmax(sizes))])
-
-
-def _silent(recording: Recording, cutoff: float) -> Verdict | None:
-    """A sensor whose forces are noise alone."""
-    for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
-        noise = white_level(wrench[:, :3], recording.rate, cutoff)
-        if noise is not None and np.all(np.mean(wrench[:, :3] ** 2, axis=0) < _NOISE_ALONE * noise**2):
-            return _dead(name, 0.0, f"forces of {name} are nothing but noise: its sensor does not work")
-    return None
-
-
-def _stuck(recording: Recording) -> Verdict | None:
-    """A sensor whose readings are the same for more than a second: real ones have noise.
-
-    Moments may be zero all the time: a hand in a gimbal has none.
-    """
-    for name, wrench in zip(recording.names, recording.stacked("wrench"), strict=True):
-        for what, samples in (("forces", wrench[:, :3]), ("moments", wrench[:, 3:])):
-            if what == "moments" and not samples.any():
-                continue
-            same = np.all(np.diff(samples, axis=0) == 0.0, axis=1)
-            changes = np.flatnonzero(np.concatenate([[True], ~same, [True]]))
-            longest = int(np.argmax(np.diff(changes)))
-            count = int(changes[longest + 1] - changes[longest])
-            if count > recording.rate:
-                start = float(recording.time[changes[longest]])
-                return _dead(
-                    name,
-                    start,
-                    f"{what} of {name} are exactly the same for {count / recording.rate:.1f} s from {start:.1f} s on: "
-                    f"its sensor does not work, or something repeats its last reading. --from and --to choose a part "
-                    f"without that",
-                )
-    return None
-
-
-def _dead(robot: str, start: float, words: str) -> Verdict:
-    return Verdict(is_refuted=True, cause="sensor dead", robot=robot, value=(start,), words=words)
-
-
-def _late(recording: Recording, signals: Signals, poses: Sequence[Pose]) -> Verdict | None:
-    """A robot whose clock is not that of the others."""
-    delays, deviations = clock_delays(signals, poses)
-    sure = np.where(np.abs(delays) > np.maximum(_SURE * deviations, _LATE), np.abs(delays), 0.0)
-    if not sure.any():
-        return None
-    worst = int(np.argmax(sure))
-    delay, std = float(delays[worst]), float(deviations[worst])
-    name = recording.names[worst] if len(delays) > 2 else None
-    whose = (
-        f"{name} are" if name else f"{recording.names[worst]} are (or those of the other robot, the other way round)"
-    )
-    return Verdict(
-        is_refuted=True,
-        cause=Cause.CLOCK.value,
-        robot=name,
-        value=(delay,),
-        words=f"poses of {whose} {abs(1e3 * delay):.3g} ms {'late' if delay > 0.0 else 'early'} against the others' "
-        f"(std {1e3 * std:.2g} ms), and perhaps all else that is recorded of it: shift its samples in time",
-    )
-
-
-def _homes(signals: Signals, poses: Sequence[Pose]) -> Array:
-    """Rotations of all home frames in the first one's, shape (N, 3, 3), by where all robots see the body."""
-    assert signals.rotation is not None
-    seen = [rotation @ pose.rotation.T for rotation, pose in zip(signals.rotation, poses, strict=True)]
-    return np.array([Rotation.from_matrix(seen[0] @ own.swapaxes(-1, -2)).mean().as_matrix() for own in seen])
-
-
-def _level(homes: Array, recording: Recording, turns: float, suspects: Suspects, plain: Fit) -> Verdict | None:
-    """Home frames whose gravity is not the same, and whose it is, by what forces say."""
-    down = homes @ (recording.gravity / np.linalg.norm(recording.gravity))
-    apart = max(angle_deg(one, other) for one in down for other in down)
-    if apart < _LEVEL + _SURE * np.degrees(turns):
-        return None
-    ratio = float(np.sqrt(plain.inside))
-    by_forces = suspects.direction_of_gravity()
-    if not _mends(by_forces, plain.excess):
-        return Verdict(
-            is_refuted=True,
-            cause="unknown",
-            ratio=ratio,
-            words=f"home frames are not level with each other, by {apart:.3g} degrees, but forces are those of a load "
-            f"in none of them: are poses those of grasp frames in the home frames, and not the other way round? Are "
-            f"wrenches in the axes of the grasp frames?",
-        )
-    off = [angle_deg(one, by_forces.value) for one in down]
-    wrong = [name for name, angle in zip(recording.names, off, strict=True) if angle > 0.2 * max(off)]
-    who = ", ".join(wrong)
-    mass, std = _mass_of(by_forces.fit)
-    return Verdict(
-        is_refuted=True,
-        cause="homes not level",
-        robot=wrong[0] if len(wrong) == 1 else None,
-        value=tuple(off),
-        ratio=ratio,
-        mass=(mass, std),
-        words=f"home frames are not level with each other, by {apart:.3g} degrees; by what forces say of gravity it is "
-        f"{who}, turned by {max(off):.3g} degrees. With gravity where forces have it, the mass is {mass:.4g} kg (std "
-        f"{std:.2g} kg). Turn the poses of {who} into a frame whose z axis points up",
-    )

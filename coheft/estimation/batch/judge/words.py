@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from coheft.estimation.batch.judge.suspects import Cause, Suspect
+from coheft.estimation.batch.judge.cause import Cause
+from coheft.estimation.batch.judge.suspects import Suspect
+from coheft.estimation.batch.judge.turned import turned_words
 from coheft.estimation.batch.judge.wrench_misfit import WrenchMisfit
 from coheft.estimation.batch.recording import Recording
 from coheft.estimation.geometry.spatial import Array
@@ -39,6 +41,10 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
             return name, f"{factor}: another unit, or calibration"
         case Cause.BASE_AXES:
             return name, f"the wrench of {whose} is in the axes of the home frame, not of the grasp frame"
+        case Cause.TURNED:
+            return name, turned_words(value.reshape(3, 3), whose)
+        case Cause.DRIFT:
+            return _drift_words(value[6:], recording, misfit)
         case Cause.COMPENSATED:
             return None, "forces do not hold the weight: a controller has taken it out of them"
         case Cause.CLOCK:
@@ -51,11 +57,9 @@ def words_of(suspect: Suspect, recording: Recording, misfit: WrenchMisfit) -> tu
         case Cause.LOAD_CHANGE:
             return None, f"the load changed at {suspect.time:.1f} s; --from and --to choose a part"
         case Cause.OFFSET_JUMP:
-            return (
-                None,
-                f"the zero of some sensor jumped, or a grasp slipped, at {suspect.time:.1f} s; --from and --to choose "
-                f"a part",
-            )
+            return None, f"the zero of some sensor jumped at {suspect.time:.1f} s; --from and --to choose a part"
+        case cause:
+            raise ValueError(f"expected a cause that forces have, found {cause}")
 
 
 def _offset_words(offset: Array, recording: Recording, misfit: WrenchMisfit) -> tuple[str | None, str]:
@@ -66,15 +70,27 @@ def _offset_words(offset: Array, recording: Recording, misfit: WrenchMisfit) -> 
     level = _QUIET * deviations / np.sqrt(first.shape[1]) + 0.02 * np.sqrt(np.mean(wrenches**2, axis=1))
     if np.all(np.abs(first.mean(axis=1)) < level):
         return None, "all sensors read zero in the beginning: they were tared with the load in hand"
-    own = [np.linalg.inv(adjoint) @ offset for adjoint in misfit.adjoints]
-    arms = [float(np.linalg.norm(wrench[3:])) / max(float(np.linalg.norm(wrench[:3])), 1e-9) for wrench in own]
-    robot = int(np.argmin(arms))
-    f, t = own[robot][:3], own[robot][3:]
-    name = recording.names[robot]
+    name, f, t = _likeliest(offset, recording, misfit)
     return name, (
         f"the wrench of {name} is off by ({f[0]:.2f}, {f[1]:.2f}, {f[2]:.2f}) N and ({t[0]:.3f}, {t[1]:.3f}, "
         f"{t[2]:.3f}) N·m: was its sensor tared? (Another robot's could be off instead, with moments that go with it)"
     )
+
+
+def _drift_words(drift: Array, recording: Recording, misfit: WrenchMisfit) -> tuple[str | None, str]:
+    name, f, t = _likeliest(drift, recording, misfit)
+    return name, (
+        f"the zero of {name}'s sensor drifts, by ({f[0]:.2f}, {f[1]:.2f}, {f[2]:.2f}) N and ({t[0]:.3f}, {t[1]:.3f}, "
+        f"{t[2]:.3f}) N·m per minute (another robot's could instead, with moments that go with it)"
+    )
+
+
+def _likeliest(wrench: Array, recording: Recording, misfit: WrenchMisfit) -> tuple[str, Array, Array]:
+    """The robot whose sensor needs the least moment to explain a wrench (6,) in the body frame: force and moment."""
+    own = [np.linalg.inv(adjoint) @ wrench for adjoint in misfit.adjoints]
+    arms = [float(np.linalg.norm(one[3:])) / max(float(np.linalg.norm(one[:3])), 1e-9) for one in own]
+    robot = int(np.argmin(arms))
+    return recording.names[robot], own[robot][:3], own[robot][3:]
 
 
 def is_ambiguous(suspect: Suspect, recording: Recording) -> bool:

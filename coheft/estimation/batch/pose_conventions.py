@@ -1,0 +1,115 @@
+"""Poses that are given otherwise than expected: another order of the quaternions, or the inverse of each.
+
+Quaternions with their real part first, taken for the other order, are the inverses of the right ones, but for constant
+rotations before and after: all of them still turn together, as those of one load, but positions do not move as these
+turn. Nor do they where one robot's poses, or only its quaternions, are inverse. If all robots' poses are inverse, they
+are those of another load, and only forces tell (``identify_poses``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from coheft.errors import RecordingError
+from coheft.estimation.batch.pairs import kabsch, position_between
+from coheft.estimation.batch.recording import Recording
+from coheft.estimation.batch.signals import signals_of
+from coheft.estimation.geometry.spatial import Array
+
+_MISFIT = 0.3
+"""Share of the velocities that may be unexplained without a doubt about the poses."""
+_BETTER = 3.0
+"""So many times less must be unexplained with other poses to call them the right ones."""
+_GOOD = 0.05
+"""Choices that leave less are alike: of two robots, either may be the one whose poses are inverse."""
+
+
+def inverse_poses(poses: Array) -> Array:
+    """Inverses of poses ``x y z qx qy qz qw``, shape (n, 7)."""
+    back = Rotation.from_quat(poses[:, 3:]).inv()
+    return np.hstack([-back.apply(poses[:, :3]), back.as_quat()])
+
+
+def _real_part_last(poses: Array) -> Array:
+    """What was taken for ``qx qy qz qw`` is ``qw qx qy qz``."""
+    return poses[:, [0, 1, 2, 4, 5, 6, 3]]
+
+
+def _inverse_quaternions(poses: Array) -> Array:
+    return poses * [1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0]
+
+
+_CONVENTIONS: tuple[tuple[Callable[[Array], Array], str, str], ...] = (
+    (_real_part_last, "with quaternions in the order qw qx qy qz", "Move the real part to the end"),
+    (inverse_poses, "as inverses, poses of the home frame in the grasp frame,", "Invert them"),
+    (_inverse_quaternions, "with inverse quaternions", "Change the signs of qx qy qz"),
+)
+"""How poses may have been given: what makes the expected ones of them, and words."""
+
+
+def check_conventions(recording: Recording, cutoff: float) -> None:
+    """Check that no other convention explains the robots' motions far better.
+
+    Args:
+        recording: With poses.
+        cutoff: Of the filter [Hz].
+
+    Raises:
+        RecordingError: One does; says which, and whose poses are given like that. Or the recording is too short.
+    """
+    given = _twists(recording, cutoff)
+    found = _misfit(given)
+    if found < _MISFIT:
+        return
+    count = len(given)
+    choices = [np.ones(count, dtype=np.bool_), *np.eye(count, dtype=np.bool_)]
+    tried = []
+    for convert, how, what_to_do in _CONVENTIONS:
+        other = _twists(_converted(recording, convert), cutoff)
+        tried += [
+            (_misfit(np.where(choice[:, None, None], other, given)), choice, how, what_to_do) for choice in choices
+        ]
+    least, _, how, what_to_do = min(tried, key=lambda one: one[0])
+    if least * _BETTER > found:
+        return
+    alike = [choice for misfit, choice, words, _ in tried if words == how and misfit < max(_GOOD, _BETTER * least)]
+    names = ", or of ".join(
+        ", ".join(name for name, is_other in zip(recording.names, choice, strict=True) if is_other) for choice in alike
+    )
+    raise RecordingError(
+        f"'pose' of {names}: as poses of the grasp frame in the home frame with quaternions qx qy qz qw, as expected, "
+        f"robots that hold one load cannot move like this; {how} they can. {what_to_do}"
+    )
+
+
+def _converted(recording: Recording, convert: Callable[[Array], Array]) -> Recording:
+    robots = {}
+    for name, robot in recording.robots.items():
+        if robot.pose is None:
+            raise ValueError(f"expected poses of {name}")
+        robots[name] = replace(robot, pose=convert(robot.pose))
+    return replace(recording, robots=robots)
+
+
+def _twists(recording: Recording, cutoff: float) -> Array:
+    """Twists that follow from poses alone, shape (N, n, 6)."""
+    robots = {name: replace(robot, twist=None, dtwist=None) for name, robot in recording.robots.items()}
+    signals = signals_of(replace(recording, robots=robots), cutoff)
+    return np.concatenate([signals.w, signals.v], axis=-1)
+
+
+def _misfit(twists: Array) -> float:
+    """Share of the velocities that no fixed grasps explain, of the worst robot beside the first."""
+    w, v = twists[0, :, :3], twists[0, :, 3:]
+    shares = []
+    for other in twists[1:]:
+        rotation = kabsch(w, other[:, :3])
+        position = position_between(rotation, w, v, other[:, 3:], w)
+        left = v - other[:, 3:] @ rotation.T - np.cross(position, w)
+        size = np.sum(v**2) + np.sum(other[:, 3:] ** 2)
+        shares.append(float(np.sqrt(2.0 * np.sum(left**2) / max(size, np.finfo(np.float64).tiny))))
+    return max(shares)
