@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import msgspec
@@ -31,6 +31,7 @@ from coheft.app.faults.schedule import (
     SensorFailure,
     SensorFault,
 )
+from coheft.app.faults.values import with_values
 from coheft.consensus.graph import build_graph
 from coheft.estimation.tolerance import INDUSTRIAL, SensorTolerance
 from coheft.wire.scenario.payload import Box, Payload
@@ -61,7 +62,9 @@ T = TypeVar("T")
 _replace = msgspec.structs.replace
 
 
-def draw_schedule(seed: int, delayed: bool | None = None, is_exact: bool | None = None) -> FaultSchedule:
+def draw_schedule(
+    seed: int, delayed: bool | None = None, is_exact: bool | None = None, values: Sequence[str] = ()
+) -> FaultSchedule:
     """The schedule of a seed.
 
     Args:
@@ -69,6 +72,10 @@ def draw_schedule(seed: int, delayed: bool | None = None, is_exact: bool | None 
         delayed: Whether everything happens ``DELAY`` later. None: every other seed.
         is_exact: Whether sensors are exact but for noise and faults, or those of an industrial arm, off as far as
             robots are told. None: two of four seeds.
+        values: Keys of the scenario that are not drawn, see ``coheft.wire.scenario.set_values``.
+
+    Raises:
+        ScenarioError: A value cannot be used, or changes whom the faults are about.
     """
     schedule = _draw_early(seed)
     if seed % 4 >= 2 if is_exact is None else not is_exact:
@@ -76,7 +83,7 @@ def draw_schedule(seed: int, delayed: bool | None = None, is_exact: bool | None 
         schedule = _replace(schedule, scenario=_replace(schedule.scenario, sensors=sensors))
     if seed % 2 if delayed is None else delayed:
         schedule = _later(schedule)
-    return _long_enough(schedule)
+    return _long_enough(with_values(schedule, values) if values else schedule)
 
 
 def _later(schedule: FaultSchedule) -> FaultSchedule:

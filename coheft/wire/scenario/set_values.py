@@ -33,6 +33,38 @@ def set_values(table: dict[str, Any], texts: Sequence[str]) -> None:
         put_value(table, key, _parsed(value, text), f"--set {text}")
 
 
+def varied_values(text: str) -> list[str]:
+    """Texts for ``set_values``, one for each value of ``KEY=a,b,c``; commas in brackets, braces or quotes divide none.
+
+    Raises:
+        ScenarioError: It has no key, or not at least two different values.
+    """
+    key, _, rest = (part.strip() for part in text.partition("="))
+    values = [value.strip() for value in _parts(rest)]
+    if not _KEY.fullmatch(key) or len(set(values)) < max(2, len(values)) or not all(values):
+        raise ScenarioError(
+            f"--vary {text}: expected a key and different values, for example --vary sensors.noise_scale=1,2,4"
+        )
+    return [f"{key}={value}" for value in values]
+
+
+def _parts(text: str) -> list[str]:
+    """What commas divide that are outside of brackets, braces and quotes."""
+    parts, depth, quote = [""], 0, ""
+    for char in text:
+        if quote:
+            quote = "" if char == quote else quote
+        elif char in "\"'":
+            quote = char
+        else:
+            depth += (char in "[{") - (char in "]}")
+        if char == "," and not quote and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += char
+    return parts
+
+
 def _parsed(value: str, text: str) -> object:
     if value not in ("true", "false", "inf", "nan") and _BARE.fullmatch(value):
         return value
