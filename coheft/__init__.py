@@ -16,6 +16,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from coheft import estimators
+    from coheft.api.export import export
     from coheft.api.files import load
     from coheft.api.identification import identify
     from coheft.api.result import Result
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     )
 
 _HOMES = {
+    "coheft.api.export": ("export",),
     "coheft.api.files": ("load",),
     "coheft.api.identification": ("identify",),
     "coheft.api.result": ("Result",),
@@ -78,6 +80,7 @@ __all__ = [
     "State",
     "Track",
     "estimators",
+    "export",
     "identify",
     "load",
     "load_scenario",

@@ -10,22 +10,22 @@ import pytest
 
 import coheft
 from coheft.errors import RecordingError, UsageError
-from coheft.estimation.measurement import SensorNoise
-from coheft.wire.data.file import load_arrays, write_recording
-from tests.estimation.batch_team import LOAD, exact_signals, grasps, sensors_recording
+from coheft.wire.data.file import load_arrays
+from tests.ring3_recording import MASS, ring3_arrays
 
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    rng = np.random.default_rng(3)
     path = tmp_path_factory.mktemp("recording") / "own.npz"
-    write_recording(sensors_recording(rng, exact_signals(rng, grasps(rng, 3)), SensorNoise()), path)
+    np.savez(path, **ring3_arrays())
     return path
 
 
 def test_files_and_arrays_give_the_same(file):
-    of_file, of_arrays = coheft.identify(file), coheft.identify(load_arrays(file))
-    assert of_file.payload.mass_kg == pytest.approx(LOAD.mass, abs=6.0 * of_file.payload.mass_std_kg)
+    of_file, of_arrays = coheft.identify(file), coheft.identify(ring3_arrays())
+    assert of_file.doubts == []
+    assert of_file.payload.mass_kg == pytest.approx(MASS, abs=6.0 * of_file.payload.mass_std_kg)
+    assert of_file.payload.mass_std_kg < 0.01
     assert of_file.recording == str(file)
     assert msgspec.structs.replace(of_arrays, recording=of_file.recording) == of_file
 

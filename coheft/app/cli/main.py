@@ -14,6 +14,7 @@ import cyclopts
 from coheft.app.cli import (
     cart,
     control,
+    export,
     faults,
     identify,
     keys,
@@ -135,6 +136,7 @@ __all__ = [
     "app",
     "cart",
     "control",
+    "export",
     "faults",
     "identify",
     "keys",
