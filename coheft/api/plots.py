@@ -35,9 +35,9 @@ def plot_result(result: Result) -> Any:
             for panel, track, unit in ((axes[1], robot.com, 1e3), (axes[2], robot.inertia, 1.0)):
                 panel.plot(robot.time, unit * _length(track.error), color=colour)
                 panel.plot(robot.time, _BAND * unit * _length(track.std), color=colour, linewidth=0.8, linestyle="--")
-        masses = [robot.mass.truth for robot in result.robots.values() if len(robot.time)]
-        if masses:  # first guesses may be far off, and would flatten all that follows
-            axes[0].set_ylim(0.8 * np.min(masses), 1.2 * np.max(masses))
+        masses = np.concatenate([robot.mass.truth for robot in result.robots.values()])
+        if len(masses):  # first guesses may be far off, and would flatten all that follows
+            axes[0].set_ylim(0.8 * masses.min(), 1.2 * masses.max())
         axes[0].set_ylabel("mass [kg]")
         axes[1].set_ylabel("error of centre\nof mass [mm]")
         axes[2].set_ylabel("error of inertia\n[kg·m²]")

@@ -36,7 +36,7 @@ class Result:
 
     @property
     def load_changes(self) -> list[LoadChangeReport]:
-        """What happened to the payload: when, when the last robot had noticed, when all had recovered."""
+        """When the payload changed, when the last robot had noticed, and when all had recovered."""
         return self.report.load_changes
 
     def plot(self) -> Any:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import matplotlib
 import pytest
 
 import coheft
 from coheft.errors import CoheftError, LoadError, SimulationError
+
+matplotlib.use("agg")
 
 
 def test_time_goes_on_by_blocks():
@@ -47,6 +50,9 @@ def test_neighbours_do_not_hear_each_other_over_a_cut_link():
     assert simulation.estimates["r1"].silent == ["r2"]
     assert simulation.estimates["r2"].silent == ["r1"]
     assert simulation.estimates["r3"].silent == []
+    lengths = [len(robot.time) for robot in simulation.result().robots.values()]
+    assert len(set(lengths)) > 1, "doubts are told at once, so some robots have said more than others"
+    assert len(simulation.result().plot()) == 3
     simulation.mend("r1", "r2")
     simulation.run_until(1.6)
     assert simulation.estimates["r1"].silent == []
