@@ -22,8 +22,10 @@ def plot_result(result: Result) -> Any:
         from matplotlib import pyplot, rc_context
     except ImportError as error:
         raise MissingPackageError("matplotlib", "study") from error
+    # Made outside of the context, which would take back what a notebook's backend sets when it is loaded.
+    figure = pyplot.figure(figsize=_SIZE, layout="constrained", facecolor=LIGHT.paper)
     with rc_context(settings_of(LIGHT)):
-        figure, axes = pyplot.subplots(3, 1, sharex=True, figsize=_SIZE, layout="constrained")
+        axes = figure.subplots(3, 1, sharex=True)
         for number, (name, robot) in enumerate(result.robots.items()):
             colour = LIGHT.of_curve(number)
             if number == 0:

@@ -82,7 +82,7 @@ def test_all_that_is_ours_and_needed_is_in_it(names):
         begin = room if room == "coheft" else f"coheft/{room}"
         for path in (ROOT / room).rglob("*"):
             parts = path.relative_to(ROOT / room).parts
-            is_data = path.suffix in (".css", ".jinja", ".typed") or room == "configs"
+            is_data = path.suffix in (".css", ".jinja", ".js", ".typed") or room == "configs"
             if path.is_file() and "__pycache__" not in parts and (path.suffix == ".py" or is_data):
                 expected.add("/".join((begin, *parts)))
     assert {name for name in names if ".dist-info/" not in name} == expected

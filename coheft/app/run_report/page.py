@@ -13,6 +13,7 @@ from coheft.app.results.report import Report
 from coheft.app.results.states import State
 from coheft.app.run_report.data import TABLES
 from coheft.app.run_report.pictures import Picture
+from coheft.app.run_report.scene import scene_json
 from coheft.app.run_report.series import Series
 from coheft.app.terminal.final_table import HEADINGS, LEGEND, RECOVERED, robot_rows, sentences
 from coheft.app.versions import versions
@@ -21,6 +22,7 @@ from coheft.wire.scenario.schema import Scenario
 _MOST_ROWS = 60
 SECTIONS = {
     "glance": "At a glance",
+    "scene": "What was held, and how it moved",
     "table": "What each robot found out",
     "errors": "Errors over time",
     "changes": "When the load changes",
@@ -80,6 +82,8 @@ def render_page(
         rows={name: robot_rows(robot) for name, robot in report.robots.items()},
         legend=[*LEGEND, *([RECOVERED] if report.load_changes else [])],
         pictures=drawn,
+        scene=scene_json(series),
+        boxes=series.scene.boxes,
         unseen=list(unseen_rows(series))[:_MOST_ROWS],
         unseen_left=max(0, len(list(unseen_rows(series))) - _MOST_ROWS),
         timing=timing_rows(clock, series, report),
