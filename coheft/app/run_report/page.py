@@ -58,9 +58,9 @@ class Fact:
 
 
 def render_page(
-    scenario: Scenario, clock: str, series: Series, report: Report, drawn: Sequence[Drawn], data: Sequence[Path]
+    scenario: Scenario, clock: str | None, series: Series, report: Report, drawn: Sequence[Drawn], data: Sequence[Path]
 ) -> str:
-    """The whole page, in HTML."""
+    """The whole page, in HTML; of a recording no clock is known, and nothing is said about time on the wall."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
@@ -76,7 +76,7 @@ def render_page(
         report=report,
         sections={name: title for name, title in SECTIONS.items() if name != "changes" or report.load_changes},
         missing=missing,
-        facts=facts(report),
+        facts=facts(report, has_pace=clock is not None),
         sentences=sentences(report),
         headings=HEADINGS,
         rows={name: robot_rows(robot) for name, robot in report.robots.items()},
@@ -97,7 +97,7 @@ def render_page(
     )
 
 
-def facts(report: Report) -> list[Fact]:
+def facts(report: Report, *, has_pace: bool = True) -> list[Fact]:
     """The run in a few numbers: of each quantity the error of the robot that is furthest off."""
     robots = report.robots.values()
     poses = [pose for robot in robots for pose in robot.poses.values()]
@@ -117,7 +117,7 @@ def facts(report: Report) -> list[Fact]:
                 "until the last robot had noticed",
             )
         )
-    return [*found, Fact("pace", f"{report.real_time_factor:.1f} ×", "real time")]
+    return [*found, *([Fact("pace", f"{report.real_time_factor:.1f} ×", "real time")] if has_pace else [])]
 
 
 def _largest(values: Iterable[float | None], unit: str) -> str:
@@ -146,8 +146,11 @@ def _kind(text: str) -> tuple[str, str]:
     return (what.partition(",")[0], why) if what else (text, "")
 
 
-def timing_rows(clock: str, series: Series, report: Report) -> list[tuple[str, str]]:
+def timing_rows(clock: str | None, series: Series, report: Report) -> list[tuple[str, str]]:
     """How fast it went."""
+    refused = ("refused messages and other problems", f"{series.problem_count}")
+    if clock is None:
+        return [("simulated", f"{report.duration_s:g} s"), ("on the wall", "a recording does not tell"), refused]
     pace = list(series.pace)
     late = f"{report.late_blocks}" if clock == "realtime" else "none: the clock waits for everyone"
     return [
@@ -157,11 +160,11 @@ def timing_rows(clock: str, series: Series, report: Report) -> list[tuple[str, s
         ("processes", f"{report.processes}"),
         ("messages between processes", f"{report.messages_per_s:,.0f} per second"),
         ("late blocks", late),
-        ("refused messages and other problems", f"{series.problem_count}"),
+        refused,
     ]
 
 
-def run_rows(scenario: Scenario, clock: str, report: Report) -> list[tuple[str, str]]:
+def run_rows(scenario: Scenario, clock: str | None, report: Report) -> list[tuple[str, str]]:
     """What was run."""
     sensors = scenario.sensors
     clocks = {"lockstep": "lockstep: as fast as the slowest robot", "realtime": "real time"}
@@ -172,7 +175,7 @@ def run_rows(scenario: Scenario, clock: str, report: Report) -> list[tuple[str, 
         ("robots", f"{len(report.robots)}, linked in a {scenario.graph.kind}"),
         ("duration", f"{report.duration_s:g} s of {scenario.duration:g} s"),
         ("sensors", f"{sensors.rate} samples per second, in blocks of {sensors.block}"),
-        ("clock", clocks[clock]),
+        *([] if clock is None else [("clock", clocks[clock])]),
     ]
 
 

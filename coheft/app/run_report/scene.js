@@ -42,7 +42,7 @@
     canvas.height = height * ratio;
     const pen = canvas.getContext("2d");
     pen.scale(ratio, ratio);
-    const scale = (0.42 * Math.min(width, height) * zoom) / size;
+    const scale = (0.6 * Math.min(width, height) * zoom) / size;
     let k = 0;
     while (k + 1 < data.times.length && data.times[k + 1] <= time + 1e-9) k += 1;
     const rotation = matrix(data.quaternions[k]), position = data.positions[k];

@@ -83,7 +83,7 @@ class Series:
         robots: By name, in the scene's order.
         moments: Of the payload, some of them, evenly spread.
         close_ups: Of the first changes of the load.
-        pace: Simulated time, and the clock on the wall when that was heard [s].
+        pace: Simulated time, and the clock on the wall when that was heard [s]; empty of a recording.
         problems: What was refused: when in the simulated time, by whom, what; the first ones.
         problem_count: How many there were.
     """
@@ -102,9 +102,11 @@ class SeriesFollower:
 
     Attributes:
         series: What it has kept.
+        is_live: Whether the run goes on while it is heard, so that it has a pace; a recording has none.
     """
 
     series: Series
+    is_live = True
 
     def begin(self, status: Status) -> None:
         """The clock runs."""
@@ -143,7 +145,8 @@ class SeriesFollower:
             if truth.time <= close_up.at + AFTER:
                 close_up.masses.append(self._masses[-1])
         series.moments.add(Moment(truth.time, truth.position, truth.quaternion, truth.loads))
-        series.pace.add((truth.time, time.monotonic()))
+        if self.is_live:
+            series.pace.add((truth.time, time.monotonic()))
         self._keep(self._pairing.add_truth(truth))
 
     def _keep(self, estimates: list[Estimate]) -> None:
