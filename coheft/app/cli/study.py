@@ -123,6 +123,8 @@ def study(
     quiet:
         Show nothing but errors.
     """
+    from functools import partial
+
     from rich.console import Console
 
     from coheft.app.figures import make_folder
@@ -164,11 +166,13 @@ def study(
     ):
         if report is not None:
             make_folder(report)
+
+        def tell(before: int, done: int) -> None:
+            told(before + done, "")
+
         before = 0
         for plan in plans:
-            study_report, trials = run_study(
-                plan, jobs=jobs, dask=dask, on_progress=lambda done, before=before: told(before + done, "")
-            )
+            study_report, trials = run_study(plan, jobs=jobs, dask=dask, on_progress=partial(tell, before))
             found.append(study_report)
             before += plan.runs
     if varied:
