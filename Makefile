@@ -10,7 +10,7 @@ PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-all test-required fuzz faults bench bench-check check docs format clean
+.PHONY: help setup demo test test-all test-required fuzz faults bench bench-check check docs package format clean
 
 help: ## Say what can be made
 	@sed -n 's/^\([a-z-]*\):.*## /make \1\t/p' $(MAKEFILE_LIST) | expand -t 20
@@ -49,12 +49,18 @@ check: setup ## Check format, lint and types
 docs: setup ## Make the site of the documentation, build/docs/index.html
 	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet --fresh-env --write-all docs build/docs
 
+package: setup ## Build wheel and sdist into dist, and check what is in them and that they can be installed
+	rm -rf dist coheft.egg-info
+	$(BIN)/python -m build --no-isolation --outdir dist .
+	$(BIN)/python -m twine check --strict dist/*
+	$(BIN)/python -m pytest --require-everything --package dist tests/integration/test_wheel.py
+
 format: setup ## Put the code into its format
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
 clean: ## Remove all that was made
-	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 # Installs coheft with the extras $(1) into .venv. The stamp is written last: an installation that failed is done again.
 define install

@@ -1,3 +1,102 @@
-"""coheft: robots that hold one load together find out, by themselves, what they are holding."""
+"""coheft: robots that hold one load together find out, by themselves, what they are holding.
+
+>>> import coheft
+>>> result = coheft.run("ring6", duration=30)
+>>> result.robots["r1"].mass.estimate[-1]
+
+Nothing is loaded before it is used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from coheft import estimators
+    from coheft.api.export import export
+    from coheft.api.files import load
+    from coheft.api.identification import identify
+    from coheft.api.result import Result
+    from coheft.api.run import run, simulate
+    from coheft.api.scenario import load_scenario
+    from coheft.api.simulation import Simulation
+    from coheft.api.tracks import PoseTrack, RobotResult, Track
+    from coheft.app.identify.choices import Bounds
+    from coheft.app.results.states import State
+    from coheft.errors import CoheftError
+    from coheft.wire.scenario.payload import Box, MassProperties, Payload
+    from coheft.wire.scenario.schema import (
+        Graph,
+        Grasp,
+        LoadChange,
+        Motion,
+        Perimeter,
+        Robots,
+        Scenario,
+        Sensors,
+    )
+
+_HOMES = {
+    "coheft.api.export": ("export",),
+    "coheft.api.files": ("load",),
+    "coheft.api.identification": ("identify",),
+    "coheft.api.result": ("Result",),
+    "coheft.api.run": ("run", "simulate"),
+    "coheft.api.scenario": ("load_scenario",),
+    "coheft.api.simulation": ("Simulation",),
+    "coheft.api.tracks": ("PoseTrack", "RobotResult", "Track"),
+    "coheft.app.identify.choices": ("Bounds",),
+    "coheft.app.results.states": ("State",),
+    "coheft.errors": ("CoheftError",),
+    "coheft.wire.scenario.payload": ("Box", "MassProperties", "Payload"),
+    "coheft.wire.scenario.schema": (
+        *("Grasp", "Graph", "LoadChange", "Motion", "Perimeter", "Robots", "Scenario", "Sensors"),
+    ),
+}
+"""Modules, and what users get from them."""
+_MODULES = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "Bounds",
+    "Box",
+    "CoheftError",
+    "Graph",
+    "Grasp",
+    "LoadChange",
+    "MassProperties",
+    "Motion",
+    "Payload",
+    "Perimeter",
+    "PoseTrack",
+    "Result",
+    "RobotResult",
+    "Robots",
+    "Scenario",
+    "Sensors",
+    "Simulation",
+    "State",
+    "Track",
+    "estimators",
+    "export",
+    "identify",
+    "load",
+    "load_scenario",
+    "run",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load what is asked for."""
+    if name in _MODULES:
+        return getattr(import_module(_MODULES[name]), name)
+    if name == "estimators":
+        return import_module("coheft.estimators")
+    raise AttributeError(f"module 'coheft' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__"])

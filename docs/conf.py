@@ -11,7 +11,16 @@ project = "coheft"
 release = coheft.__version__
 html_title = "coheft"
 
-extensions = ["myst_parser", "mathml"]
+extensions = ["myst_parser", "mathml", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+autodoc_class_signature = "separated"
+autodoc_preserve_defaults = True
+autodoc_type_aliases = {"npt.ArrayLike": "ArrayLike"}
+autodoc_default_options = {"exclude-members": "__init__, __new__"}
+napoleon_attr_annotations = False
+napoleon_use_ivar = True
+napoleon_use_rtype = False
 exclude_patterns: list[str] = []
 
 myst_enable_extensions = ["dollarmath", "deflist"]

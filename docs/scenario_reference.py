@@ -5,7 +5,6 @@ To be run again after a change of ``coheft/wire/scenario/schema.py``; a test tel
 
 from __future__ import annotations
 
-import inspect
 import json
 import re
 from collections.abc import Iterator
@@ -15,6 +14,7 @@ from typing import Any
 import msgspec
 from msgspec import inspect as types
 
+from coheft.wire.scenario.meanings import meanings, summary
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.section import NAME_IN_WORDS
 
@@ -72,13 +72,11 @@ def _inner(kind: types.Type) -> tuple[types.Type, bool]:
 
 
 def _section(place: str, section: type[msgspec.Struct]) -> str:
-    text = inspect.cleandoc(section.__doc__ or "")
-    summary, _, attributes = text.partition("Attributes:")
-    meanings = _meanings(attributes)
-    lines = [f"## {f'`{place}`' if place else 'Top level'}", "", _markdown(summary), ""]
+    meaning_of = meanings(section)
+    lines = [f"## {f'`{place}`' if place else 'Top level'}", "", _markdown(summary(section)), ""]
     lines += ["| key | value | unit | default | meaning |", "|---|---|---|---|---|"]
     for field in msgspec.structs.fields(section):
-        meaning = meanings[field.encode_name]
+        meaning = meaning_of[field.encode_name]
         units = ", ".join(re.findall(r"\[([^]]+)\]", meaning))
         cells = (
             f"`{field.encode_name}`",
@@ -89,12 +87,6 @@ def _section(place: str, section: type[msgspec.Struct]) -> str:
         )
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join([*lines, ""])
-
-
-def _meanings(attributes: str) -> dict[str, str]:
-    """The entries of a docstring's list of attributes."""
-    entries = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", attributes, re.MULTILINE)
-    return {name: " ".join(meaning.split()) for name, meaning in entries}
 
 
 def _markdown(text: str) -> str:

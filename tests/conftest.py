@@ -34,6 +34,7 @@ _REQUIRED = "--require-everything"
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(_REQUIRED, action="store_true", help="a test that would be skipped fails")
+    parser.addoption("--package", help="folder with the wheel and the sdist to be tested, instead of new ones")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

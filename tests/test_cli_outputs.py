@@ -227,11 +227,9 @@ def test_what_is_broken_off_leaves_no_empty_folder(command: str, place: Path, mo
         "run.launch.launch",
         "study.campaign.run_study",
         "cart.campaign.run_cases",
-        "identify.methods.identify",
+        "identify.evaluate.evaluate",
     ):
         monkeypatch.setattr(f"coheft.app.{name}", interrupted)
-    monkeypatch.setattr("coheft.app.identify.inputs.read_any", lambda *_: None)
-    monkeypatch.setattr("coheft.app.identify.methods.part_of", lambda *_: None)
     before = sorted(place.rglob("*"))
     assert run_command_line([*command.split(), "some/new"]) == EXIT_INTERRUPTED
     assert sorted(place.rglob("*")) == before

@@ -134,7 +134,7 @@ def truth(**changes: object) -> dict[str, object]:
         (truth(com=[[0.0, np.inf, 0.0]]), "'truth/com': found inf"),
         (truth(colour=[1.0]), "'truth/colour' is unknown; allowed: poses, t, mass, com, inertia"),
         (truth(t=[1.0, 0.0], mass=[1.0, 2.0], com=np.zeros((2, 3)), inertia=np.zeros((2, 3, 3))), "expected growing"),
-        ({f"{name}__{key}": None for name in ("r1", "r2") for key in ("t", "twist")}, "no robots in this file"),
+        ({f"{name}__{key}": None for name in ("r1", "r2") for key in ("t", "twist")}, "no robots in it"),
         ({"r2__twist": np.zeros((10, 6), dtype=complex)}, "'r2/twist' holds values of type complex128"),
         ({"r2__t": np.array(["a"] * 10)}, "not an .npz file of numbers"),
     ],

@@ -23,7 +23,9 @@ ALLOWED = {
     "consensus": (*ESTIMATION, "wire", "consensus"),
     "agents": (*ESTIMATION, "wire", "consensus", "agents"),
     "physics_server": (*ESTIMATION, "wire", "physics_server"),
-    "app": ("",),
+    "estimators": (*ESTIMATION, "wire", "consensus", "agents"),
+    "app": (*ESTIMATION, "wire", "consensus", "agents", "physics_server", "app", "__version__"),
+    "api": ("",),
 }
 """What the parts of a package may import, by the longest beginning of a module's name; beginnings of other names."""
 STRANGERS = [

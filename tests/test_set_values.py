@@ -9,7 +9,7 @@ import pytest
 from coheft.app.study.random_team import random_team
 from coheft.errors import ScenarioError
 from coheft.wire.scenario.file import load_scenario
-from coheft.wire.scenario.set_values import set_values
+from coheft.wire.scenario.set_values import set_values, varied_values
 
 
 @pytest.mark.parametrize(
@@ -80,3 +80,9 @@ def test_teams_drawn_at_random_take_values_too() -> None:
     assert changed.robots == drawn.robots
     with pytest.raises(ScenarioError, match=r"random-7: key 'graph.kind': expected one of"):
         random_team(7, ["graph.kind=none"])
+
+
+def test_commas_divide_values_but_not_their_parts() -> None:
+    assert varied_values("a.b=1, 2.5,x") == ["a.b=1", "a.b=2.5", "a.b=x"]
+    assert varied_values("a=[1,[2,3]],{ b = 1, c = 2 }") == ["a=[1,[2,3]]", "a={ b = 1, c = 2 }"]
+    assert varied_values("a=\"x,y\",'z'") == ['a="x,y"', "a='z'"]

@@ -266,3 +266,29 @@ def test_every_run_of_random_teams_has_its_own() -> None:
     report, _ = run_study(make_plan(None, runs=2, estimators=["efficient"], at=[1.0]), jobs=2)
     assert report.scenario == "random"
     assert report.results["efficient"].mass.missing == 0
+
+
+def test_values_of_a_key_are_compared_in_one_table(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "varied.json"
+    values = ["--set", "load_changes=[]", "--vary", "sensors.rate=100,200"]
+    rest = ["--estimators", "efficient", "--runs", "1", "--at", "1", "--jobs", "1", "--json", str(target)]
+    assert run_command_line(["study", "ring3", *values, *rest]) == 0
+    variants = json.loads(target.read_text())["variants"]
+    assert [each["set"] for each in variants] == ["sensors.rate=100", "sensors.rate=200"]
+    bounds = [each["study"]["results"]["efficient"]["mass"]["bound_full"] for each in variants]
+    assert bounds[0] == pytest.approx(math.sqrt(2.0) * bounds[1], rel=0.1), "half as many samples tell half as much"
+    out = capfd.readouterr().out
+    assert "by sensors.rate" in out
+    assert f"{variants[1]['study']['results']['efficient']['mass']['rms']:#.3g}" in out
+
+
+@pytest.mark.parametrize("text", ["sensors.rate", "sensors.rate=100", "sensors.rate=100,100", "=1,2", "a=1,,2"])
+def test_what_does_not_vary_is_refused(text: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line(["study", "ring3", "--vary", text]) == EXIT_USAGE
+    assert f"--vary {text}: expected a key and different values" in capfd.readouterr().err
+
+
+def test_several_studies_are_not_drawn(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    arguments = ["study", "ring3", "--vary", "sensors.rate=100,200", "--report", str(tmp_path / "report")]
+    assert run_command_line(arguments) == EXIT_USAGE
+    assert "--json holds them all" in capfd.readouterr().err

@@ -88,13 +88,14 @@ def figure_to(target: Path | IO[bytes], width: float, height: float, theme: Them
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MissingPackageError("matplotlib", "study") from error
-    with rc_context(_settings(theme)):
+    with rc_context(settings_of(theme)):
         figure = Figure(figsize=(width, height), layout="constrained")
         yield figure
         figure.savefig(target, dpi=_DPI, format="png")
 
 
-def _settings(theme: Theme) -> dict[str, Any]:
+def settings_of(theme: Theme) -> dict[str, Any]:
+    """What matplotlib is to be told for pictures of a theme."""
     from matplotlib.rcsetup import cycler
 
     return {

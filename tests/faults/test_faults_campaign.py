@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -145,7 +146,7 @@ def test_a_run_that_parts_from_another_goes_on_as_that_one_does():
 def test_a_campaign_goes_on_where_it_was_cut_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     tried: list[int] = []
 
-    def count(seed: int, mutant: str = "") -> Outcome:
+    def count(seed: int, mutant: str = "", values: Sequence[str] = ()) -> Outcome:
         tried.append(seed)
         return _replace(OUTCOME, seed=seed)
 
@@ -171,8 +172,10 @@ def test_what_other_code_a_mutant_or_somebody_else_has_left_stays_as_it_is(
     file.append(OUTCOME)
     assert file.begin() == [OUTCOME]
     content = kept.read_bytes()
-    with pytest.raises(CoheftError, match=r"outcomes holds outcomes of another mutant: name another file"):
+    with pytest.raises(CoheftError, match=r"outcomes holds outcomes of another mutant, or of another --set: name"):
         run_campaign([1], kept=kept, mutant="wrong-row")
+    with pytest.raises(CoheftError, match=r"outcomes holds outcomes of another mutant, or of another --set: name"):
+        run_campaign([1], kept=kept, values=["sensors.rate=200"])
     monkeypatch.setattr(campaign, "code_hash", lambda: "other")
     with pytest.raises(CoheftError, match=r"outcomes is of other code: name another file"):
         run_campaign([1], kept=kept)

@@ -9,12 +9,13 @@ import shlex
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from coheft.app.cli.base import EXIT_BROKEN_PROMISE, EXIT_INTERRUPTED
+from coheft.app.cli.base import EXIT_BROKEN_PROMISE, EXIT_INTERRUPTED, EXIT_USAGE
 from coheft.app.cli.main import EXIT_CONVERGED, run_command_line
 from coheft.app.faults import campaign
 from coheft.app.faults.draw import draw_schedule
@@ -36,7 +37,7 @@ def made_up(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> set[int]:
     monkeypatch.chdir(tmp_path)
     broken: set[int] = set()
 
-    def try_seed(seed: int, mutant: str = "") -> Outcome:
+    def try_seed(seed: int, mutant: str = "", values: Sequence[str] = ()) -> Outcome:
         return Outcome(
             seed=seed,
             faults=("lie (scaled)",),
@@ -81,16 +82,42 @@ def test_the_last_line_shows_the_first_broken_promise_again(
     assert capfd.readouterr() == ("", "")
 
 
+def test_values_that_are_not_drawn_are_part_of_what_shows_it_again(
+    made_up: set[int], capfd: pytest.CaptureFixture[str]
+) -> None:
+    made_up.add(6)
+    values = ["--set", "sensors.rate=200", "--set", "motion.frequency=[0.5, 1.5]"]
+    assert run_command_line(["faults", "--first-seed", "6", "--seeds", "1", *values]) == EXIT_BROKEN_PROMISE
+    last = capfd.readouterr().out.splitlines()[-1]
+    assert shlex.split(last) == ["coheft", "faults", "--replay", "6", *values]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--set", "graph.kind=line"], "key 'graph': it is drawn with the faults"),
+        (["--set", "sensors.rates=3"], "Did you mean 'rate'?"),
+        (["--set", "sensors.rate=300"], "expected one of 100"),
+        (["--replay", "schedule.json", "--set", "sensors.rate=200"], "holds a whole schedule: change it there"),
+    ],
+)
+def test_values_that_cannot_be_set_are_refused_before_anything_runs(
+    arguments: list[str], complaint: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run_command_line(["faults", *arguments]) == EXIT_USAGE
+    assert complaint in capfd.readouterr().err
+
+
 def test_a_campaign_that_is_stopped_tells_what_was_done(
     made_up: set[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     made_up |= {1, 2}
     try_seed = campaign.try_seed
 
-    def stopped(seed: int, mutant: str = "") -> Outcome:
+    def stopped(seed: int, mutant: str = "", values: Sequence[str] = ()) -> Outcome:
         if seed == 3:
             raise KeyboardInterrupt
-        return try_seed(seed, mutant)
+        return try_seed(seed, mutant, values)
 
     monkeypatch.setattr(campaign, "try_seed", stopped)
     kept, table = tmp_path / "kept.jsonl", tmp_path / "table.md"

@@ -136,3 +136,12 @@ def test_shrinking_leaves_only_what_the_failure_needs():
     assert found.scenario.robot_count == 3
     assert found.scenario.duration < 2.0
     assert all(fault.end - fault.start <= 0.3 for fault in found.faults)
+
+
+def test_values_that_are_set_are_not_drawn():
+    for seed in range(20):
+        drawn, chosen = draw_schedule(seed), draw_schedule(seed, values=["sensors.rate=200", "motion.rotation=0.25"])
+        assert (chosen.scenario.sensors.rate, chosen.scenario.motion.rotation) == (200, 0.25)
+        assert chosen.faults == drawn.faults
+        assert chosen.scenario.robots == drawn.scenario.robots
+        assert draw_schedule(seed, values=["sensors.rate=100"]) == drawn

@@ -54,6 +54,7 @@ def faults(
     kept: FileTarget = None,
     failed: FolderTarget = None,
     mutant: Annotated[str, Parameter(validator=_is_mutant)] = "",
+    set: Annotated[list[str] | None, Parameter(negative=())] = None,
     replay: str | None = None,
     shrink: Flag = False,
     quiet: Flag = False,
@@ -84,6 +85,9 @@ def faults(
         when what a seed draws has changed.
     mutant:
         Put this deliberate bug into the agents: the campaign has to find it.
+    set:
+        A key of the scenario and its value, as TOML has it, which is then not drawn, for instance sensors.rate=200. May
+        be given more than once; not for robots, graph, duration and seed, which the faults are about.
     replay:
         Instead: run the schedule of this seed, or that in this file (.json), and tell all.
     shrink:
@@ -94,6 +98,7 @@ def faults(
     from rich.console import Console
 
     from coheft.app.faults.campaign import kept_first_seed, new_first_seed, run_campaign
+    from coheft.app.faults.draw import draw_schedule
     from coheft.app.faults.output import campaign_progress, markdown, print_campaign
     from coheft.app.faults.summary import summarise
     from coheft.app.results.report import write_report
@@ -113,15 +118,17 @@ def faults(
     if shrink and replay is None:
         raise UsageError("--shrink simplifies one schedule: say which with --replay SEED or --replay FILE")
     check_outputs(json=json, table=table, kept=kept)
+    values = set or []
     console = Console(stderr=json == "-", quiet=quiet)
     if replay is not None:
-        return _replay(console, _schedule_of(replay), mutant, is_shrunk=shrink)
+        return _replay(console, _schedule_of(replay, values), mutant, is_shrunk=shrink)
     if first_seed is None:
         first_seed = None if kept is None else kept_first_seed(kept)
     if first_seed is None:
         first_seed = new_first_seed()
     chosen = range(first_seed, first_seed + seeds)
     console.print(f"first seed {first_seed}", highlight=False)
+    draw_schedule(first_seed, values=values)  # what cannot be set is told before anything starts
     done: list[Outcome] = []
     try:
         with campaign_progress(console, len(chosen), quiet=quiet) as on_outcome:
@@ -130,16 +137,16 @@ def faults(
                 done.append(outcome)
                 on_outcome(outcome)
                 if outcome.violations and not mutant:
-                    _keep_failed(outcome.seed, failed or _FAILED)
+                    _keep_failed(outcome.seed, values, failed or _FAILED)
 
-            outcomes = run_campaign(chosen, jobs=jobs, kept=kept, mutant=mutant, on_outcome=tell)
+            outcomes = run_campaign(chosen, jobs=jobs, kept=kept, mutant=mutant, values=values, on_outcome=tell)
     except KeyboardInterrupt:
         if done:
-            print_campaign(console, summarise(done), sorted(done, key=lambda outcome: outcome.seed), mutant)
+            print_campaign(console, summarise(done), sorted(done, key=lambda outcome: outcome.seed), mutant, values)
         unwritten = [what for what, place in (("summary (--json)", json), ("table (--table)", table)) if place]
         raise KeyboardInterrupt(_broken_off(len(done), len(chosen), unwritten, kept)) from None
     summary = summarise(outcomes)
-    print_campaign(console, summary, outcomes, mutant)
+    print_campaign(console, summary, outcomes, mutant, values)
     try:
         if json is not None:
             write_report(summary, json)
@@ -164,13 +171,13 @@ def _write(path: Path, text: str) -> None:
         raise CoheftError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _keep_failed(seed: int, folder: Path) -> None:
+def _keep_failed(seed: int, values: list[str], folder: Path) -> None:
     from coheft.app.faults.draw import draw_schedule
     from coheft.app.faults.schedule import write_schedule
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_schedule(draw_schedule(seed), folder / f"{seed}.json")
+        write_schedule(draw_schedule(seed, values=values), folder / f"{seed}.json")
     except OSError as error:
         raise CoheftError(f"cannot write {folder / str(seed)}.json: {error.strerror}") from error
 
@@ -181,11 +188,15 @@ def _new_file(seed: int) -> Path:
     return next(path for path in map(Path, names) if not path.exists())
 
 
-def _schedule_of(text: str) -> FaultSchedule:
+def _schedule_of(text: str, values: list[str]) -> FaultSchedule:
     from coheft.app.faults.draw import draw_schedule
     from coheft.app.faults.schedule import read_schedule
 
-    return draw_schedule(int(text)) if text.isdecimal() else read_schedule(Path(text))
+    if text.isdecimal():
+        return draw_schedule(int(text), values=values)
+    if values:
+        raise UsageError(f"--set changes what is drawn, but {text} holds a whole schedule: change it there")
+    return read_schedule(Path(text))
 
 
 def _replay(console: Console, schedule: FaultSchedule, mutant: str, *, is_shrunk: bool) -> int:

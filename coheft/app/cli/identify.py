@@ -19,7 +19,6 @@ from coheft.app.cli.base import (
     check_outputs,
 )
 from coheft.app.identify.choices import Bounds, Method
-from coheft.errors import RecordingError, UsageError
 
 
 @app.command(group=EVALUATE)
@@ -79,37 +78,30 @@ def identify(
     from rich.console import Console
 
     from coheft.app.figures import make_folder
+    from coheft.app.identify.evaluate import evaluate
     from coheft.app.identify.folder import write_identification
-    from coheft.app.identify.inputs import files_of, read_any, read_holds
-    from coheft.app.identify.methods import identify as find
-    from coheft.app.identify.methods import part_of
+    from coheft.app.identify.inputs import files_of
     from coheft.app.identify.report import make_report
     from coheft.app.identify.tables import print_identification
     from coheft.app.results.report import write_report
     from coheft.app.run.new_folder import gone_if_broken_off
-    from coheft.estimation.batch.statics import Statics
 
-    if bounds is not None and not calibrate:
-        raise UsageError("bounds are of errors that --calibrate estimates: add it, or leave them out")
     check_outputs(*files_of(recording), *(files_of(holds) if holds else ()), json=json, report=report)
-    if method == "static" and (holds is not None or from_ is not None or to is not None):
-        raise UsageError("--method static takes all holds of RECORDING: leave --holds, --from and --to out")
-    statics: Statics | None = None
-    if method == "static" and not topics:
-        statics = read_holds(recording)
-        recorded = statics.as_recording()
-    else:
-        recorded = read_any(recording, topics)
-    if holds is not None:
-        statics = read_holds(holds, recorded.names)
-    try:
-        recorded = part_of(recorded, from_, to)
-        with gone_if_broken_off(report):
-            if report is not None:
-                make_folder(report)
-            found = find(recorded, method, (bounds or Bounds()) if calibrate else None, cutoff, statics, assume)
-    except RecordingError as error:
-        raise RecordingError(f"{recording}: {error}") from error
+    with gone_if_broken_off(report):
+        if report is not None:
+            make_folder(report)
+        recorded, found = evaluate(
+            recording,
+            method=method,
+            calibrate=calibrate,
+            bounds=bounds,
+            from_=from_,
+            to=to,
+            cutoff=cutoff,
+            assume=assume,
+            topics=topics,
+            holds=holds,
+        )
     result = make_report(str(recording), recorded, found)
     if not quiet:
         print_identification(Console(stderr=json == "-"), result)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -20,6 +20,10 @@ from coheft.app.cli.base import (
     check_outputs,
 )
 from coheft.errors import UsageError
+
+if TYPE_CHECKING:
+    from coheft.app.study.campaign import Plan
+    from coheft.app.study.report import StudyReport
 
 
 def _words(text: str) -> list[str]:
@@ -64,6 +68,7 @@ def study(
     scenario: str = "ring6",
     *,
     set: Annotated[list[str] | None, Parameter(negative=())] = None,
+    vary: str | None = None,
     runs: Count = 50,
     estimators: Annotated[str, Parameter(validator=_are_estimators)] = "fan2017,efficient",
     noise: Annotated[str, Parameter(validator=_are_factors)] = "1",
@@ -90,6 +95,9 @@ def study(
     set:
         A key of the scenario and its value, as TOML has it, for instance sensors.noise_scale=3. May be given more than
         once.
+    vary:
+        A key of the scenario and values with commas between, for instance sensors.rate=100,500: a study for each, and
+        a table that compares them. The JSON then holds them all.
     runs:
         Number of runs, for each noise.
     estimators:
@@ -115,42 +123,71 @@ def study(
     quiet:
         Show nothing but errors.
     """
+    from functools import partial
+
     from rich.console import Console
 
     from coheft.app.figures import make_folder
     from coheft.app.results.report import write_report
     from coheft.app.run.new_folder import gone_if_broken_off
     from coheft.app.study.campaign import make_plan, run_study
-    from coheft.app.study.output import print_study, write_folder
+    from coheft.app.study.output import print_study, print_varied, write_folder
     from coheft.app.study.random_team import RANDOM
+    from coheft.app.study.varied import Variant, VariedReport
     from coheft.app.terminal.progress import show_progress
     from coheft.wire.scenario.file import load_scenario, scenario_path
+    from coheft.wire.scenario.set_values import varied_values
 
-    plan = make_plan(
-        None if scenario == RANDOM else load_scenario(scenario, set or ()),
-        values=set or (),
-        runs=runs,
-        estimators=_estimator_names(estimators),
-        noise_scales=[float(factor) for factor in _words(noise)],
-        at=[float(time) for time in _words(at)],
-        after=after,
-        first_seed=first_seed,
-        sensor_rate=sensor_rate,
-    )
+    def planned(values: list[str]) -> Plan:
+        return make_plan(
+            None if scenario == RANDOM else load_scenario(scenario, values),
+            values=values,
+            runs=runs,
+            estimators=_estimator_names(estimators),
+            noise_scales=[float(factor) for factor in _words(noise)],
+            at=[float(time) for time in _words(at)],
+            after=after,
+            first_seed=first_seed,
+            sensor_rate=sensor_rate,
+        )
+
+    varied = [] if vary is None else varied_values(vary)
+    plans = [planned([*(set or ()), value]) for value in varied] or [planned(set or [])]
     if jobs is not None and dask is not None:
         raise UsageError("--jobs is for processes on this machine, but --dask leaves all to workers: leave one out")
+    if varied and report is not None:
+        raise UsageError("--report draws one study, but --vary makes several: leave one out; --json holds them all")
     check_outputs(*([] if scenario == RANDOM else [scenario_path(scenario)]), json=json, report=report)
     console = Console(stderr=json == "-")
-    with gone_if_broken_off(report), show_progress(console, "runs", plan.runs, quiet=quiet) as told:
+    found: list[StudyReport] = []
+    with (
+        gone_if_broken_off(report),
+        show_progress(console, "runs", sum(plan.runs for plan in plans), quiet=quiet) as told,
+    ):
         if report is not None:
             make_folder(report)
-        found, trials = run_study(plan, jobs=jobs, dask=dask, on_progress=lambda done: told(done, ""))
+
+        def tell(before: int, done: int) -> None:
+            told(before + done, "")
+
+        before = 0
+        for plan in plans:
+            study_report, trials = run_study(plan, jobs=jobs, dask=dask, on_progress=partial(tell, before))
+            found.append(study_report)
+            before += plan.runs
+    if varied:
+        variants = VariedReport([Variant(value, each) for value, each in zip(varied, found, strict=True)])
+        if not quiet:
+            print_varied(console, variants)
+        if json is not None:
+            write_report(variants, json)
+        return EXIT_CONVERGED
     if not quiet:
-        print_study(console, found)
+        print_study(console, found[0])
     try:
         if json is not None:
-            write_report(found, json)
+            write_report(found[0], json)
     finally:  # if one of them cannot be written, the other may
         if report is not None:
-            write_folder(found, trials, report)
+            write_folder(found[0], trials, report)
     return EXIT_CONVERGED

@@ -24,16 +24,18 @@ _LINKED = ("agents", "consensus", "physics_server")
 
 
 class Header(msgspec.Struct, frozen=True):
-    """First line of a file of outcomes: they belong to this code, and to agents with this bug.
+    """First line of a file of outcomes: they belong to this code, to agents with this bug, and to these values.
 
     Attributes:
         code: Hash of the code.
         mutant: The deliberate bug, if any.
+        values: Keys of the scenarios that were not drawn.
         first_seed: Of the campaign that began the file.
     """
 
     code: str
     mutant: str = ""
+    values: list[str] = []
     first_seed: int = 0
 
 
@@ -57,12 +59,13 @@ class OutcomeFile:
     Args:
         path: The file.
         mutant: The deliberate bug, if any.
+        values: Keys of the scenarios that were not drawn.
         first_seed: For a file that is not there yet.
     """
 
-    def __init__(self, path: Path, mutant: str = "", first_seed: int = 0) -> None:
+    def __init__(self, path: Path, mutant: str = "", values: Sequence[str] = (), first_seed: int = 0) -> None:
         self._path = path
-        self._header = Header(code_hash(), mutant, first_seed)
+        self._header = Header(code_hash(), mutant, list(values), first_seed)
 
     def begin(self) -> list[Outcome]:
         """What has been kept so far, of whatever seeds; a line that was not written to its end is cut off.
@@ -86,9 +89,9 @@ class OutcomeFile:
         try:
             header = msgspec.json.decode(first, type=Header)
             is_ours = header.code == self._header.code
-            if is_ours and header.mutant == self._header.mutant:
+            if is_ours and (header.mutant, header.values) == (self._header.mutant, self._header.values):
                 return
-            found = "holds outcomes of another mutant" if is_ours else "is of other code"
+            found = "holds outcomes of another mutant, or of another --set" if is_ours else "is of other code"
         except msgspec.DecodeError:
             found = "holds no outcomes"
         raise CoheftError(f"{self._path} {found}: name another file to keep outcomes in, or remove it")
@@ -130,6 +133,7 @@ def run_campaign(
     jobs: int | None = None,
     kept: Path | None = None,
     mutant: str = "",
+    values: Sequence[str] = (),
     on_outcome: Callable[[Outcome], None] = lambda outcome: None,
 ) -> list[Outcome]:
     """Try one schedule per seed.
@@ -139,6 +143,7 @@ def run_campaign(
         jobs: Number of processes; None for one per core.
         kept: File to which outcomes are added as they come; those that are there already are not tried again.
         mutant: A deliberate bug to put into the agents, see ``mutants``.
+        values: Keys of the scenarios that are not drawn, see ``draw_schedule``.
         on_outcome: Told every outcome, those that were kept first.
 
     Returns:
@@ -148,7 +153,7 @@ def run_campaign(
         MissingPackageError: A package that campaigns need is not installed.
         CoheftError: The file cannot be read or written, or holds something else.
     """
-    file = None if kept is None else OutcomeFile(kept, mutant, min(seeds))
+    file = None if kept is None else OutcomeFile(kept, mutant, values, min(seeds))
     outcomes: dict[int, Outcome] = {}
     with workers(jobs):
         if file is not None:
@@ -157,7 +162,7 @@ def run_campaign(
         for outcome in outcomes.values():
             on_outcome(outcome)
         left = [seed for seed in seeds if seed not in outcomes]
-        for outcome in side_by_side(try_seed, ((seed, mutant) for seed in left)):
+        for outcome in side_by_side(try_seed, ((seed, mutant, tuple(values)) for seed in left)):
             outcomes[outcome.seed] = outcome
             if file is not None:
                 file.append(outcome)
@@ -165,7 +170,7 @@ def run_campaign(
     return [outcomes[seed] for seed in seeds]
 
 
-def try_seed(seed: int, mutant: str = "") -> Outcome:
+def try_seed(seed: int, mutant: str = "", values: Sequence[str] = ()) -> Outcome:
     """Try the schedule of a seed, with a deliberate bug if one is named."""
     with mutated(mutant):
-        return try_schedule(draw_schedule(seed))
+        return try_schedule(draw_schedule(seed, values=values))

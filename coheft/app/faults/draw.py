@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import msgspec
@@ -32,6 +32,7 @@ from coheft.app.faults.schedule import (
     SensorFailure,
     SensorFault,
 )
+from coheft.app.faults.values import with_values
 from coheft.consensus.graph import build_graph
 from coheft.estimation.tolerance import INDUSTRIAL, SensorTolerance
 from coheft.wire.scenario.payload import Box, Payload
@@ -63,7 +64,11 @@ _replace = msgspec.structs.replace
 
 
 def draw_schedule(
-    seed: int, delayed: bool | None = None, is_exact: bool | None = None, lasting: bool | None = None
+    seed: int,
+    delayed: bool | None = None,
+    is_exact: bool | None = None,
+    lasting: bool | None = None,
+    values: Sequence[str] = (),
 ) -> FaultSchedule:
     """The schedule of a seed.
 
@@ -74,6 +79,10 @@ def draw_schedule(
             robots are told. None: two of four seeds.
         lasting: Whether there are small errors that last besides, see ``lasting``. None: every other time, unless it is
             said whether sensors are exact.
+        values: Keys of the scenario that are not drawn, see ``coheft.wire.scenario.set_values``.
+
+    Raises:
+        ScenarioError: A value cannot be used, or changes whom the faults are about.
     """
     schedule = _draw_early(seed)
     if seed % 4 >= 2 if is_exact is None else not is_exact:
@@ -85,7 +94,7 @@ def draw_schedule(
     is_lasting = bool(rng.random() < 0.5)
     if (is_lasting and is_exact is None) if lasting is None else lasting:
         schedule = with_lasting_errors(schedule, rng)
-    return _long_enough(schedule)
+    return _long_enough(with_values(schedule, values) if values else schedule)
 
 
 def _later(schedule: FaultSchedule) -> FaultSchedule:

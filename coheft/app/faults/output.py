@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -36,7 +37,13 @@ def campaign_progress(console: Console, schedules: int, *, quiet: bool) -> Itera
         yield on_outcome
 
 
-def print_campaign(console: Console, summary: CampaignSummary, outcomes: Sequence[Outcome], mutant: str = "") -> None:
+def print_campaign(
+    console: Console,
+    summary: CampaignSummary,
+    outcomes: Sequence[Outcome],
+    mutant: str = "",
+    values: Sequence[str] = (),
+) -> None:
     """What was injected and what came of it; the last line replays the first schedule that failed."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1))
     table.add_column("fault")
@@ -66,8 +73,9 @@ def print_campaign(console: Console, summary: CampaignSummary, outcomes: Sequenc
         text = f"{outcome.seed}: {worst.promise} at {worst.time:.2f} s, {worst.robot} {worst.what}"
         console.print(text, highlight=False, markup=False)
     if failed:
-        of_mutant = f" --mutant {mutant}" if mutant else ""
-        console.print(f"coheft faults --replay {failed[0].seed}{of_mutant}", highlight=False, markup=False)
+        options = [*(["--mutant", mutant] if mutant else []), *(word for value in values for word in ("--set", value))]
+        command = shlex.join(["coheft", "faults", "--replay", str(failed[0].seed), *options])
+        console.print(command, highlight=False, markup=False, soft_wrap=True)
 
 
 def markdown(summary: CampaignSummary) -> str:

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from coheft.agents.agent import Agent, Outbox
+from coheft.agents.linked import LinkedAgents
 from coheft.consensus.graph import build_graph
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.physics_server.simulation import BlockResult, Simulation
@@ -27,8 +28,6 @@ class TeamInProcess:
     Attributes:
         graph: Neighbours of every robot.
         simulation: The physics.
-        agents: By robot.
-        outboxes: What each agent sent after the last block.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -45,12 +44,13 @@ class TeamInProcess:
             scenario: What they are told to do.
             incarnation: Larger than that of those before.
         """
-        largest = largest_arrays(scenario)
-        self.agents = {
-            name: Agent(agent_config(scenario, name, others), incarnation, largest)
-            for name, others in self.graph.items()
-        }
-        self.outboxes: dict[str, Outbox] = {}
+        configs = [agent_config(scenario, name, others) for name, others in self.graph.items()]
+        self._linked = LinkedAgents(configs, incarnation, largest_arrays(scenario))
+
+    @property
+    def agents(self) -> dict[str, Agent]:
+        """By robot."""
+        return self._linked.agents
 
     def measure(self) -> BlockResult:
         """Let the physics go on by a block, with the arms as the agents wanted them."""
@@ -58,10 +58,7 @@ class TeamInProcess:
 
     def heard(self) -> dict[str, list[NeighbourMessage]]:
         """What every robot's neighbours said after the last block."""
-        return {
-            name: [self.outboxes[other].message for other in others if other in self.outboxes]
-            for name, others in self.graph.items()
-        }
+        return self._linked.heard()
 
     def answer(
         self,
@@ -70,10 +67,10 @@ class TeamInProcess:
     ) -> dict[str, Outbox]:
         """Let all agents step, each with its own measurements and what it has heard; what they send."""
         index = self.simulation.block - 1
-        self.outboxes = {name: agent.step(index, blocks[name], heard[name]) for name, agent in self.agents.items()}
-        references = {name: outbox.reference for name, outbox in self.outboxes.items()}
+        outboxes = self._linked.step(index, blocks, heard)
+        references = {name: outbox.reference for name, outbox in outboxes.items()}
         self._references[index + self._lookahead] = references
-        return self.outboxes
+        return outboxes
 
 
 def measured(result: BlockResult) -> dict[str, MeasurementBlock | None]:

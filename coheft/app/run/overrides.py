@@ -28,8 +28,11 @@ def override(
     estimator: str | None = None,
     sensor_rate: int | None = None,
     feedforward: bool | None = None,
+    origin: str = _ORIGIN,
 ) -> Scenario:
     """The scenario with what was given instead of its own; ``changes`` replace all load changes.
+
+    ``origin`` names in errors who gave it.
 
     Raises:
         ScenarioError: The result is no scenario.
@@ -50,11 +53,11 @@ def override(
         table["load_changes"] = [msgspec.to_builtins(_parse_change(text)) for text in changes]
     try:
         changed = msgspec.convert(table, Scenario)
-        check_scenario(changed, _ORIGIN)
+        check_scenario(changed, origin)
         if changes:  # of the scenario's own, a shorter run may leave some out
-            check_changes_come(changed, _ORIGIN)
+            check_changes_come(changed, origin)
     except msgspec.ValidationError as error:
-        raise ScenarioError(_by_options(f"{_ORIGIN}: {explain(error, table)}", changes)) from error
+        raise ScenarioError(_by_options(f"{origin}: {explain(error, table)}", changes)) from error
     except ScenarioError as error:
         raise ScenarioError(_by_options(str(error), changes)) from error
     return changed

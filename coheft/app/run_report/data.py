@@ -14,10 +14,11 @@ from coheft.app.run_report.series import Series
 from coheft.estimation.geometry.spatial import Array
 
 Row = dict[str, float | str | bool | None]
-_PAYLOAD = (
+PAYLOAD_COLUMNS = (
     *("mass_kg", "com_x_m", "com_y_m", "com_z_m"),
     *(f"inertia_{axes}_kgm2" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")),
 )
+"""Of ``(m, h, J packed)``."""
 _WRENCH = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
 _POSE = ("rotation_x_rad", "rotation_y_rad", "rotation_z_rad", "x_m", "y_m", "z_m")
 
@@ -56,9 +57,9 @@ def _estimate(robot: str, point: Point) -> Row:
         "time_s": point.time,
         "block": point.block,
         "stale": point.is_stale,
-        **_columns("true_", _PAYLOAD, point.truth),
-        **_columns("", _PAYLOAD, point.truth - point.error),
-        **_columns("std_", _PAYLOAD, point.std),
+        **_columns("true_", PAYLOAD_COLUMNS, point.truth),
+        **_columns("", PAYLOAD_COLUMNS, point.truth - point.error),
+        **_columns("std_", PAYLOAD_COLUMNS, point.std),
         **_columns("true_total_", _WRENCH, point.total),
         **_columns("total_", _WRENCH, point.total + point.residual),
     }

@@ -61,8 +61,10 @@ def prepare_folder(folder: Path) -> None:
         raise CoheftError(f"nothing can be written into {folder}; name another folder: --report DIR")
 
 
-def write_folder(folder: Path, scenario: Scenario, clock: str, series: Series, report: Report) -> Path:
+def write_folder(folder: Path, scenario: Scenario, clock: str | None, series: Series, report: Report) -> Path:
     """Write everything about a run, in place of a former report in the folder; return the page.
+
+    Of a recording no clock is known.
 
     Raises:
         CoheftError: It cannot be written.

@@ -13,6 +13,7 @@ from coheft.app.results.report import Report
 from coheft.app.results.states import State
 from coheft.app.run_report.data import TABLES
 from coheft.app.run_report.pictures import Picture
+from coheft.app.run_report.scene import scene_json
 from coheft.app.run_report.series import Series
 from coheft.app.terminal.final_table import HEADINGS, LEGEND, RECOVERED, robot_rows, sentences
 from coheft.app.versions import versions
@@ -21,6 +22,7 @@ from coheft.wire.scenario.schema import Scenario
 _MOST_ROWS = 60
 SECTIONS = {
     "glance": "At a glance",
+    "scene": "What was held, and how it moved",
     "table": "What each robot found out",
     "errors": "Errors over time",
     "changes": "When the load changes",
@@ -56,9 +58,9 @@ class Fact:
 
 
 def render_page(
-    scenario: Scenario, clock: str, series: Series, report: Report, drawn: Sequence[Drawn], data: Sequence[Path]
+    scenario: Scenario, clock: str | None, series: Series, report: Report, drawn: Sequence[Drawn], data: Sequence[Path]
 ) -> str:
-    """The whole page, in HTML."""
+    """The whole page, in HTML; of a recording no clock is known, and nothing is said about time on the wall."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
@@ -74,12 +76,14 @@ def render_page(
         report=report,
         sections={name: title for name, title in SECTIONS.items() if name != "changes" or report.load_changes},
         missing=missing,
-        facts=facts(report),
+        facts=facts(report, has_pace=clock is not None),
         sentences=sentences(report),
         headings=HEADINGS,
         rows={name: robot_rows(robot) for name, robot in report.robots.items()},
         legend=[*LEGEND, *([RECOVERED] if report.load_changes else [])],
         pictures=drawn,
+        scene=scene_json(series),
+        boxes=series.scene.boxes,
         unseen=list(unseen_rows(series))[:_MOST_ROWS],
         unseen_left=max(0, len(list(unseen_rows(series))) - _MOST_ROWS),
         timing=timing_rows(clock, series, report),
@@ -93,7 +97,7 @@ def render_page(
     )
 
 
-def facts(report: Report) -> list[Fact]:
+def facts(report: Report, *, has_pace: bool = True) -> list[Fact]:
     """The run in a few numbers: of each quantity the error of the robot that is furthest off."""
     robots = report.robots.values()
     poses = [pose for robot in robots for pose in robot.poses.values()]
@@ -113,7 +117,7 @@ def facts(report: Report) -> list[Fact]:
                 "until the last robot had noticed",
             )
         )
-    return [*found, Fact("pace", f"{report.real_time_factor:.1f} ×", "real time")]
+    return [*found, *([Fact("pace", f"{report.real_time_factor:.1f} ×", "real time")] if has_pace else [])]
 
 
 def _largest(values: Iterable[float | None], unit: str) -> str:
@@ -142,8 +146,11 @@ def _kind(text: str) -> tuple[str, str]:
     return (what.partition(",")[0], why) if what else (text, "")
 
 
-def timing_rows(clock: str, series: Series, report: Report) -> list[tuple[str, str]]:
+def timing_rows(clock: str | None, series: Series, report: Report) -> list[tuple[str, str]]:
     """How fast it went."""
+    refused = ("refused messages and other problems", f"{series.problem_count}")
+    if clock is None:
+        return [("simulated", f"{report.duration_s:g} s"), ("on the wall", "a recording does not tell"), refused]
     pace = list(series.pace)
     late = f"{report.late_blocks}" if clock == "realtime" else "none: the clock waits for everyone"
     return [
@@ -153,11 +160,11 @@ def timing_rows(clock: str, series: Series, report: Report) -> list[tuple[str, s
         ("processes", f"{report.processes}"),
         ("messages between processes", f"{report.messages_per_s:,.0f} per second"),
         ("late blocks", late),
-        ("refused messages and other problems", f"{series.problem_count}"),
+        refused,
     ]
 
 
-def run_rows(scenario: Scenario, clock: str, report: Report) -> list[tuple[str, str]]:
+def run_rows(scenario: Scenario, clock: str | None, report: Report) -> list[tuple[str, str]]:
     """What was run."""
     sensors = scenario.sensors
     clocks = {"lockstep": "lockstep: as fast as the slowest robot", "realtime": "real time"}
@@ -168,7 +175,7 @@ def run_rows(scenario: Scenario, clock: str, report: Report) -> list[tuple[str, 
         ("robots", f"{len(report.robots)}, linked in a {scenario.graph.kind}"),
         ("duration", f"{report.duration_s:g} s of {scenario.duration:g} s"),
         ("sensors", f"{sensors.rate} samples per second, in blocks of {sensors.block}"),
-        ("clock", clocks[clock]),
+        *([] if clock is None else [("clock", clocks[clock])]),
     ]
 
 

@@ -106,8 +106,7 @@ def pictures_of(series: Series, report: Report) -> list[Picture]:
                 draw_consensus,
             )
         )
-    return [
-        *pictures,
+    pictures.append(
         Picture(
             "observability",
             "observability",
@@ -117,17 +116,21 @@ def pictures_of(series: Series, report: Report) -> list[Picture]:
             f"tell yet, and calls an estimate stale when it cannot know whether it still holds.{some}",
             observability_size(series),
             draw_observability,
-        ),
-        Picture(
-            "pace",
-            "timing",
-            "How fast the simulation went",
-            "Simulated seconds per second on the wall; above the dotted line the run is faster than the real thing. "
-            "Dashed: the average that the server reports, which leaves pauses out.",
-            (10.0, 2.6),
-            draw_pace,
-        ),
-    ]
+        )
+    )
+    if len(series.pace):  # else it is a recording
+        pictures.append(
+            Picture(
+                "pace",
+                "timing",
+                "How fast the simulation went",
+                "Simulated seconds per second on the wall; above the dotted line the run is faster than the real "
+                "thing. Dashed: the average that the server reports, which leaves pauses out.",
+                (10.0, 2.6),
+                draw_pace,
+            )
+        )
+    return pictures
 
 
 def _draw_errors(figure: Any, theme: Theme, series: Series, report: Report, *, shown: Shown) -> None:

@@ -12,13 +12,16 @@ from coheft.app.run.pairing import Pairing
 from coheft.app.run_report.points import Point, make_point
 from coheft.app.run_report.states import Spans
 from coheft.app.run_report.thinned import Thinned
+from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Estimate, Problem, Scene, Truth
+from coheft.wire.messages.structs import Estimate, LoadState, Problem, Scene, Truth
 
 _POINTS = 20_000
 """Of all robots together."""
 _MOMENTS = 4_000
 """Kept of the pace."""
+_SHOWN = 1_000
+"""Moments of the scene."""
 _CLOSE_UPS = 6
 _PROBLEMS = 100
 BEFORE, AFTER = 0.5, 3.0
@@ -38,6 +41,23 @@ class CloseUp:
     at: float
     masses: list[tuple[float, float]]
     points: dict[str, list[Point]]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Moment:
+    """Where the payload was, and what lay on it.
+
+    Attributes:
+        time: [s].
+        position: Of its frame in the world, shape (3,) [m].
+        quaternion: Its orientation, scalar first, shape (4,).
+        loads: On the payload.
+    """
+
+    time: float
+    position: Array
+    quaternion: Array
+    loads: list[LoadState]
 
 
 class RobotSeries:
@@ -61,14 +81,16 @@ class Series:
     Attributes:
         scene: Who held the payload where.
         robots: By name, in the scene's order.
+        moments: Of the payload, some of them, evenly spread.
         close_ups: Of the first changes of the load.
-        pace: Simulated time, and the clock on the wall when that was heard [s].
+        pace: Simulated time, and the clock on the wall when that was heard [s]; empty of a recording.
         problems: What was refused: when in the simulated time, by whom, what; the first ones.
         problem_count: How many there were.
     """
 
     scene: Scene
     robots: dict[str, RobotSeries]
+    moments: Thinned[Moment] = field(default_factory=lambda: Thinned(_SHOWN))
     close_ups: list[CloseUp] = field(default_factory=list)
     pace: Thinned[tuple[float, float]] = field(default_factory=lambda: Thinned(_MOMENTS))
     problems: list[tuple[float, Problem]] = field(default_factory=list)
@@ -80,9 +102,11 @@ class SeriesFollower:
 
     Attributes:
         series: What it has kept.
+        is_live: Whether the run goes on while it is heard, so that it has a pace; a recording has none.
     """
 
     series: Series
+    is_live = True
 
     def begin(self, status: Status) -> None:
         """The clock runs."""
@@ -120,7 +144,9 @@ class SeriesFollower:
         for close_up in series.close_ups:
             if truth.time <= close_up.at + AFTER:
                 close_up.masses.append(self._masses[-1])
-        series.pace.add((truth.time, time.monotonic()))
+        series.moments.add(Moment(truth.time, truth.position, truth.quaternion, truth.loads))
+        if self.is_live:
+            series.pace.add((truth.time, time.monotonic()))
         self._keep(self._pairing.add_truth(truth))
 
     def _keep(self, estimates: list[Estimate]) -> None:

@@ -26,6 +26,7 @@ from coheft.app.study.tables import (
     together,
 )
 from coheft.app.study.trial import Trial
+from coheft.app.study.varied import COLUMNS, VariedReport, rows
 from coheft.app.terminal.wide_table import print_table
 from coheft.errors import CoheftError
 
@@ -72,6 +73,17 @@ def print_study(console: Console, report: StudyReport) -> None:
     console.print()
     for line in LEGEND:
         console.print(line, style="dim", highlight=False)
+
+
+def print_varied(console: Console, report: VariedReport) -> None:
+    """Show studies of several values of a key in one table."""
+    first = report.variants[0]
+    key = first.set.partition("=")[0]
+    console.print(f"{title(first.study)}\n")
+    words = (
+        f"RMS errors (times the bound) by {key}, noise × {first.study.noise_scales[0]:g}, at {first.study.at_s[-1]:g} s"
+    )
+    print_table(console, _table(words, COLUMNS, rows(report)))
 
 
 def _table(words: str, header: Sequence[str], rows: Iterable[tuple[str, ...]]) -> Table:

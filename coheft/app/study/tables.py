@@ -45,11 +45,11 @@ def accuracy_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
             yield (
                 f"{name}, {unit}",
                 estimator,
-                _plain(found.rms, size),
-                _plain(found.bound_full, size),
+                plain(found.rms, size),
+                plain(found.bound_full, size),
                 _with_range(found.ratio_full, found.ratio_full_low, found.ratio_full_high),
                 _marked(found),
-                _short(found.ratio_two_step),
+                short(found.ratio_two_step),
                 _range(found.nees_low, found.nees_high),
                 str(found.missing),
             )
@@ -68,8 +68,8 @@ def recovery_rows(cell: Cell) -> Iterator[tuple[str, ...]]:
                 yield (
                     f"{name}, {unit}",
                     estimator,
-                    _plain(found.rms, size),
-                    _plain(found.bound_full, size),
+                    plain(found.rms, size),
+                    plain(found.bound_full, size),
                     _with_range(found.ratio_full, found.ratio_full_low, found.ratio_full_high),
                     _marked(found),
                     str(found.missing),
@@ -114,8 +114,8 @@ def together(report: StudyReport) -> Iterator[str]:
         nees = [getattr(result, quantity.name).nees for quantity in (*QUANTITIES, ALL_TEN)]
         cells = result.cells
         yield (
-            f"{estimator}, all together: RMS / bound {', '.join(map(_short, ratios))}; NEES "
-            f"{', '.join(map(_short, nees))} (all ten last); outside 95 % range: {cells.outside_95} of {cells.count}, "
+            f"{estimator}, all together: RMS / bound {', '.join(map(short, ratios))}; NEES "
+            f"{', '.join(map(short, nees))} (all ten last); outside 95 % range: {cells.outside_95} of {cells.count}, "
             f"outside 99.99 %: {cells.outside_9999}."
         )
 
@@ -158,24 +158,26 @@ def _markdown_table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def _plain(value: Number, factor: float = 1.0) -> str:
+def plain(value: Number, factor: float = 1.0) -> str:
+    """A number with three digits, in another unit."""
     return "–" if value is None else f"{value * factor:#.3g}".rstrip(".")
 
 
-def _short(value: Number) -> str:
+def short(value: Number) -> str:
+    """A ratio, with two decimals where it is small."""
     return "–" if value is None else f"{value:.2f}" if value < 10.0 else f"{value:.0f}"
 
 
 def _range(low: Number, high: Number) -> str:
-    return "" if low is None or high is None else f"{_short(low)}–{_short(high)}"
+    return "" if low is None or high is None else f"{short(low)}–{short(high)}"
 
 
 def _with_range(value: Number, low: Number, high: Number) -> str:
-    return "–" if value is None else f"{_short(value)} ({_range(low, high)})"
+    return "–" if value is None else f"{short(value)} ({_range(low, high)})"
 
 
 def _marked(found: Accuracy | Consistency | Recovered) -> str:
     """NEES, with a star if an honest covariance would hardly give it."""
     if found.nees is None or found.nees_low is None or found.nees_high is None:
         return "–"
-    return f"{_short(found.nees)}{'' if found.nees_low <= found.nees <= found.nees_high else '*'}"
+    return f"{short(found.nees)}{'' if found.nees_low <= found.nees <= found.nees_high else '*'}"

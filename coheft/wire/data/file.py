@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from coheft.errors import RecordingError, one_line
 from coheft.estimation.batch.recording import GRAVITY, Recording, check_recording
@@ -43,7 +44,7 @@ def read_recording(path: Path) -> Recording:
         RecordingError: It cannot be read, or not used; says what, and why.
     """
     try:
-        recording = read_folder(path) if path.is_dir() else _read_npz(path)
+        recording = read_folder(path) if path.is_dir() else recording_of(load_arrays(path))
         check_recording(recording)
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error
@@ -102,7 +103,7 @@ def read_arrays(path: Path) -> tuple[dict[str, dict[str, Array]], Array]:
         RecordingError: It is none, or holds something else.
         OSError: It cannot be read.
     """
-    tables, shared = _parts(path)
+    tables, shared = _parts(load_arrays(path))
     tables.pop(TRUTH, None)
     return tables, _gravity(shared)
 
@@ -111,11 +112,11 @@ def _gravity(shared: Mapping[str, Array]) -> Array:
     return gravity_of(shared["gravity"]) if "gravity" in shared else np.array(GRAVITY)
 
 
-def _parts(path: Path) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
+def _parts(arrays: Mapping[str, Array]) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
     """What is of robots, and of the truth, by name and channel; and what is of the whole."""
     tables: dict[str, dict[str, Array]] = {}
     shared: dict[str, Array] = {}
-    for key, array in load_arrays(path).items():
+    for key, array in arrays.items():
         name, slash, channel = key.rpartition("/")
         if slash:
             tables.setdefault(name, {})[channel] = array
@@ -126,11 +127,17 @@ def _parts(path: Path) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
     return tables, shared
 
 
-def _read_npz(path: Path) -> Recording:
-    tables, shared = _parts(path)
+def recording_of(arrays: Mapping[str, npt.ArrayLike]) -> Recording:
+    """The recording that arrays hold, by the names that an ``.npz`` file has for them; not checked yet.
+
+    Raises:
+        RecordingError: There are none of robots, or they are no numbers, or have other names.
+    """
+    given = {key: np.asarray(values) for key, values in arrays.items()}
+    tables, shared = _parts(_as_numbers(given, "not a recording"))
     truth = tables.pop(TRUTH, {})
     if not tables:
-        raise RecordingError(f"no robots in this file; expected arrays ROBOT/{TIME} and ROBOT/CHANNEL of each")
+        raise RecordingError(f"no robots in it; expected arrays ROBOT/{TIME} and ROBOT/CHANNEL of each")
     robots = {name: robot_of(name, table) for name, table in tables.items()}
     return Recording(
         robots=robots,
@@ -165,7 +172,16 @@ def load_arrays(path: Path) -> dict[str, Array]:
         raise RecordingError(f"not an .npz file of numbers: {one_line(str(error))}; {_EXPECTED}") from error
     if len(arrays) < len(keys):
         raise RecordingError("an array is there more than once, expected each key once: write the file again")
+    return _as_numbers(arrays, "not an .npz file of numbers")
+
+
+def _as_numbers(arrays: Mapping[str, npt.NDArray[Any]], what: str) -> dict[str, Array]:
+    """The same as real numbers; ``what`` begins the error.
+
+    Raises:
+        RecordingError: They are something else.
+    """
     for key, array in arrays.items():
         if array.dtype.kind not in _NUMBERS:
-            raise RecordingError(f"not an .npz file of numbers: '{one_line(key)}' holds values of type {array.dtype}")
+            raise RecordingError(f"{what}: '{one_line(key)}' holds values of type {array.dtype}")
     return {key: array.astype(np.float64) for key, array in arrays.items()}

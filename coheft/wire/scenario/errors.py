@@ -146,7 +146,7 @@ def _value_at(table: object, place: str) -> object:
     value = table
     for part in re.findall(r"[^.\[\]]+", place):
         try:
-            value = value[int(part)] if isinstance(value, list) else value[part]  # type: ignore[index]
+            value = value[int(part)] if isinstance(value, list | tuple) else value[part]  # type: ignore[index]
         except (KeyError, IndexError, TypeError, ValueError):
             return None
     return value

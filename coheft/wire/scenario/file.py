@@ -10,6 +10,7 @@ import os
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -53,6 +54,16 @@ def load_scenario(source: str | Path, values: Sequence[str] = ()) -> Scenario:
         ScenarioError: There is no such file or name, or its contents cannot be used.
     """
     path = scenario_path(source)
+    origin = " ".join([str(path), *([f"with {' '.join(f'--set {value}' for value in values)}"] if values else [])])
+    return parse_scenario(read_text(path), origin, path.parent, values)
+
+
+def read_text(path: Path) -> str:
+    """What a scenario's file holds.
+
+    Raises:
+        ScenarioError: It cannot be read, or is no text.
+    """
     try:
         data = path.read_bytes()
     except FileNotFoundError as error:
@@ -60,13 +71,11 @@ def load_scenario(source: str | Path, values: Sequence[str] = ()) -> Scenario:
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError as error:
-        raise ScenarioError(f"{source!r}: no file can have this name: {error}") from error
+        raise ScenarioError(f"{str(path)!r}: no file can have this name: {error}") from error
     try:
-        text = data.decode("utf-8-sig")  # Windows puts a byte-order mark first
+        return data.decode("utf-8-sig")  # Windows puts a byte-order mark first
     except UnicodeDecodeError as error:
         raise ScenarioError(f"{path}: not UTF-8 text: {error}") from error
-    origin = " ".join([str(path), *([f"with {' '.join(f'--set {value}' for value in values)}"] if values else [])])
-    return parse_scenario(text, origin, path.parent, values)
 
 
 def parse_scenario(text: str, origin: str, folder: Path = Path(), values: Sequence[str] = ()) -> Scenario:
@@ -81,12 +90,36 @@ def parse_scenario(text: str, origin: str, folder: Path = Path(), values: Sequen
     Raises:
         ScenarioError: It is not TOML, or not a scenario, or a file that it names cannot be used.
     """
+    table = parse_table(text, origin)
+    set_values(table, values)
+    return scenario_of(table, origin, folder)
+
+
+def parse_table(text: str, origin: str) -> dict[str, Any]:
+    """Nested dictionaries and lists from TOML text, sections by their present names.
+
+    Raises:
+        ScenarioError: It is not TOML.
+    """
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also for a number of too many digits, and for deep nesting
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
     rename_sections(table, origin)
-    set_values(table, values)
+    return table
+
+
+def scenario_of(table: dict[str, Any], origin: str, folder: Path = Path()) -> Scenario:
+    """Scenario from nested dictionaries and lists, checked, with the files read that it names.
+
+    Args:
+        table: As ``parse_table`` returns it.
+        origin: Names it in errors.
+        folder: What the paths in it are relative to.
+
+    Raises:
+        ScenarioError: It is not a scenario, or a file that it names cannot be used.
+    """
     try:
         scenario = msgspec.convert(table, Scenario)
     except msgspec.ValidationError as error:

@@ -30,7 +30,39 @@ def set_values(table: dict[str, Any], texts: Sequence[str]) -> None:
         key, equals, value = (part.strip() for part in text.partition("="))
         if not equals or not _KEY.fullmatch(key):
             raise ScenarioError(f"--set {text}: expected KEY=VALUE, for example --set sensors.noise_scale=3")
-        _put(table, key, _parsed(value, text), text)
+        put_value(table, key, _parsed(value, text), f"--set {text}")
+
+
+def varied_values(text: str) -> list[str]:
+    """Texts for ``set_values``, one for each value of ``KEY=a,b,c``; commas in brackets, braces or quotes divide none.
+
+    Raises:
+        ScenarioError: It has no key, or not at least two different values.
+    """
+    key, _, rest = (part.strip() for part in text.partition("="))
+    values = [value.strip() for value in _parts(rest)]
+    if not _KEY.fullmatch(key) or len(set(values)) < max(2, len(values)) or not all(values):
+        raise ScenarioError(
+            f"--vary {text}: expected a key and different values, for example --vary sensors.noise_scale=1,2,4"
+        )
+    return [f"{key}={value}" for value in values]
+
+
+def _parts(text: str) -> list[str]:
+    """What commas divide that are outside of brackets, braces and quotes."""
+    parts, depth, quote = [""], 0, ""
+    for char in text:
+        if quote:
+            quote = "" if char == quote else quote
+        elif char in "\"'":
+            quote = char
+        else:
+            depth += (char in "[{") - (char in "]}")
+        if char == "," and not quote and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += char
+    return parts
 
 
 def _parsed(value: str, text: str) -> object:
@@ -45,14 +77,27 @@ def _parsed(value: str, text: str) -> object:
         ) from error
 
 
-def _put(table: dict[str, Any], key: str, value: object, text: str) -> None:
+def put_value(table: dict[str, Any], key: str, value: object, where: str) -> None:
+    """Put a value into a table that was read from TOML.
+
+    Args:
+        table: A scenario, as nested dictionaries and lists; it is changed.
+        key: As in ``set_values``.
+        value: What shall stand there.
+        where: Names it in errors.
+
+    Raises:
+        ScenarioError: The key leads to nothing that could have parts.
+    """
+    if not _KEY.fullmatch(key):
+        raise ScenarioError(f"{where}: found the key {key!r}, expected one such as 'sensors.noise_scale'")
     first, *parts = re.findall(r"\[\d+\]|[^.\[\]]+", key)
     parts = [SECTIONS.get(first, first), *parts]
     *path, last = [int(part[1:-1]) if part[0] == "[" else part for part in parts]
     node: Any = table
     for depth, part in enumerate(path):
-        node = _inner(node, part, f"--set {text}: key '{_joined(path[:depth])}'")
-    _check(node, last, f"--set {text}: key '{_joined(path)}'")
+        node = _inner(node, part, f"{where}: key '{_joined(path[:depth])}'")
+    _check(node, last, f"{where}: key '{_joined(path)}'")
     node[last] = value
 
 

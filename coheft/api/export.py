@@ -1,0 +1,47 @@
+"""A load that was found, for models and arms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from coheft.api.result import Result
+from coheft.app.export.found_load import of_recording, of_run
+from coheft.app.export.handover import Placement, Target, hand_over
+from coheft.app.export.sources import read_load
+from coheft.app.export.verdict import Limits
+from coheft.app.identify.report import IdentifyReport
+
+
+def export(
+    found: Result | IdentifyReport | str | Path,
+    as_: Target,
+    *,
+    robot: str | None = None,
+    flange: Placement | None = None,
+    max_mass: float | None = None,
+    max_offset: float | None = None,
+    max_inertia: float | None = None,
+) -> str:
+    """A load that was found, in the words of a model or an arm's controller, as ``coheft export`` prints it.
+
+    Args:
+        found: Result of ``coheft.run``, report of ``coheft.identify``, or the path of a JSON report of either command.
+        as_: ``urdf``, ``mjcf``, ``franka``, ``ur``, ``kuka``, or ``verdict`` for JSON with the limits below.
+        robot: Whose estimate; the first robot's by default.
+        flange: Where the robot's grasp frame is in that of the flange, or of the model's body: position [m], then
+            rotation vector [degrees]. Without it, they are the same.
+        max_mass: What the load may weigh [kg].
+        max_offset: How far its centre of mass may be from the flange [m].
+        max_inertia: How large its moments of inertia at the centre of mass may be [kg·m²].
+
+    Raises:
+        CoheftError: What was found is not valid or not complete; says why.
+        UsageError: There are limits, but no verdict is asked for.
+    """
+    if isinstance(found, Result):
+        load = of_run(found.report, robot, f"a run of {found.scenario.name}")
+    elif isinstance(found, IdentifyReport):
+        load = of_recording(found, robot, found.recording)
+    else:
+        load = read_load(Path(found), robot)
+    return hand_over(load, as_, flange, Limits(max_mass, max_offset, max_inertia))[0]

@@ -1,0 +1,76 @@
+"""What came out of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from coheft.api.tracks import RobotResult
+from coheft.app.results.report import LoadChangeReport, Report
+from coheft.wire.scenario.schema import Scenario
+
+if TYPE_CHECKING:
+    import pandas
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What came out of a run.
+
+    Attributes:
+        scenario: What was run.
+        robots: What each robot said over time, by name.
+        report: The state at the end and what happened, as ``coheft run --json`` writes it.
+    """
+
+    scenario: Scenario
+    robots: Mapping[str, RobotResult]
+    report: Report
+
+    @property
+    def converged(self) -> bool:
+        """Whether every robot ended with a valid estimate that it calls good enough."""
+        return self.report.converged
+
+    @property
+    def load_changes(self) -> list[LoadChangeReport]:
+        """When the payload changed, when the last robot had noticed, and when all had recovered."""
+        return self.report.load_changes
+
+    def plot(self) -> Any:
+        """Mass, and errors of centre of mass and inertia, over time, of all robots.
+
+        Returns:
+            Three axes of matplotlib, in an array; ``result.plot()[0].figure.savefig("run.png")`` writes them.
+
+        Raises:
+            MissingPackageError: matplotlib is not installed.
+        """
+        from coheft.api.plots import plot_result
+
+        return plot_result(self)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """A row for each estimate of each robot: ``robot``, ``time_s``, ``state``, ``valid``, then numbers.
+
+        Columns of numbers are ``mass_kg``, ``com_x_m``, …, ``inertia_xx_kgm2``, …; with ``true_`` before them the
+        truth, with ``std_`` the robot's own standard deviation.
+
+        Raises:
+            MissingPackageError: pandas is not installed.
+        """
+        from coheft.api.table import dataframe_of
+
+        return dataframe_of(self)
+
+    def save(self, path: str | Path) -> Path:
+        """Write all of it into an ``.npz`` file, which ``coheft.load`` reads; return its path.
+
+        Raises:
+            CoheftError: It cannot be written, or has another suffix.
+        """
+        from coheft.api.files import save_result
+
+        return save_result(self, Path(path))

@@ -1,0 +1,82 @@
+"""Runs for programs: whole ones, and block by block."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from coheft.api.result import Result
+from coheft.api.scenario import Source, load_scenario
+from coheft.api.simulation import Simulation
+from coheft.app.run.overrides import override
+from coheft.errors import UsageError
+from coheft.wire.scenario.schema import Scenario
+
+
+def run(
+    scenario: Source = "ring6",
+    *,
+    duration: float | None = None,
+    seed: int | None = None,
+    estimator: str | None = None,
+    set: Mapping[str, Any] | None = None,
+    processes: bool = False,
+    restarts: int | None = None,
+) -> Result:
+    """Let a team find out what it holds, to the end.
+
+    Args:
+        scenario: Name of a shipped scenario, path of a ``.toml`` file, dictionary with its keys, or a ``Scenario``.
+        duration: Simulated time [s], instead of the scenario's.
+        seed: Of the sensors' noise and the robots' motions, instead of the scenario's.
+        estimator: The robots' method: ``efficient``, ``fan2017``, or one of your own.
+        set: Other values by key, as in ``load_scenario``; what the arguments above say holds.
+        processes: Start the physics server and a process for each robot, as ``coheft run`` does, instead of computing
+            all in this process. The numbers are the same.
+        restarts: How often an agent that dies is started again, with ``processes`` only; 3 by default.
+
+    Raises:
+        ScenarioError: There is no such scenario, or it cannot be used.
+        SimulationError: The robots have lost the payload.
+        ProcessError: With ``processes``: one of them has failed.
+    """
+    chosen = _chosen("coheft.run", scenario, set, duration, seed, estimator)
+    if processes:
+        from coheft.api.processes import run_processes
+
+        return run_processes(chosen, restarts=3 if restarts is None else restarts)
+    if restarts is not None:
+        raise UsageError("restarts= is for runs in processes of their own: add processes=True, or leave it out")
+    simulation = Simulation(chosen)
+    simulation.step(chosen.blocks)
+    return simulation.result()
+
+
+def simulate(
+    scenario: Source = "ring6",
+    *,
+    duration: float | None = None,
+    seed: int | None = None,
+    estimator: str | None = None,
+    set: Mapping[str, Any] | None = None,
+) -> Simulation:
+    """Build a team and what it holds, to let time go on step by step; arguments as of ``run``.
+
+    Raises:
+        ScenarioError: There is no such scenario, or it cannot be used.
+    """
+    return Simulation(_chosen("coheft.simulate", scenario, set, duration, seed, estimator))
+
+
+def _chosen(
+    caller: str,
+    scenario: Source,
+    set: Mapping[str, Any] | None,
+    duration: float | None,
+    seed: int | None,
+    estimator: str | None,
+) -> Scenario:
+    loaded = load_scenario(scenario, set=set)
+    if duration is None and seed is None and estimator is None:
+        return loaded
+    return override(loaded, duration=duration, seed=seed, estimator=estimator, origin=caller)

@@ -1,0 +1,187 @@
+"""A run in this process, block by block, with the caller's own code in between."""
+
+from __future__ import annotations
+
+import time
+
+import msgspec
+
+from coheft.agents.agent import Outbox
+from coheft.api.collector import Collector
+from coheft.api.result import Result
+from coheft.app.results.carry_record import CarryRecord
+from coheft.app.results.record import Record
+from coheft.app.results.report import RunInfo, build_report
+from coheft.app.run.heard import News
+from coheft.app.run.inprocess import TeamInProcess, measured
+from coheft.errors import CoheftError
+from coheft.wire.messages.structs import Estimate, Truth
+from coheft.wire.scenario.schema import Scenario
+from coheft.wire.scenario.section import Vector
+
+
+class Simulation:
+    """A team and what it holds; ``coheft.simulate`` makes one.
+
+    The same numbers as of ``coheft run`` in lockstep, bit for bit, as long as nothing is done to it in between.
+
+    Args:
+        scenario: What to run, checked as ``coheft.load_scenario`` does.
+
+    Attributes:
+        scenario: What is run.
+        truth: Of the last block; None before the first.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+        self.truth: Truth | None = None
+        self._team = TeamInProcess(scenario)
+        scene = self._team.simulation.scene
+        self._record = Record(scene, scenario.duration)
+        self._collector = Collector()
+        self._collector.look_at(scene)
+        self._carried = None if scenario.carry is None else CarryRecord(scenario)
+        if self._carried is not None:
+            self._carried.look_at(scene)
+        self._cut: set[frozenset[str]] = set()
+        self._is_holding = dict.fromkeys(scene.robots, True)
+        self._began = time.monotonic()
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Their names."""
+        return self.scenario.robot_names
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return 0.0 if self.truth is None else self.truth.time
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the scenario's duration is over; it can go on all the same."""
+        return self._team.simulation.block >= self.scenario.blocks
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """What each robot has said last, by name; robots that have said nothing yet are left out."""
+        return self._record.beliefs
+
+    def step(self, blocks: int = 1) -> None:
+        """Let time go on by some blocks of samples.
+
+        Raises:
+            SimulationError: The robots have lost the payload; nothing more can be simulated.
+        """
+        for _ in range(blocks):
+            result = self._team.measure()
+            for name, measurements in result.measurements.items():
+                if measurements.holding != self._is_holding[name]:
+                    self._is_holding[name] = measurements.holding
+                    self._team.agents[name].set_holding(measurements.holding, measurements.block)
+            heard = {
+                name: [message for message in messages if frozenset((name, message.sender)) not in self._cut]
+                for name, messages in self._team.heard().items()
+            }
+            self._keep(result.truth, self._team.answer(measured(result), heard))
+
+    def run_until(self, time: float) -> None:
+        """Let time go on until this moment [s]."""
+        while self.time < time - 1e-9:
+            self.step()
+
+    def inject(self, mass: float, at: Vector, size: Vector = (0.1, 0.1, 0.1), leak: float = 0.0) -> int:
+        """Put a load onto the payload, as ``coheft inject`` does; return its number.
+
+        Args:
+            mass: Of the load [kg].
+            at: Where its centre comes to lie, in the payload's frame [m].
+            size: Its edge lengths [m].
+            leak: What it loses from then on [kg/s].
+
+        Raises:
+            LoadError: There can be no such load, or no more fits, or the robots cannot hold it up.
+        """
+        return self._team.simulation.inject(mass, at, size, leak).id
+
+    def remove(self, load: int) -> None:
+        """Take a load away, by its number.
+
+        Raises:
+            LoadError: There is no such load.
+        """
+        self._team.simulation.remove(load)
+
+    def release(self, robot: str) -> None:
+        """Let a robot take its hand off the payload.
+
+        Raises:
+            SimulationError: There is no such robot.
+        """
+        self._team.simulation.release(robot)
+
+    def grasp(self, robot: str) -> None:
+        """Let a robot take hold of the payload again, where it held it before.
+
+        Raises:
+            SimulationError: There is no such robot.
+        """
+        self._team.simulation.grasp(robot)
+
+    def cut(self, one: str, other: str) -> None:
+        """Cut the link between two neighbours: neither hears the other any more.
+
+        Raises:
+            CoheftError: They are no neighbours.
+        """
+        self._check_link(one, other)
+        self._cut.add(frozenset((one, other)))
+
+    def mend(self, one: str, other: str) -> None:
+        """Mend a link that was cut.
+
+        Raises:
+            CoheftError: They are no neighbours.
+        """
+        self._check_link(one, other)
+        self._cut.discard(frozenset((one, other)))
+
+    def result(self) -> Result:
+        """What has come out so far.
+
+        Raises:
+            CoheftError: A robot has said nothing yet.
+        """
+        if self.truth is None or self._record.silent:
+            raise CoheftError("there is no result before robots have spoken: let time go on with step()")
+        info = RunInfo(
+            scenario=self.scenario.name,
+            seed=self.scenario.seed,
+            estimator=self._record.estimators[-1].estimator,
+            block_duration=self.scenario.block_duration,
+            real_time_factor=self.time / max(1e-9, time.monotonic() - self._began),
+        )
+        report = msgspec.structs.replace(
+            build_report(info, self._record),
+            processes=1,
+            messages_per_s=0.0,
+            carry=None if self._carried is None else self._carried.report(),
+        )
+        return Result(self.scenario, self._collector.robots(), report)
+
+    def _keep(self, truth: Truth, outboxes: dict[str, Outbox]) -> None:
+        self.truth = truth
+        if self._carried is not None:
+            self._carried.hear(truth)
+        said = [outbox.estimate for outbox in outboxes.values() if outbox.estimate is not None]
+        heard: list[News] = [truth, *said]
+        for news in heard:
+            self._record.hear(news)
+            self._collector.hear(news)
+
+    def _check_link(self, one: str, other: str) -> None:
+        graph = self._team.graph
+        if other not in graph.get(one, ()):
+            links = ", ".join(f"{a}-{b}" for a, others in graph.items() for b in others if a < b)
+            raise CoheftError(f"there is no link {one}-{other}; the links are {links}")

@@ -1,0 +1,148 @@
+"""What one robot believed over time, beside the truth, as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from coheft.app.results.judge import Judge
+from coheft.app.results.quantities import pose_error
+from coheft.app.results.states import State
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
+from coheft.wire.messages.structs import Estimate, PayloadEstimate
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A quantity at n moments. All arrays have the same shape; NaN where the robot claimed nothing.
+
+    Attributes:
+        truth: What it was, which no robot knew.
+        estimate: What the robot took it for.
+        std: The robot's own standard deviation of each number.
+    """
+
+    truth: Array
+    estimate: Array
+    std: Array
+
+    @property
+    def error(self) -> Array:
+        """Estimate minus truth."""
+        return self.estimate - self.truth
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTrack:
+    """A neighbour's grasp frame ``F_j`` in the robot's own ``F_i`` at n moments; NaN while it is being found.
+
+    Attributes:
+        truth: Homogeneous matrix, shape (4, 4) [m].
+        estimate: Homogeneous matrices, shape (n, 4, 4) [m].
+        error: Truth minus estimate: rotation vector in the axes of ``F_i`` [rad], translation [m], shape (n, 6).
+        std: The robot's own standard deviation of these, shape (n, 6).
+    """
+
+    truth: Array
+    estimate: Array
+    error: Array
+    std: Array
+
+
+@dataclass(frozen=True, eq=False)
+class RobotResult:
+    """All that one robot said, in its own grasp frame ``F_i``, at n moments; about ten a second.
+
+    Attributes:
+        time: Of the estimates, shape (n,) [s].
+        state: How far it was, shape (n,), the words of ``coheft.State``.
+        valid: Whether it stood by its estimate, shape (n,).
+        converged: Whether it also called it good enough, shape (n,).
+        mass: Shape (n,) [kg].
+        com: Centre of mass, shape (n, 3) [m].
+        inertia: At the centre of mass, shape (n, 3, 3) [kg·m²].
+        poses: Neighbours' grasp frames, by name.
+        noticed: When it noticed changes of the load, shape (k,) [s].
+    """
+
+    time: Array
+    state: npt.NDArray[np.str_]
+    valid: npt.NDArray[np.bool_]
+    converged: npt.NDArray[np.bool_]
+    mass: Track
+    com: Track
+    inertia: Track
+    poses: dict[str, PoseTrack]
+    noticed: Array
+
+
+def robot_result(judge: Judge, robot: str, estimates: Sequence[Estimate], truths: Sequence[Inertia]) -> RobotResult:
+    """Arrays of what a robot said.
+
+    Args:
+        judge: Knows the true poses.
+        robot: Its name.
+        estimates: In the order of their times.
+        truths: What the payload was at each of them, in the robot's frame.
+    """
+    payloads = [estimate.payload for estimate in estimates]
+    true = np.array([truth.central() for truth in truths]).reshape(-1, 10)
+    believed = np.array([_central(payload) for payload in payloads]).reshape(-1, 10)
+    std = np.array([_std(payload) for payload in payloads]).reshape(-1, 10)
+    mass, com, packed = (
+        [part[:, columns] for part in (true, believed, std)] for columns in (0, slice(1, 4), slice(4, 10))
+    )
+    neighbours = judge.scene.neighbours.get(robot, [])
+    return RobotResult(
+        time=np.array([estimate.time for estimate in estimates]),
+        state=np.array([str(State.of(estimate)) for estimate in estimates], dtype=np.str_),
+        valid=np.array([estimate.status == "valid" for estimate in estimates], dtype=np.bool_),
+        converged=np.array([estimate.is_converged for estimate in estimates], dtype=np.bool_),
+        mass=Track(*mass),
+        com=Track(*com),
+        inertia=Track(*map(unpack_symmetric, packed)),
+        poses={name: _pose_track(judge, robot, name, estimates) for name in neighbours},
+        noticed=np.array([notice.noticed_at for notice in estimates[-1].load_changes] if estimates else []),
+    )
+
+
+def _central(payload: PayloadEstimate | None) -> Array:
+    """What is claimed of ``(m, h, J packed)``, shape (10,)."""
+    values = np.full(10, np.nan)
+    if payload is not None:
+        com = np.zeros(3) if payload.com is None else payload.com
+        tensor = np.zeros((3, 3)) if payload.tensor is None else payload.tensor
+        count = len(payload.covariance)
+        values[:count] = Inertia(payload.mass, com, tensor).central()[:count]
+    return values
+
+
+def _std(payload: PayloadEstimate | None) -> Array:
+    """Its standard deviations, shape (10,)."""
+    values = np.full(10, np.nan)
+    if payload is not None:
+        values[: len(payload.covariance)] = np.sqrt(np.diagonal(payload.covariance))
+    return values
+
+
+def _pose_track(judge: Judge, robot: str, neighbour: str, estimates: Sequence[Estimate]) -> PoseTrack:
+    matrices, errors, stds = (np.full((len(estimates), *shape), np.nan) for shape in ((4, 4), (6,), (6,)))
+    for k, estimate in enumerate(estimates):
+        found = estimate.poses.get(neighbour)
+        if found is not None and estimate.phase == "inertia":
+            pose = Pose(found.rotation, found.translation)
+            matrices[k] = _matrix(pose)
+            errors[k] = pose_error(judge, robot, neighbour, pose)
+            stds[k] = np.sqrt(np.diagonal(found.covariance))
+    return PoseTrack(_matrix(judge.relative_pose(robot, neighbour)), matrices, errors, stds)
+
+
+def _matrix(pose: Pose) -> Array:
+    """Homogeneous matrix, shape (4, 4)."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = pose.rotation, pose.translation
+    return matrix

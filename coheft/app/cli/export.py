@@ -1,0 +1,86 @@
+"""The command that hands a load on."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from coheft.app.cli.base import (
+    EVALUATE,
+    EXIT_CONVERGED,
+    EXIT_NOT_CONVERGED,
+    FileTarget,
+    GivenPath,
+    Positive,
+    RunFolder,
+    app,
+    check_outputs,
+)
+from coheft.errors import CoheftError, UsageError
+
+_Pose = Annotated[tuple[float, float, float, float, float, float], Parameter(negative=())]
+
+
+@app.command(group=EVALUATE)
+def export(
+    report: GivenPath | None = None,
+    *,
+    as_: Annotated[Literal["urdf", "mjcf", "franka", "ur", "kuka", "verdict"], Parameter(name="--as")],
+    robot: str | None = None,
+    flange: _Pose | None = None,
+    max_mass: Positive | None = None,
+    max_offset: Positive | None = None,
+    max_inertia: Positive | None = None,
+    to: FileTarget = None,
+    run: RunFolder = None,
+) -> int:
+    """Hand a load that was found on to a model, an arm's controller, or a program that asks whether it may be lifted.
+
+    What is exported is all of the load, as an arm has to know that holds it alone. An estimate that is not valid, or
+    not complete, is an error that says why. Exit status 3 if a load is not certainly within the limits.
+
+    Parameters
+    ----------
+    report:
+        What 'coheft run --json' or 'coheft identify --json' has written; without it, a run that goes on.
+    as_:
+        urdf, mjcf: the element <inertial>; franka: setLoad of libfranka; ur: set_target_payload of URScript; kuka: load
+        data of KRL; verdict: JSON with the load and its limits.
+    robot:
+        Whose estimate; the first robot's by default.
+    flange:
+        Where the robot's grasp frame is in the frame of the flange, or of the model's body: position x y z [m], then
+        rotation vector x y z [degrees]. Without it, they are the same.
+    max_mass:
+        With verdict: what the load may weigh [kg].
+    max_offset:
+        With verdict: how far its centre of mass may be from the flange [m].
+    max_inertia:
+        With verdict: how large its moments of inertia at the centre of mass may be [kg·m²].
+    to:
+        Write it to this file, instead of standard output.
+    """
+    from coheft.app.export.handover import hand_over
+    from coheft.app.export.sources import hear_load, read_load
+    from coheft.app.export.verdict import Limits
+
+    if report is not None and run is not None:
+        raise UsageError(f"--run names a run that goes on, but {report} is a report: leave one out")
+    check_outputs(*([] if report is None else [report]), to=to)
+    load = read_load(report, robot) if report is not None else hear_load(run, robot)
+    text, answer = hand_over(load, as_, flange, Limits(max_mass, max_offset, max_inertia))
+    _write(text, to)
+    return EXIT_CONVERGED if answer == "within" else EXIT_NOT_CONVERGED
+
+
+def _write(text: str, to: Path | None) -> None:
+    if to is None:
+        sys.stdout.write(text)
+        return
+    try:
+        to.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise CoheftError(f"cannot write {to}: {error.strerror}") from error

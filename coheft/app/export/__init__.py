@@ -1,0 +1,1 @@
+"""What was found out about a load, for arms, models and other programs."""

@@ -1,0 +1,126 @@
+"""A load in the words of models and of arms' controllers. Each format has its own frames and units."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Literal
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from coheft.app.export.found_load import FoundLoad
+from coheft.errors import CoheftError
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.mass_properties import pack_symmetric
+
+Format = Literal["urdf", "mjcf", "franka", "ur", "kuka"]
+_LARGEST_OF_UR = 133.0
+"""What ``set_target_payload`` takes in each component [kg·m²]."""
+
+
+def export_load(load: FoundLoad, format: Format, frame: str) -> str:
+    """Text for a model or a controller.
+
+    Args:
+        load: In the frame that the arm or the model has for it.
+        format: For what.
+        frame: What that frame is, in words.
+
+    Raises:
+        CoheftError: The controller does not take such a load.
+    """
+    begin, end = (
+        ("<!-- ", " -->") if format in ("urdf", "mjcf") else ({"franka": "// ", "ur": "# ", "kuka": "; "}[format], "")
+    )
+    mass, std = load.inertia.mass, load.mass_std
+    lines = [
+        f"From {load.source}, found by {load.robot}. Frame: {frame}.",
+        f"All of the load, as an arm has to know that holds it alone: {mass:.6g} kg, standard deviation {std:.2g} kg.",
+        *load.remarks,
+    ]
+    comments = "".join(f"{begin}{line.replace('--', '- -') if end else line}{end}\n" for line in lines)
+    return comments + _WRITERS[format](load)
+
+
+def _urdf(load: FoundLoad) -> str:
+    """Inertia at the centre of mass, axes of the link; metres, kilograms."""
+    xx, yy, zz, xy, xz, yz = pack_symmetric(load.inertia.tensor)
+    entries = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
+    return (
+        "<inertial>\n"
+        f'  <origin xyz="{_numbers(load.inertia.com, " ")}" rpy="0 0 0"/>\n'
+        f'  <mass value="{load.inertia.mass:.9g}"/>\n'
+        f"  <inertia {' '.join(f'{name}={quoteattr(_number(value))}' for name, value in entries.items())}/>\n"
+        "</inertial>\n"
+    )
+
+
+def _mjcf(load: FoundLoad) -> str:
+    """Inertia at the centre of mass, axes of the body."""
+    inertia = load.inertia
+    return (
+        f'<inertial pos="{_numbers(inertia.com, " ")}" mass="{_number(inertia.mass)}" '
+        f'fullinertia="{_numbers(pack_symmetric(inertia.tensor), " ")}"/>\n'
+    )
+
+
+def _franka(load: FoundLoad) -> str:
+    """libfranka: mass [kg], centre of mass in the flange's frame [m], inertia at it, column by column [kg·m²]."""
+    inertia = load.inertia
+    columns = _numbers(inertia.tensor.T.ravel(), ", ")
+    return f"robot.setLoad({_number(inertia.mass)}, {{{{{_numbers(inertia.com, ', ')}}}}}, {{{{{columns}}}}});\n"
+
+
+def _ur(load: FoundLoad) -> str:
+    """URScript: mass [kg], centre of mass from the tool flange [m], inertia at it along the flange's axes [kg·m²]."""
+    inertia = load.inertia
+    packed = pack_symmetric(inertia.tensor)
+    if np.abs(packed).max() > _LARGEST_OF_UR:
+        raise CoheftError(
+            f"set_target_payload takes moments of inertia up to {_LARGEST_OF_UR:g} kg·m²; found "
+            f"{np.abs(packed).max():.4g} kg·m²"
+        )
+    return f"set_target_payload({_number(inertia.mass)}, [{_numbers(inertia.com, ', ')}], [{_numbers(packed, ', ')}])\n"
+
+
+def _kuka(load: FoundLoad) -> str:
+    """KRL: mass [kg], centre of mass in the flange's frame [mm], principal axes as angles [°], moments [kg·m²]."""
+    inertia = load.inertia
+    moments, axes = np.linalg.eigh(inertia.tensor)
+    axes *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
+    centre = _named("XYZ", 1e3 * inertia.com) + "," + _named("ABC", np.degrees(kuka_angles(axes)))
+    return f"LOAD_DATA[1]={{M {_decimal(inertia.mass)},CM {{{centre}}},J {{{_named('XYZ', moments)}}}}}\n"
+
+
+def kuka_angles(rotation: Array) -> Array:
+    """``A, B, C`` [rad], shape (3,), of a rotation ``Rz(A) Ry(B) Rx(C)``."""
+    a = np.arctan2(rotation[1, 0], rotation[0, 0])
+    b = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
+    c = np.arctan2(rotation[2, 1], rotation[2, 2])
+    return np.array([a, b, c])
+
+
+def _number(value: float) -> str:
+    return f"{value + 0.0:.9g}"
+
+
+def _decimal(value: float) -> str:
+    """As KRL has real numbers: with a point, without an exponent."""
+    return f"{value + 0.0:.6f}"
+
+
+def _numbers(values: Iterable[float], between: str) -> str:
+    return between.join(map(_number, values))
+
+
+def _named(names: str, values: Iterable[float]) -> str:
+    return ",".join(f"{name} {_decimal(value)}" for name, value in zip(names, values, strict=True))
+
+
+_WRITERS: dict[Format, Callable[[FoundLoad], str]] = {
+    "urdf": _urdf,
+    "mjcf": _mjcf,
+    "franka": _franka,
+    "ur": _ur,
+    "kuka": _kuka,
+}

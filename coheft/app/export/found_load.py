@@ -1,0 +1,159 @@
+"""A load that was found, with how well it is known, and why nothing of it may be used where that is so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from coheft.app.identify.report import IdentifyReport
+from coheft.app.results.judge import RobotReport
+from coheft.app.results.report import Report
+from coheft.errors import CoheftError
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
+from coheft.wire.messages.structs import Estimate
+
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class FoundLoad:
+    """Mass properties of the whole load in one frame.
+
+    Attributes:
+        inertia: What was found.
+        mass_std: Standard deviation [kg].
+        com_std: Of the centre of mass, shape (3,) [m].
+        tensor_std: Of the entries of the inertia at the centre of mass, shape (3, 3) [kg·m²].
+        robot: In whose grasp frame it was found.
+        source: Where it comes from, in words.
+        remarks: What whoever uses it should know.
+    """
+
+    inertia: Inertia
+    mass_std: float
+    com_std: Array
+    tensor_std: Array
+    robot: str
+    source: str
+    remarks: tuple[str, ...] = ()
+
+    def seen_from(self, pose: Pose) -> FoundLoad:
+        """The same in another frame, in which the grasp frame has this pose, known exactly.
+
+        Standard deviations are bounds there: which parts of errors go together is not known.
+        """
+        size = np.abs(pose.rotation)
+        return FoundLoad(
+            self.inertia.carried(pose),
+            self.mass_std,
+            size @ self.com_std,
+            size @ self.tensor_std @ size.T,
+            self.robot,
+            self.source,
+            self.remarks,
+        )
+
+
+def of_run(report: Report, robot: str | None, source: str) -> FoundLoad:
+    """What a robot believed at the end of a run; None: the first one.
+
+    Raises:
+        CoheftError: There is no such robot, or what it believed is not to be used; says why.
+    """
+    name = _chosen(robot, list(report.robots))
+    found: RobotReport = report.robots[name]
+    _check_status(name, found.status, found.reasons)
+    mass, com, inertia = found.mass, found.com, found.inertia
+    if None in (mass.estimate, com.estimate, inertia.estimate, mass.std, com.std, inertia.std):
+        raise _not_known(name, found.not_observable)
+    remarks = () if found.converged else (f"{name} does not call it good enough yet (state: {found.state})",)
+    return _checked(
+        Inertia(float(mass.estimate or 0.0), np.array(com.estimate), np.array(inertia.estimate)),
+        (float(mass.std or 0.0), np.array(com.std), np.array(inertia.std)),
+        name,
+        source,
+        remarks,
+    )
+
+
+def of_estimate(estimate: Estimate, source: str) -> FoundLoad:
+    """What a robot of a run that goes on says.
+
+    Raises:
+        CoheftError: It is not to be used; says why.
+    """
+    name, payload = estimate.robot, estimate.payload
+    _check_status(name, estimate.status, estimate.reasons)
+    if payload is None or payload.com is None or payload.tensor is None:
+        raise _not_known(name, estimate.not_observable)
+    std = np.sqrt(np.diagonal(payload.covariance))
+    remarks = () if estimate.converged else (f"{name} does not call it good enough yet",)
+    inertia = Inertia(payload.mass, payload.com, payload.tensor)
+    return _checked(inertia, (float(std[0]), std[1:4], unpack_symmetric(std[4:])), name, source, remarks)
+
+
+def of_recording(report: IdentifyReport, robot: str | None, source: str) -> FoundLoad:
+    """What was found in a recording, in the grasp frame of its first robot.
+
+    Raises:
+        CoheftError: Another robot is asked for, or what was found is not to be used; says why.
+    """
+    first = report.robots[0]
+    if robot not in (None, first):
+        raise CoheftError(
+            f"{source} tells the load in the grasp frame of {first} only, but that of {robot} is asked for: leave "
+            f"--robot out, and say with --flange where the grasp frame of {first} is"
+        )
+    if report.doubts or (report.verdict is not None and report.verdict.refuted):
+        reasons = "; ".join(report.doubts) or "forces are not those of one rigid body"
+        raise CoheftError(f"nothing of {source} is to be used: {reasons}")
+    load = report.payload
+    if load.mass_kg is None or load.mass_std_kg is None or load.com_m is None or load.com_std_m is None:
+        raise _not_known(first, report.not_observable)
+    if load.inertia is None:
+        raise _not_known(first, report.not_observable)
+    std = np.sqrt(np.diagonal(np.array(load.covariance)))
+    possible = "what was solved for is no body that can exist; this is the most likely one that is"
+    remarks = (*(() if load.was_possible else (possible,)), *report.remarks)
+    inertia = Inertia(load.mass_kg, np.array(load.com_m), np.array(load.inertia))
+    deviations = (load.mass_std_kg, np.array(load.com_std_m), unpack_symmetric(std[4:]))
+    return _checked(inertia, deviations, first, source, remarks)
+
+
+def _chosen(robot: str | None, names: list[str]) -> str:
+    name = names[0] if robot is None else robot
+    if name not in names:
+        raise CoheftError(f"there is no robot {name}: the robots are {', '.join(names)}")
+    return name
+
+
+def _check_status(robot: str, status: str, reasons: list[str]) -> None:
+    if status != "valid":
+        raise CoheftError(
+            f"the estimate of {robot} is {status}, not valid, and is not exported: "
+            f"{'; '.join(reasons) or 'it has not found the load yet'}"
+        )
+
+
+def _not_known(robot: str, not_observable: list[str]) -> CoheftError:
+    missing = "; ".join(not_observable) or "not all of mass, centre of mass and inertia is known yet"
+    return CoheftError(f"{robot} does not know all of the load, and a part of it is not exported: {missing}")
+
+
+def _checked(
+    inertia: Inertia, std: tuple[float, Array, Array], robot: str, source: str, remarks: tuple[str, ...]
+) -> FoundLoad:
+    """The load, if a body with these mass properties can exist.
+
+    Raises:
+        CoheftError: None can.
+    """
+    if inertia.com.shape != (3,) or inertia.tensor.shape != (3, 3):
+        raise CoheftError(f"{source}: expected 3 numbers for the centre of mass and 3 × 3 for the inertia")
+    scale = np.sqrt(np.abs(np.diag(inertia.pseudo_inertia())))
+    smallest = np.linalg.eigvalsh(inertia.pseudo_inertia() / np.outer(scale, scale))[0] if scale.all() else -1.0
+    if not (inertia.mass > 0.0 and np.allclose(inertia.tensor, inertia.tensor.T) and smallest >= -_ROUNDING):
+        raise CoheftError(f"{source}: no body can have the mass properties that {robot} tells: {inertia.mass:g} kg")
+    return FoundLoad(inertia, *std, robot, source, remarks)

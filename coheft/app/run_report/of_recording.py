@@ -1,0 +1,61 @@
+"""The report of a run that was recorded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from coheft.app.recording.reader import read_recording
+from coheft.app.results.record import Record
+from coheft.app.results.report import RunInfo, build_report
+from coheft.app.run_report.folder import prepare_folder, write_folder
+from coheft.app.run_report.series import SeriesFollower
+from coheft.errors import RecordingError
+from coheft.wire.former_names import rename_sections
+from coheft.wire.scenario.schema import Scenario
+
+
+def report_recording(path: Path, folder: Path) -> Path:
+    """Write the page, pictures and data of a recording into a folder; return the page.
+
+    Args:
+        path: What 'coheft run --record' wrote.
+        folder: Where everything goes; it is made.
+
+    Raises:
+        RecordingError: It cannot be read, or holds too little of a run.
+        CoheftError: Nothing can be written there.
+        MissingPackageError: What reads, draws or writes is not installed.
+    """
+    recording = read_recording(path)
+    scenario = _scenario(path, recording.scenario)
+    prepare_folder(folder)
+    record = Record(recording.begin.scene, recording.begin.duration, with_history=True)
+    follower = SeriesFollower()
+    follower.is_live = False
+    follower.begin(recording.begin)
+    for _, news in recording.news:
+        follower.hear(news)
+        record.hear(news)
+    if record.truth is None or record.silent:
+        raise RecordingError(f"{path}: it ends before every robot had said something: there is nothing to report")
+    info = RunInfo(
+        scenario=scenario.name,
+        seed=scenario.seed,
+        estimator=record.estimators[-1].estimator,
+        block_duration=scenario.block_duration,
+        real_time_factor=0.0,  # a recording does not tell
+    )
+    return write_folder(folder, scenario, None, follower.series, build_report(info, record))
+
+
+def _scenario(path: Path, text: str) -> Scenario:
+    try:
+        table = msgspec.json.decode(text)
+        rename_sections(table, str(path))
+        return msgspec.convert(table, Scenario)
+    except (msgspec.MsgspecError, AttributeError, TypeError) as error:
+        raise RecordingError(
+            f"{path}: it does not say what was run, or not in the words of this release: {error}"
+        ) from error

@@ -1,0 +1,143 @@
+"""Estimators for measurements of your own: samples in, estimates out; no simulation, no network, no other process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from coheft.agents.linked import LinkedAgents
+from coheft.consensus.graph import build_graph
+from coheft.errors import UsageError
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.measurement import SAMPLE_SIZE, MeasurementBlock
+from coheft.wire.config import AgentConfig
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.scenario.errors import explain
+from coheft.wire.scenario.estimator_settings import Converged, EfficientSettings, Fan2017Settings
+from coheft.wire.scenario.schema import Graph, GraphKind, Motion, Sensors
+from coheft.wire.scenario.waves import draw_waves
+
+__all__ = ["Estimate", "Sensors", "Team"]
+
+
+class Team:
+    """An agent for each robot, linked in this process, which estimates what the robots hold.
+
+    Samples are numbers in the robot's own grasp frame, 15 each: angular velocity [rad/s], velocity of the frame's
+    origin [m/s], proper acceleration of it, as accelerometers read it [m/s²], force [N] and torque about the origin
+    [N·m] on the payload. The payload's weight has to be in the forces: gravity is part of a proper acceleration.
+
+    Args:
+        robots: Their names, at least two.
+        sensors: How well they measure: ``Sensors``, or a dictionary with keys of the scenario's section ``[sensors]``,
+            for instance ``{"rate": 500, "noise": {"force": 0.5}, "tolerance": {}}``.
+        graph: Who talks with whom; any of them will do in one process.
+        estimator: ``efficient``, ``fan2017``, or one of your own.
+        converged: When an estimate is good enough.
+
+    Attributes:
+        estimates: What each robot has said last, by name; robots that have said nothing yet are left out.
+
+    Raises:
+        UsageError: Something of it cannot be used.
+        PluginError: An estimator of your own cannot be used.
+    """
+
+    def __init__(
+        self,
+        robots: Sequence[str],
+        *,
+        sensors: Sensors | Mapping[str, Any] | None = None,
+        graph: GraphKind = "ring",
+        estimator: str = "efficient",
+        converged: Converged | None = None,
+    ) -> None:
+        names = tuple(robots)
+        if isinstance(robots, str) or len(set(names)) != len(names) or len(names) < 2:
+            raise UsageError(f"robots: found {robots!r}, expected at least two names, each once")
+        told = _checked(sensors)
+        self.estimates: dict[str, Estimate] = {}
+        self._block_size = told.block
+        self._index = 0
+        self._waiting: dict[str, Array] = {name: np.empty((0, SAMPLE_SIZE)) for name in names}
+        motion = Motion()
+        noise = told.noise.scaled(told.noise_scale)
+        self._agents = LinkedAgents(
+            AgentConfig(
+                name=name,
+                neighbours=others,
+                noise=noise,
+                noise_correlation=told.noise_correlation,
+                tolerance=told.tolerance,
+                drift=told.drift,
+                rate=told.rate,
+                block=told.block,
+                lag=1,
+                seed=0,
+                motion=motion,
+                waves=draw_waves(motion.frequency, 0),  # no one asks where the arms should go
+                estimator=estimator,
+                fan2017=Fan2017Settings(),
+                efficient=EfficientSettings(),
+                estimator_settings={},
+                motion_settings={},
+                converged=converged or Converged(),
+            )
+            for name, others in build_graph(Graph(kind=graph), names).items()
+        )
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(self._waiting)
+
+    def add(self, samples: Mapping[str, npt.ArrayLike]) -> None:
+        """Take in the next samples of all robots, taken at the same times.
+
+        They may be any number, one or a million. Estimates change whenever a block is full (``sensors.block``).
+
+        Args:
+            samples: By robot, shape (n, 15) or (15,), n the same for all. Rows of NaN where a robot has measured
+                nothing: the block in which they are is then left out for this robot.
+
+        Raises:
+            UsageError: A robot is missing, or is none of the team, or shapes do not fit.
+        """
+        arrays = {name: np.atleast_2d(np.asarray(values, dtype=np.float64)) for name, values in samples.items()}
+        if set(arrays) != set(self._waiting):
+            raise UsageError(f"samples: found those of {', '.join(arrays)}, expected {', '.join(self._waiting)}")
+        shapes = {name: array.shape for name, array in arrays.items()}
+        count = max(shape[0] for shape in shapes.values())
+        wrong = [f"{name} {shape}" for name, shape in shapes.items() if shape != (count, SAMPLE_SIZE)]
+        if wrong:
+            raise UsageError(f"samples: found shape of {', '.join(wrong)}, expected {(count, SAMPLE_SIZE)} of each")
+        for name, array in arrays.items():
+            self._waiting[name] = np.concatenate([self._waiting[name], array])
+        whole = len(next(iter(self._waiting.values()))) // self._block_size
+        for number in range(whole):
+            self._step(slice(number * self._block_size, (number + 1) * self._block_size))
+        self._waiting = {name: array[whole * self._block_size :] for name, array in self._waiting.items()}
+
+    def _step(self, rows: slice) -> None:
+        blocks = {name: MeasurementBlock(self._index, array[rows]) for name, array in self._waiting.items()}
+        for name, outbox in self._agents.step(self._index, blocks, self._agents.heard()).items():
+            if outbox.estimate is not None:
+                self.estimates[name] = outbox.estimate
+        self._index += 1
+
+
+def _checked(sensors: Sensors | Mapping[str, Any] | None) -> Sensors:
+    """The sensors, with the types and ranges that a scenario's have.
+
+    Raises:
+        UsageError: A key or value is none that a scenario may have.
+    """
+    table = msgspec.to_builtins(sensors) if isinstance(sensors, Sensors) else dict(sensors or {})
+    try:
+        return msgspec.convert(table, Sensors)
+    except msgspec.ValidationError as error:
+        raise UsageError(f"sensors: {explain(error, table, Sensors)}") from error

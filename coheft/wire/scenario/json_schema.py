@@ -1,0 +1,42 @@
+"""The JSON schema of scenarios, by which editors complete, explain and check them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+from msgspec import inspect as types
+
+from coheft.wire.scenario.meanings import meanings, summary
+from coheft.wire.scenario.schema import Scenario
+
+_DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def scenario_schema() -> dict[str, Any]:
+    """The schema: keys, kinds of values and their ranges. What must hold between keys is for coheft itself to check."""
+    schema = msgspec.json.schema(Scenario)
+    for section in set(_sections(types.type_info(Scenario))):
+        found = schema["$defs"][section.__name__]
+        found["description"] = summary(section)
+        for key, meaning in meanings(section).items():
+            found["properties"][key]["description"] = meaning.replace("``", "`")
+        for value in found["properties"].values():
+            if "pattern" in value:  # schemas have the expressions of JavaScript
+                value["pattern"] = value["pattern"].replace(r"\Z", "$")
+    return {"$schema": _DIALECT, "title": "A scenario of coheft", **schema}
+
+
+def _sections(kind: types.Type) -> Iterator[type[msgspec.Struct]]:
+    """A kind of value, if it is a section, and all sections within it."""
+    match kind:
+        case types.StructType(cls=cls, fields=fields):
+            yield cls
+            for field in fields:
+                yield from _sections(field.type)
+        case types.UnionType(types=alternatives):
+            for each in alternatives:
+                yield from _sections(each)
+        case types.VarTupleType(item_type=item):
+            yield from _sections(item)

@@ -1,0 +1,42 @@
+"""Identification in Python: of files and of arrays, as the command does it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+import coheft
+from coheft.errors import RecordingError, UsageError
+from coheft.wire.data.file import load_arrays
+from tests.ring3_recording import MASS, ring3_arrays
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recording") / "own.npz"
+    np.savez(path, **ring3_arrays())
+    return path
+
+
+def test_files_and_arrays_give_the_same(file):
+    of_file, of_arrays = coheft.identify(file), coheft.identify(ring3_arrays())
+    assert of_file.doubts == []
+    assert of_file.payload.mass_kg == pytest.approx(MASS, abs=6.0 * of_file.payload.mass_std_kg)
+    assert of_file.payload.mass_std_kg < 0.01
+    assert of_file.recording == str(file)
+    assert msgspec.structs.replace(of_arrays, recording=of_file.recording) == of_file
+
+
+def test_what_cannot_be_used_is_refused(file):
+    arrays = load_arrays(file)
+    with pytest.raises(RecordingError, match=r"^arrays: found 1 robot"):
+        coheft.identify({key: values for key, values in arrays.items() if key.startswith("r1/")})
+    with pytest.raises(RecordingError, match=r"^arrays: not a recording: 'r1/t' holds values of type"):
+        coheft.identify(arrays | {"r1/t": ["now", "then"]})
+    with pytest.raises(UsageError, match="--calibrate"):
+        coheft.identify(arrays, bounds=coheft.Bounds())
+    with pytest.raises(UsageError, match="arrays have none"):
+        coheft.identify(arrays, topics=["r1=/wrench"])
