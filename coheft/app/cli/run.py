@@ -67,7 +67,8 @@ def run(
 ) -> int:
     """Start the physics server and one process per robot, and watch them find out what they hold.
 
-    Exit status 0 only if every robot converged and no estimate is stale; 3 if the run ended without.
+    Exit status 0 only if every robot converged, none is stale, and none is further off than it claims; 3 if the run
+    ended without.
 
     Parameters
     ----------
@@ -130,6 +131,7 @@ def run(
     from msgspec import structs
     from rich.console import Console
 
+    from coheft.app.results.judge import Verdict
     from coheft.app.results.report import write_report
     from coheft.app.run.broken_off import BrokenOff
     from coheft.app.run.folder import make_run_folder
@@ -139,6 +141,7 @@ def run(
     from coheft.app.run.overrides import override
     from coheft.app.run.plan import check_no_parts, make_plan, new_run_name
     from coheft.app.terminal.final_table import print_report
+    from coheft.app.terminal.notes import print_notes
     from coheft.app.terminal.screen import make_display
     from coheft.wire.process.memory import give_back_memory
     from coheft.wire.scenario.file import load_scenario, scenario_path
@@ -183,6 +186,8 @@ def run(
         give_back_memory()
         console = Console(stderr=json == "-")
         display = make_display(console, quiet=quiet)
+        if not quiet:
+            print_notes(console, chosen)
         tell = partial(_tell, None if quiet else console)
         carried = _carry_record(chosen)
         viewer = stack.enter_context(_view_beside(folder, console, read_only=view_read_only)) if view else None
@@ -222,7 +227,7 @@ def run(
     unsaved = f"no data file was written: {broken_off.unsaved}" if broken_off.unsaved else ""
     if lost := [text for text in (unsaved, unsaved_recording) if text]:
         raise CoheftError("\n".join(lost))
-    return EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED
+    return EXIT_CONVERGED if found.verdict is Verdict.CONVERGED else EXIT_NOT_CONVERGED
 
 
 def _tell(console: Console | None, what: str, place: str | Path | None) -> None:

@@ -115,6 +115,7 @@ def study(
     quiet:
         Show nothing but errors.
     """
+    from msgspec import structs
     from rich.console import Console
 
     from coheft.app.figures import make_folder
@@ -123,6 +124,7 @@ def study(
     from coheft.app.study.campaign import make_plan, run_study
     from coheft.app.study.output import print_study, write_folder
     from coheft.app.study.random_team import RANDOM
+    from coheft.app.terminal.notes import print_notes
     from coheft.app.terminal.progress import show_progress
     from coheft.wire.scenario.file import load_scenario, scenario_path
 
@@ -141,6 +143,9 @@ def study(
         raise UsageError("--jobs is for processes on this machine, but --dask leaves all to workers: leave one out")
     check_outputs(*([] if scenario == RANDOM else [scenario_path(scenario)]), json=json, report=report)
     console = Console(stderr=json == "-")
+    if not quiet:
+        for name in plan.estimators:
+            print_notes(console, structs.replace(plan.of_seed(first_seed), estimator=name))
     with gone_if_broken_off(report), show_progress(console, "runs", plan.runs, quiet=quiet) as told:
         if report is not None:
             make_folder(report)

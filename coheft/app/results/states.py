@@ -50,3 +50,11 @@ MEANINGS = {
     State.ALL_KNOWN: "everything, not yet well enough",
     State.CONVERGED: "everything, well enough",
 }
+LACKS = {
+    State.FINDING_NEIGHBOURS: "the poses of neighbours are still being found",
+    State.WEIGHING: "the mass is still being found",
+    State.MASS_KNOWN: "the centre of mass is still being found",
+    State.CENTRE_KNOWN: "the inertia is still being found",
+    State.ALL_KNOWN: "all is known, but its std is not as small yet as [converged] in the scenario asks for",
+}
+"""What a robot lacks that has not converged; one that is stale gives its own reason."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 
+from coheft.app.results.judge import Verdict
 from coheft.app.results.report import Report
 from coheft.app.results.states import State
 from coheft.app.run_report.data import TABLES
@@ -68,12 +69,16 @@ def render_page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    missing = [name for name, robot in report.robots.items() if not robot.is_converged]
+    robots: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
+    for name, robot in report.robots.items():
+        robots[robot.verdict].append(name)
     return environment.get_template("page.html.jinja").render(
         scenario=scenario,
         report=report,
         sections={name: title for name, title in SECTIONS.items() if name != "changes" or report.load_changes},
-        missing=missing,
+        is_good=report.verdict is Verdict.CONVERGED,
+        missing=robots[Verdict.NOT_CONVERGED],
+        contradicted=robots[Verdict.CONTRADICTED],
         facts=facts(report),
         sentences=sentences(report),
         headings=HEADINGS,

@@ -298,7 +298,7 @@ def _live_table(beliefs: _Beliefs) -> Table:
         mass, com, inertia, state = report.mass, report.com, report.inertia, State.of(estimate)
         table.add_row(
             name,
-            Text(state, style=_STATE_STYLES.get(state, "dim")),
+            Text(state, style="red" if report.contradictions else _STATE_STYLES.get(state, "dim")),
             "" if mass.estimate is None else f"{value_and_std(mass.estimate, mass.std or 0.0)} kg",
             "" if com.error_mm is None else f"off {com.error_mm:.1f} mm",
             "" if inertia.error_pct is None else f"off {inertia.error_pct:.1f} %",

@@ -6,8 +6,6 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Literal
 
-import msgspec
-
 from coheft.app.results.judge import RobotReport
 from coheft.app.results.record import SILENT, as_of_now
 from coheft.app.run.heard import News
@@ -105,8 +103,7 @@ class ViewModel:
         report = self._reports.get(robot)
         if report is None:
             return None
-        belief = as_of_now(self._latest[robot], self.truth)
-        return msgspec.structs.replace(report, status=belief.status, reasons=belief.reasons)
+        return report.as_of_now(as_of_now(self._latest[robot], self.truth))
 
     def trace(self, robot: str) -> Trace:
         """A robot's errors over time."""

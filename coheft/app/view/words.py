@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from coheft.app.results.judge import RobotReport
+from coheft.app.results.judge import RobotReport, Verdict
 from coheft.app.results.states import State
-from coheft.app.view.colours import ACCENT, STATUS, WAITING, Colour, css
+from coheft.app.view.colours import ACCENT, BAD, STATUS, WAITING, Colour, css
 from coheft.app.view.model import ViewModel
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.structs import Estimate, LoadState
@@ -91,6 +91,10 @@ def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
     ]
     off = " · ".join(error for error in errors if error)
     lines = [f'<div style="margin-top:5px"><span style="{_DIM}">off by</span> {off}</div>'] if off else []
+    lines += [
+        _bullet(f"further off than it claims: {each.quantity}, by {each.stds:.2g} own std", BAD)
+        for each in report.contradictions
+    ]
     lines += [_bullet(text, STATUS[report.status]) for text in report.reasons]
     lines += [_bullet(f"cannot tell {text}", WAITING) for text in report.not_observable if text not in report.reasons]
     noticed = [f"{notice.noticed_at:.2f} s" for notice in estimate.load_changes]
@@ -100,7 +104,7 @@ def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
         f'<div style="display:flex;gap:8px;align-items:center;margin-bottom:3px">'
         f"{_chip(report.status, STATUS[report.status])}"
         f'<span style="{_DIM}">{_MEANING[report.status]}'
-        f"{', converged' if report.is_converged else ''}</span></div>"
+        f"{', converged' if report.verdict is Verdict.CONVERGED else ''}</span></div>"
     )
     return _page(head + table + "".join(lines))
 
