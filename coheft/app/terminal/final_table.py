@@ -138,8 +138,8 @@ def _late_sentence(late_blocks: int) -> list[str]:
         return []
     times = "Once" if late_blocks == 1 else f"{late_blocks:,} times"
     return [
-        f"{times} a robot answered too late: this machine was too slow for real time. Leave out --realtime (and "
-        f"--view), or raise 'lookahead' or 'sensors.block' in the scenario."
+        f"{times} a robot answered too late: this machine was too slow for real time. Leave out --realtime, "
+        f"or raise 'lookahead' or 'sensors.block' in the scenario."
     ]
 
 
