@@ -350,4 +350,4 @@ def test_the_final_table_says_what_those_who_have_not_converged_lack() -> None:
     unseen = msgspec.structs.replace(unknown, not_observable=["mass: move"])
     text = final_sentence(*done, unseen)
     assert "mass, kg 13.000 not observable" in text
-    assert "Not converged: r3 (the mass is still being found). 0.2 s simulated" in text
+    assert "Not converged: r3 (not all is observable with the motion so far). 0.2 s simulated" in text

@@ -116,7 +116,7 @@ def test_a_load_lies_on_top_of_what_was_hit():
 @pytest.mark.parametrize("aspect", [2.0, 0.84, 0.65, 0.46])
 def test_however_narrow_the_window_all_robots_are_in_it_and_above_the_panel(aspect):
     size = extent(SCENE)
-    middle = np.array(SCENE.home) - [0.0, 0.0, 0.5 * size]
+    middle = np.array(SCENE.home) + SCENE.translations.mean(axis=0) - [0.0, 0.0, 0.5 * size]
     look_at, position = whole_team(middle, size, aspect)
     forth = (look_at - position) / np.linalg.norm(look_at - position)
     right = np.cross(forth, [0.0, 0.0, 1.0])

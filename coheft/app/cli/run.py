@@ -203,8 +203,6 @@ def run(
             give_back_memory()
             console = Console(stderr=json == "-")
             display = make_display(console, quiet=quiet)
-            if not quiet:
-                print_notes(console, chosen)
             tell = partial(_tell, None if quiet else console)
             carried = _carry_record(chosen)
             viewer: ViewBeside | None = None
@@ -212,6 +210,8 @@ def run(
                 viewer = _view_beside(folder, place, read_only=view_read_only, offers_another=offers_another)
                 stack.enter_context(viewer)
                 _wait_for_view(console, viewer, place, waits=not (no_wait or is_another))
+            if not quiet:
+                print_notes(console, chosen)
             recorder = stack.enter_context(_recorder(record, chosen)) if record is not None else None
             asked = {"json": json, "report": report, "save_data": save_data, "record": record}
             broken_off = BrokenOff(asked, folder, recorder)
@@ -317,9 +317,9 @@ def _wait_for_view(console: Console, viewer: ViewBeside, place: Place, *, waits:
     """Tell where the view is as soon as it can be looked at, before anything else, and wait until somebody looks."""
     if not viewer.wait_until_there():
         return
-    _tell(console, "The view is at", place.url)
+    console.print(f"The view is at {place.url}", markup=False, highlight=False, soft_wrap=True)
     if waits:
-        _tell(console, "The run begins when a browser has opened it", "with --no-wait, at once")
+        console.print("The run begins when a browser has opened it; with --no-wait, at once.", highlight=False)
         viewer.wait_until_seen()
 
 

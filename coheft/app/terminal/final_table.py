@@ -217,11 +217,18 @@ def _contradictions(robots: Mapping[str, RobotReport]) -> list[str]:
     ]
 
 
+def _lack(robot: RobotReport) -> str:
+    """What a robot lacks; a pose that it has not found yet may still turn out to be observable."""
+    if robot.not_observable and robot.state not in (State.STALE, State.FINDING_NEIGHBOURS):
+        return "not all is observable with the motion so far"
+    return LACKS.get(robot.state, robot.state)
+
+
 def _not_converged(missing: Mapping[str, RobotReport]) -> str:
     """Who has not converged, and what each lacks; of why robots are stale, and of motions, other sentences tell."""
-    names: dict[State, list[str]] = {}
+    names: dict[str, list[str]] = {}
     for name, robot in missing.items():
-        names.setdefault(robot.state, []).append(name)
-    each = [f"{', '.join(group)} ({LACKS.get(state, state)})" for state, group in names.items()]
+        names.setdefault(_lack(robot), []).append(name)
+    each = [f"{', '.join(group)} ({lack})" for lack, group in names.items()]
     is_time = any(robot.state in LACKS and not robot.not_observable for robot in missing.values())
     return f"Not converged: {'; '.join(each)}.{' --duration gives more time.' if is_time else ''}"

@@ -134,7 +134,8 @@ class Controls:
         link = gui.add_dropdown("Link", names or ["none"])
         change = gui.add_button_group("", ("Cut", "Mend"), disabled=not names)
 
-        self._buttons += [kill, change]
+        self._buttons += [kill]
+        self._change = change
 
         @kill.on_click
         def _(event: Any) -> None:
@@ -153,6 +154,7 @@ class Controls:
         """
         for button in self._buttons:
             button.disabled = True
+        self._change.visible = False  # a group cannot be disabled
         with self._page.controls:
             gui = self._page.server.gui
             gui.add_html(words.small(words.ENDED), order=-2.0)
@@ -182,7 +184,7 @@ class Controls:
     def _tell_place(self) -> None:
         x, y, z = self._place
         hint = "" if self._has_hit else " · click on the payload to choose another place"
-        self._where.content = words.small(f"at {x:.2f} {y:.2f} {z:.2f} m{hint}")
+        self._where.content = words.small(f"at {x:z.2f} {y:z.2f} {z:z.2f} m{hint}")
         self._page.stage.show_place(self._place, _edge(self._mass.value))
 
     def _ask(self, event: Any, request: Request, done: str) -> None:

@@ -126,7 +126,7 @@ class ViewBeside:
         return True
 
     def _has_said(self, line: str) -> bool:
-        return any(line in said for child in self._processes.children for said in child.lines)
+        return any(line in child.lines for child in self._processes.children)
 
     def __enter__(self) -> Self:
         self._processes.start("view", "coheft.app.view.process", self._config)
