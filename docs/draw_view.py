@@ -49,7 +49,7 @@ class Shot:
 SHOTS = (
     Shot("view", "real6", 24.0),
     Shot("view-phone", "real6", 24.0, (390, 844)),
-    Shot("view-crate", "crate4", 12.0, (1280, 800)),
+    Shot("view-crate", "crate4", 12.0, (1280, 900)),
 )
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from coheft.app.results.judge import RobotReport, Verdict
-from coheft.app.results.states import State
+from coheft.app.results.judge import RobotReport
+from coheft.app.results.states import MEANINGS, State
 from coheft.app.terminal.digits import decimals_for, seconds_of, std_text, value_and_std
 from coheft.app.view.colours import ACCENT, BAD, FORCE, GOOD, STATUS, TORQUE, TRUTH, WAITING, Colour, css
 from coheft.app.view.model import ViewModel
@@ -17,11 +17,6 @@ from coheft.wire.scenario.schema import MAX_DURATION
 _STYLE = "font-size:13px;line-height:1.45;padding:2px 10px 4px 10px;font-variant-numeric:tabular-nums"
 _DIM = "opacity:.62"
 _STATES = {"waiting": WAITING, "running": STATUS["valid"], "paused": (251, 191, 36), "finished": ACCENT}
-_MEANING = {
-    "starting": "still finding out",
-    "valid": "holds, within its own bounds",
-    "stale": "cannot know whether it still holds",
-}
 _NARROW = "<style>@media (max-width: 36em) {.numbers td {font-size: 10px; padding: 0 1px}}</style>"
 _PROBLEMS = 4
 _MOST_DECIMALS = 6
@@ -110,9 +105,8 @@ def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
         lines.append(f'<div><span style="{_DIM}">noticed load changes at</span> {", ".join(noticed[-4:])}</div>')
     head = (
         f'<div style="display:flex;gap:8px;align-items:center;margin-bottom:3px">'
-        f"{_chip(report.status, STATUS[report.status])}"
-        f'<span style="{_DIM}">{_MEANING[report.status]}'
-        f"{', converged' if report.verdict is Verdict.CONVERGED else ''}</span></div>"
+        f"{_chip(report.state, BAD if report.contradictions else STATUS[report.status])}"
+        f'<span style="{_DIM}">{MEANINGS[report.state]}</span></div>'
     )
     return _page(head + table + "".join(lines))
 
