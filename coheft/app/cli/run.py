@@ -135,7 +135,6 @@ def run(
     from msgspec import structs
     from rich.console import Console
 
-    from coheft.app.results.judge import Verdict
     from coheft.app.results.report import write_report
     from coheft.app.run.broken_off import BrokenOff
     from coheft.app.run.folder import make_run_folder
@@ -248,7 +247,7 @@ def run(
         unsaved = f"no data file was written: {broken_off.unsaved}" if broken_off.unsaved else ""
         if lost := [text for text in (unsaved, unsaved_recording) if text]:
             raise CoheftError("\n".join(lost))
-        status = EXIT_CONVERGED if found.verdict is Verdict.CONVERGED else EXIT_NOT_CONVERGED
+        status = EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED
         return status, wants_another
 
     offers_another = view and not any((json, report, record, save_data, logs))

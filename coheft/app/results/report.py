@@ -156,6 +156,11 @@ class Report(msgspec.Struct, frozen=True):
         verdicts = {robot.verdict for robot in self.robots.values()}
         return next(verdict for verdict in Verdict if verdict in verdicts)
 
+    @property
+    def converged(self) -> bool:
+        """Every robot converged, and none is further off than it claims."""
+        return self.verdict is Verdict.CONVERGED
+
 
 @dataclass(frozen=True)
 class RunInfo:

@@ -76,7 +76,7 @@ def render_page(
         scenario=scenario,
         report=report,
         sections={name: title for name, title in SECTIONS.items() if name != "changes" or report.load_changes},
-        is_good=report.verdict is Verdict.CONVERGED,
+        is_good=report.converged,
         missing=robots[Verdict.NOT_CONVERGED],
         contradicted=robots[Verdict.CONTRADICTED],
         facts=facts(report),

@@ -193,7 +193,7 @@ def _most(found: list[str], show: int = _SHOWN) -> list[str]:
 
 def _convergence_sentences(report: Report) -> list[str]:
     """What came of it: of all robots together if all have converged, else of each kind that has not."""
-    if report.verdict is Verdict.CONVERGED:
+    if report.converged:
         first = max(robot.converged_at_s or 0.0 for robot in report.robots.values())
         return [f"All robots converged, for the first time at {first:.1f} s."]
     missing = {name: robot for name, robot in report.robots.items() if robot.verdict is Verdict.NOT_CONVERGED}
