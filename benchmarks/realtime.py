@@ -23,9 +23,10 @@ from benchmarks.figures import Effort, Figure, Section, Skipped
 from benchmarks.runner import run_alone
 from benchmarks.scenarios import team_scenario
 from coheft.app.run.launch import launch
-from coheft.app.run.plan import Clock, make_plan
+from coheft.app.run.plan import make_plan
 from coheft.app.terminal.screen import make_display
 from coheft.errors import CoheftError
+from coheft.wire.config import ClockKind
 
 _BARS = {(6, 1000): 15.0, (24, 1000): 3.0}
 _BLOCKS = 600
@@ -42,7 +43,7 @@ class Case:
 
     robots: int
     rate: int
-    clock: Clock
+    clock: ClockKind
     block: int = _BLOCK
 
     def __str__(self) -> str:
@@ -53,7 +54,7 @@ def cases(effort: Effort) -> list[Case]:
     """What to run."""
     if effort == "full":
         sizes, rates = (3, 6, 12, 24, 48), (100, 200, 500, 1000)
-        clocks: tuple[Clock, Clock] = ("lockstep", "realtime")
+        clocks: tuple[ClockKind, ClockKind] = ("lockstep", "realtime")
         return [Case(robots, rate, clock) for clock in clocks for robots in sizes for rate in rates]
     chosen = [Case(6, 1000, "lockstep"), Case(6, 1000, "realtime")]
     if effort == "usual":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Any
+from xml.etree import ElementTree
 
 from docutils import nodes
 from docutils.utils.math import MathError
@@ -10,6 +11,9 @@ from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 from sphinx.writers.html5 import HTML5Translator
+
+_NAMESPACE = "http://www.w3.org/1998/Math/MathML"
+_ACCENTS = ("˙", "¨", "ˆ", "~", "˜", "¯", "→")
 
 
 def _inline(self: HTML5Translator, node: nodes.math) -> None:
@@ -24,9 +28,23 @@ def _block(self: HTML5Translator, node: nodes.math_block) -> None:
 
 def _mathml(node: nodes.Element, *, as_block: bool) -> str:
     try:
-        return str(tex2mathml(node.astext(), as_block=as_block))
+        return with_accents(str(tex2mathml(node.astext(), as_block=as_block)))
     except MathError as error:
         raise ExtensionError(f"{node.source}:{node.line}: {error}; the equation is {node.astext()!r}") from error
+
+
+def with_accents(mathml: str) -> str:
+    """The same with subscripts beside letters that have a dot or a hat: docutils puts them below such letters."""
+    ElementTree.register_namespace("", _NAMESPACE)
+    tree = ElementTree.fromstring(mathml)
+    for element in tree.iter(f"{{{_NAMESPACE}}}munderover"):
+        letter, below, above = element
+        if above.text in _ACCENTS:
+            accented = ElementTree.Element(f"{{{_NAMESPACE}}}mover", {"accent": "true"})
+            accented.extend([letter, above])
+            element.tag = f"{{{_NAMESPACE}}}msub"
+            element[:] = [accented, below]
+    return ElementTree.tostring(tree, encoding="unicode")
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

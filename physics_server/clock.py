@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Literal, Protocol
+from typing import Protocol
+
+from coheft.wire.config import ClockKind
+
+_MADE_UP_FOR = 0.1
+"""Delays up to this are made up for by the next blocks [s], so that small ones do not add up."""
 
 
 class Clock(Protocol):
@@ -58,12 +63,42 @@ class Realtime:
 
     def delay(self, block: int, answered: int) -> float:
         """Time until the block's end; zero if that is past."""
-        return max(0.0, self._origin + (block + 1) * self._block_duration - time.monotonic())
+        return max(0.0, -self.behind(block))
+
+    def behind(self, block: int) -> float:
+        """How long ago the block ended on the wall clock [s]; negative if it has not."""
+        return time.monotonic() - self._origin - (block + 1) * self._block_duration
 
 
-def make_clock(kind: Literal["lockstep", "realtime"], lag: int, block_duration: float) -> Clock:
+class Paced:
+    """Waits for every robot, and for the wall clock: in real time where all can keep pace, slower elsewhere."""
+
+    def __init__(self, lag: int, block_duration: float) -> None:
+        self._robots = Lockstep(lag)
+        self._wall = Realtime(block_duration)
+
+    def start(self, block: int) -> None:
+        """Let the block begin now."""
+        self._wall.start(block)
+
+    def delay(self, block: int, answered: int) -> float:
+        """Time until the block's end once all references are here; time that was lost is not made up for."""
+        if self._robots.delay(block, answered) > 0.0:
+            return math.inf
+        if self._wall.behind(block) > _MADE_UP_FOR:
+            self._wall.start(block + 1)  # let this one end now
+        return self._wall.delay(block, answered)
+
+
+def make_clock(kind: ClockKind, lag: int, block_duration: float) -> Clock:
     """The clock of that kind."""
-    return Lockstep(lag) if kind == "lockstep" else Realtime(block_duration)
+    match kind:
+        case "lockstep":
+            return Lockstep(lag)
+        case "paced":
+            return Paced(lag, block_duration)
+        case "realtime":
+            return Realtime(block_duration)
 
 
 class Stopwatch:

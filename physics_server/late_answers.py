@@ -39,7 +39,7 @@ class LateAnswers:
             text = f"{', '.join(names)} answered too late at {time:.2f} s; from here on this is counted"
         elif time >= self._told_at + TELL_EVERY:
             most, _ = self._untold.most_common(1)[0]
-            text = f"{self.count} answers came too late by {time:.1f} s, of late most of them from {most}"
+            text = f"{self.count} answers have come too late in the first {time:.1f} s; of the newest, most from {most}"
         else:
             return None
         self._untold.clear()

@@ -57,15 +57,15 @@ class Server:
     One thread owns everything. Requests wait in the inbox, like references, until a block is done: load changes take
     effect at the border between two blocks.
 
-    A robot that is lost while the run goes on keeps hold of the payload where it last was. In lockstep time stands
-    still until it is back, or for ``return_limit`` seconds; in realtime it goes on at once. Without any robot for that
-    long the run is over.
+    A robot that is lost while the run goes on keeps hold of the payload where it last was. Time stands
+    still until it is back, or for ``return_limit`` seconds; with the clock ``realtime`` it goes on at once. Without any
+    robot for that long the run is over.
     """
 
     def __init__(self, config: ServerConfig, robots: dict[str, zenoh.Session], observers: zenoh.Session) -> None:
         scenario, keys = config.scenario, Keys(config.run)
         self._scenario = scenario
-        self._is_lockstep = config.clock == "lockstep"
+        self._waits_for_robots = config.clock != "realtime"
         self._clock = make_clock(config.clock, scenario.lookahead, scenario.block_duration)
         self._stopwatch = Stopwatch()
         self._simulation = Simulation(scenario, config.neighbours)
@@ -187,7 +187,7 @@ class Server:
 
     def _delay(self) -> float:
         """Time until the next block may be simulated [s]; infinite if that depends on others."""
-        if self._state != "running" or (self._is_lockstep and self._robots.away):
+        if self._state != "running" or (self._waits_for_robots and self._robots.away):
             return math.inf
         block = self._simulation.block
         answered = self._robots.answered

@@ -25,6 +25,7 @@ from coheft.wire.messages.codec import is_finite
 from coheft.wire.messages.structs import BoxShape, LoadState, Measurements, PayloadTruth, Reference, Scene, Truth
 from coheft.wire.process.log import LOG
 from coheft.wire.scenario.grasps import place_grasps
+from coheft.wire.scenario.payload_surface import from_text
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 from coheft.wire.scenario.section import Vector
 from coheft.wire.scenario.stability import check_stability
@@ -109,6 +110,7 @@ class Simulation:
             rotations=np.array([grasp.rotation for grasp in grasps]),
             translations=np.array([grasp.translation for grasp in grasps]),
             neighbours={name: list(others) for name, others in (neighbours or {}).items()},
+            triangles=from_text(scenario.payload.surface),
             boxes=[BoxShape(box.size, box.position, box.rotation_deg) for box in scenario.payload.boxes],
             home=_vector(PAYLOAD_HOME.translation),
         )

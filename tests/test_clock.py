@@ -10,7 +10,7 @@ import pytest
 
 from coheft.app.run.hosts import free_ports
 from coheft.app.run.plan import make_plan
-from coheft.physics_server.clock import Lockstep, Realtime, Stopwatch
+from coheft.physics_server.clock import Lockstep, Paced, Realtime, Stopwatch
 from coheft.physics_server.robots import Robots
 from coheft.wire.messages.structs import Measurements, Reference
 from coheft.wire.process.log import log_to_stderr
@@ -39,6 +39,23 @@ def test_in_real_time_a_block_is_simulated_when_it_has_ended(now: WallClock) -> 
     now.time += 1.5 * DURATION
     assert clock.delay(0, answered=-1) == 0.0
     assert clock.delay(1, answered=-1) == pytest.approx(0.5 * DURATION)
+
+
+def test_a_paced_clock_waits_for_robots_and_is_no_faster_than_the_wall(now: WallClock) -> None:
+    clock = Paced(LAG, DURATION)
+    clock.start(0)
+    assert clock.delay(LAG + 1, answered=0) == math.inf
+    assert clock.delay(LAG + 1, answered=1) == pytest.approx((LAG + 2) * DURATION)
+
+
+def test_a_paced_clock_goes_slower_where_robots_are_slow_and_makes_up_for_small_delays_only(now: WallClock) -> None:
+    clock = Paced(LAG, DURATION)
+    clock.start(0)
+    now.time += 3 * DURATION
+    assert [clock.delay(block, answered=block) for block in range(4)] == pytest.approx([0.0, 0.0, 0.0, DURATION])
+    now.time += 100.0
+    assert clock.delay(4, answered=4) == pytest.approx(0.0, abs=1e-9)
+    assert clock.delay(5, answered=5) == pytest.approx(DURATION), "a hundred seconds are not made up for"
 
 
 def test_in_real_time_nothing_is_made_up_for_after_a_pause(now: WallClock) -> None:

@@ -8,7 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.results.quantities import payload_error, payload_exists
+from coheft.app.results.errors import payload_error
+from coheft.app.results.quantities import payload_exists
 from coheft.estimation.geometry.body_motion import perturbation_between
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia

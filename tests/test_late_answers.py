@@ -30,10 +30,10 @@ def test_a_machine_that_is_too_slow_is_told_of_every_few_seconds_with_a_count() 
     answers, lines = told(late, 1000)
     assert answers.count == 1500
     assert len(lines) == 20.0 / TELL_EVERY
-    assert lines[1] == "376 answers came too late by 5.0 s, of late most of them from r2"
+    assert lines[1] == "376 answers have come too late in the first 5.0 s; of the newest, most from r2"
 
 
 def test_what_came_before_a_silence_is_told_when_it_is_time() -> None:
     answers, lines = told({10: ["r1"], 11: ["r3"]}, 1000)
     assert answers.count == 2
-    assert lines[1:] == ["2 answers came too late by 5.2 s, of late most of them from r3"]
+    assert lines[1:] == ["2 answers have come too late in the first 5.2 s; of the newest, most from r3"]

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from coheft.app.results.judge import Verdict
 from coheft.app.results.record import SILENT, EstimatorUse, Record
 from coheft.app.results.report import build_report
 from coheft.app.run.pairing import REMEMBERED
@@ -91,7 +92,7 @@ def test_who_falls_silent_is_stale() -> None:
     report = build_report(INFO, record)
     assert report.robots["r2"].reasons == ["r2 has said nothing since 3.02 s"]
     assert report.robots["r2"].converged
-    assert not report.converged
+    assert report.verdict is Verdict.NOT_CONVERGED
 
 
 @pytest.mark.slow

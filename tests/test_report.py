@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from coheft.app.results.judge import Verdict
 from coheft.app.results.report import build_report
 from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia
@@ -40,7 +41,7 @@ def test_a_perfect_run_has_no_errors() -> None:
     assert report.consensus.force_rel_error == pytest.approx(0.0, abs=1e-12)
     assert report.consensus.torque_rel_error == pytest.approx(0.0, abs=1e-12)
     assert report.load_changes == []
-    assert report.converged
+    assert report.verdict is Verdict.CONVERGED
 
 
 def test_errors_are_measured_in_the_robots_own_frame() -> None:
@@ -141,7 +142,7 @@ def test_a_leak_is_one_change_and_each_estimate_is_compared_with_the_payload_of_
 def test_nothing_observable_gives_no_numbers() -> None:
     truths = [truth(block, LIGHT) for block in range(10)]
     report = build_report(INFO, recorded(truths, {r: [estimate(r, 9, None, converged=False)] for r in ROBOTS}))
-    assert not report.converged
+    assert report.verdict is Verdict.NOT_CONVERGED
     for robot in report.robots.values():
         assert robot.not_observable == ["mass: too little motion"]
         assert robot.mass.estimate is robot.com.estimate is robot.inertia.estimate is None

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from coheft.app.figures import LIGHT
+from coheft.app.results.judge import Contradiction
 from coheft.app.results.record import Record
 from coheft.app.results.report import Report, RunInfo, build_report
 from coheft.app.run.inprocess import run_in_process
@@ -24,7 +25,7 @@ from coheft.app.run_report.convergence import ALL_SHOWN, curves
 from coheft.app.run_report.drawings import draw_overview
 from coheft.app.run_report.folder import prepare_folder, write_folder
 from coheft.app.run_report.former import remove_former
-from coheft.app.run_report.page import SECTIONS
+from coheft.app.run_report.page import SECTIONS, render_page
 from coheft.app.run_report.pictures import PICTURES, pictures_of
 from coheft.app.run_report.series import Series, SeriesFollower
 from coheft.app.run_report.states import Spans
@@ -134,6 +135,20 @@ def test_the_page_is_whole_and_every_link_of_the_contents_leads_somewhere(made: 
     assert len(set(made.page.ids)) == len(made.page.ids)
     assert made.page.links == [f"#{name}" for name in SECTIONS]
     assert {link[1:] for link in made.page.links} <= set(made.page.ids)
+
+
+def test_the_page_is_not_good_above_an_error_that_its_std_rules_out(made: Made) -> None:
+    def verdicts(report: Report) -> list[str]:
+        page = render_page(made.scenario, "lockstep", made.series, report, [], [])
+        return re.findall(r'<p class="verdict (.*)</p>', page)
+
+    robots = dict(made.report.robots)
+    robots = {name: msgspec.structs.replace(robot, contradictions=[]) for name, robot in robots.items()}
+    good = msgspec.structs.replace(made.report, robots=robots)
+    assert verdicts(good) == ['good">Every robot converged']
+    robots["r1"] = msgspec.structs.replace(robots["r1"], contradictions=[Contradiction("mass", 4.1)])
+    bad = msgspec.structs.replace(made.report, robots=robots)
+    assert verdicts(bad) == ['bad">Further off than they claim: r1']
 
 
 def test_the_page_needs_nothing_but_itself(made: Made) -> None:

@@ -4,6 +4,7 @@ import io
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -17,9 +18,9 @@ from coheft.app.run.inprocess import run_in_process
 from coheft.app.study.campaign import Plan, make_plan, run_study
 from coheft.app.study.exact_run import Bounds, ExactRun
 from coheft.app.study.output import print_study, write_folder
-from coheft.app.study.report import StudyReport
+from coheft.app.study.report import StudyReport, summarise
 from coheft.app.study.samples import simulate, with_exact_sensors
-from coheft.app.study.tables import LEGEND
+from coheft.app.study.tables import LEGEND, sentences
 from coheft.app.study.trial import Trial
 from coheft.errors import ScenarioError
 from coheft.wire.scenario.file import load_scenario
@@ -68,12 +69,31 @@ def test_report_is_complete(studied: tuple[StudyReport, list[Trial]]) -> None:
         assert found["nees_low"] < 1.0 < found["nees_high"]
     assert set(result["all_ten"]) == {"nees", "nees_low", "nees_high"}
     assert result["cells"]["count"] == len(NAMES) + 1
+    assert result["claimed"]["count"] == 2 * (3 + 6), "of each run three payloads, six poses"
     assert report["cells"] == [{"noise_scale": 1.0, "at_s": 6.0, "results": report["results"]}]
     assert {"delay_s", "missed", "false_alarms_per_hour"} <= set(result["detection"])
     assert result["recovery"]["seconds_after"] == 1.0
     assert set(result["recovery"]) == {"seconds_after", "mass", "com", "inertia"}
     assert result["impossible_payloads"] == 0
     assert all(math.isfinite(value) for value in numbers(result) if not isinstance(value, str))
+
+
+def test_estimates_that_are_further_off_than_they_claim_are_counted_and_named(
+    studied: tuple[StudyReport, list[Trial]],
+) -> None:
+    _, trials = studied
+
+    def told(wanted: float) -> str:
+        """What is said where r1's mass of the first run is off by so many of its own standard deviations."""
+        outcome = trials[0].outcomes["efficient"]
+        payload = outcome.errors[0].payload.copy()
+        payload[0, 0] = wanted * np.sqrt(outcome.errors[0].payload_covariances[0, 0, 0])
+        off = replace(outcome, errors=(replace(outcome.errors[0], payload=payload),))
+        group = [replace(trials[0], outcomes={"efficient": off}), *trials[1:]]
+        return " ".join(sentences("efficient", summarise([group], plan().moments, [0])["efficient"]))
+
+    assert "efficient: no estimate is off by more than 4 own std." in told(3.9)
+    assert "efficient: 1 of 18 estimates are further off than they claim, by up to 4.1 own std (4 are" in told(4.1)
 
 
 def test_errors_are_of_the_bound_s_size(studied: tuple[StudyReport, list[Trial]]) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from coheft.app.results.judge import Verdict
 from coheft.app.results.record import Record
 from coheft.app.results.report import build_report
 from coheft.app.terminal.digits import error_and_std, value_and_std
@@ -209,12 +210,12 @@ def test_the_final_table_says_why_a_run_has_not_converged() -> None:
     truths = [truth(block, HEAVY) for block in range(10)]
     last = {"r1": estimate("r1", 9, HEAVY), "r2": estimate("r2", 9, HEAVY), "r3": stale("r3", 9, "r2 is silent")}
     report = build_report(INFO, recorded(truths, {name: [each] for name, each in last.items()}))
-    assert not report.converged
+    assert report.verdict is Verdict.NOT_CONVERGED
     assert report.robots["r3"].reasons == ["r2 is silent"]
     console = terminal(is_terminal=False)
     print_report(console, report, Path("logs"))
     assert "What each robot found out about the payload (0.2 s, fan2017)" in drawn(console)
-    assert "Stale at r3: r2 is silent.\nNot converged: r3.\n" in drawn(console)
+    assert "Stale at r3: r2 is silent.\nNot converged: r3 (stale).\n" in drawn(console)
     assert max(map(len, drawn(console).splitlines())) <= 80
 
 
@@ -339,10 +340,14 @@ def test_the_final_table_says_what_those_who_have_not_converged_lack() -> None:
     unknown = msgspec.structs.replace(estimate("r3", 9, None, converged=False), not_observable=[])
     text = final_sentence(*done, unknown)
     assert "mass, kg 13.000 not known" in text
-    assert "Not converged: r3. There was not time enough to weigh the payload: --duration makes it longer." in text
+    assert "Not converged: r3 (the mass is still being found). --duration gives more time." in text
     text = final_sentence(*done, estimate("r3", 9, HEAVY, converged=False))
-    assert "Not converged: r3. Their own std is not as small yet as 'converged' in the scenario wants it" in text
+    assert "Not converged: r3 (all is known, but its std is not as small yet as [converged] in the scenario" in text
+    finding = msgspec.structs.replace(unknown, phase="poses")
+    text = final_sentence(done[0], msgspec.structs.replace(finding, robot="r2"), finding)
+    assert "Not converged: r2, r3 (the poses of neighbours are still being found). --duration" in text
+    assert "std is not as small" not in text
     unseen = msgspec.structs.replace(unknown, not_observable=["mass: move"])
     text = final_sentence(*done, unseen)
     assert "mass, kg 13.000 not observable" in text
-    assert "Not converged: r3. 0.2 s simulated" in text
+    assert "Not converged: r3 (not all is observable with the motion so far). 0.2 s simulated" in text

@@ -6,15 +6,19 @@ import numpy as np
 import pytest
 
 from coheft.app.view.geometry import (
+    FOV,
     Stand,
     box_edges,
     ellipsoid,
     equivalent_box,
+    extent,
     payload_boxes,
     place_under_ray,
     resting_place,
     rotation_to,
     stands,
+    triangles_of,
+    whole_team,
 )
 from coheft.estimation.geometry.spatial import Pose, rotation_exp
 from coheft.estimation.rigid_body.mass_properties import Inertia
@@ -23,6 +27,7 @@ from tests.synthetic_run import SCENE
 
 PLATE = BoxShape(size=(1.0, 0.7, 0.05), position=(0.0, 0.0, 0.0))
 TOWER = BoxShape(size=(0.2, 0.2, 0.4), position=(0.3, 0.1, 0.2), rotation_deg=(0.0, 0.0, 30.0))
+BODY = triangles_of([PLATE, TOWER])
 
 
 def test_the_box_of_a_boxs_inertia_is_that_box():
@@ -92,17 +97,34 @@ def test_a_payload_of_which_nobody_knows_the_shape_is_a_plate_between_the_hands(
 
 def test_a_click_hits_what_is_in_front():
     down = np.array([0.0, 0.0, -1.0])
-    np.testing.assert_allclose(place_under_ray([PLATE, TOWER], np.array([0.3, 0.1, 5.0]), down), [0.3, 0.1, 0.4])
-    np.testing.assert_allclose(place_under_ray([PLATE, TOWER], np.array([-0.3, 0.1, 5.0]), down), [-0.3, 0.1, 0.025])
-    assert place_under_ray([PLATE, TOWER], np.array([2.0, 0.0, 5.0]), down) is None
-    assert place_under_ray([PLATE, TOWER], np.array([0.0, 0.0, 5.0]), -down) is None
+    np.testing.assert_allclose(place_under_ray(BODY, np.array([0.3, 0.1, 5.0]), down), [0.3, 0.1, 0.4])
+    np.testing.assert_allclose(place_under_ray(BODY, np.array([-0.3, 0.1, 5.0]), down), [-0.3, 0.1, 0.025])
+    assert place_under_ray(BODY, np.array([2.0, 0.0, 5.0]), down) is None
+    assert place_under_ray(BODY, np.array([0.0, 0.0, 5.0]), -down) is None
     slanted = rotation_exp([0.4, 0.0, 0.0]) @ down
-    hit = place_under_ray([PLATE], np.array([0.1, 0.0, 0.0]) - slanted, slanted)
+    hit = place_under_ray(triangles_of([PLATE]), np.array([0.1, 0.0, 0.0]) - slanted, slanted)
     assert hit is not None
     assert hit[2] == pytest.approx(0.025)
 
 
 def test_a_load_lies_on_top_of_what_was_hit():
-    assert resting_place([PLATE, TOWER], np.array([-0.3, 0.1, 0.025]), 0.1) == pytest.approx((-0.3, 0.1, 0.075))
+    assert resting_place(BODY, np.array([-0.3, 0.1, 0.025]), 0.1) == pytest.approx((-0.3, 0.1, 0.075))
     side_of_tower = np.array([0.3, 0.05, 0.2])
-    assert resting_place([PLATE, TOWER], side_of_tower, 0.1) == pytest.approx((0.3, 0.05, 0.45))
+    assert resting_place(BODY, side_of_tower, 0.1) == pytest.approx((0.3, 0.05, 0.45))
+
+
+@pytest.mark.parametrize("aspect", [2.0, 0.84, 0.65, 0.46])
+def test_however_narrow_the_window_all_robots_are_in_it_and_above_the_panel(aspect):
+    size = extent(SCENE)
+    middle = np.array(SCENE.home) + SCENE.translations.mean(axis=0) - [0.0, 0.0, 0.5 * size]
+    look_at, position = whole_team(middle, size, aspect)
+    forth = (look_at - position) / np.linalg.norm(look_at - position)
+    right = np.cross(forth, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forth)
+    lowest = -1.0 if aspect > 0.62 else 0.2  # of the picture, from -1 at its lower edge to 1
+    for stand in stands(SCENE):
+        way = stand.shoulder - position
+        depth = np.tan(0.5 * FOV) * (way @ forth)
+        assert abs(way @ right) < aspect * depth
+        assert lowest * depth < way @ up < depth

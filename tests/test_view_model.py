@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import msgspec
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from coheft.app.view.model import ViewModel
 from coheft.app.view.timeline import Timeline
 from coheft.app.view.traces import WINDOW
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import LoadChangeNotice, Problem
+from coheft.wire.messages.structs import LoadChangeNotice, LoadState, Problem
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, STD, changing_run, estimate, truth
 
 STATUS = Status(
@@ -139,3 +141,26 @@ def test_texts_tell_numbers_reasons_and_changes_and_let_nobody_write_html():
     assert "resume" in words.waiting_note(paused, is_still=False).lower()
     waits = msgspec.structs.replace(STATUS, state="running", waiting_for=["r1"])
     assert [words.waiting_note(waits, is_still=is_still) for is_still in (False, True)] == ["", "waiting for r1"]
+
+
+def test_a_load_that_is_dropped_while_time_stands_still_is_there_at_once() -> None:
+    model = ViewModel(STATUS)
+    model.hear(truth(0, LIGHT))
+    before = model.changes
+    dropped = LoadState(1, 3.0, (0.0, 0.0, 0.1), (0.1, 0.1, 0.1))
+    model.note_status(msgspec.structs.replace(STATUS, state="paused", block=1, loads=[dropped]))
+    assert model.loads == [dropped]
+    assert model.changes > before, "there is another picture to draw"
+    model.note_status(msgspec.structs.replace(STATUS, state="running", block=1, loads=[dropped]))
+    assert model.loads == [], "while time runs, the newest truth tells"
+
+
+def test_numbers_have_as_many_digits_as_their_std_says_something_about() -> None:
+    said = estimate("r1", 0, LIGHT)
+    assert said.payload is not None
+    sure = msgspec.structs.replace(said.payload, covariance=1e-10 * said.payload.covariance)
+    model = ViewModel(STATUS)
+    model.hear(truth(0, LIGHT))
+    model.hear(msgspec.structs.replace(said, payload=sure))
+    for text in (words.team(model, "r1"), words.belief(model.report("r1"), model.beliefs["r1"])):
+        assert not re.search(r">(± )?0\.0+<", text), text

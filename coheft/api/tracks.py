@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from coheft.app.results.errors import pose_error
 from coheft.app.results.judge import Judge
-from coheft.app.results.quantities import pose_error
 from coheft.app.results.states import State
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
@@ -136,7 +136,7 @@ def _pose_track(judge: Judge, robot: str, neighbour: str, estimates: Sequence[Es
         if found is not None and estimate.phase == "inertia":
             pose = Pose(found.rotation, found.translation)
             matrices[k] = _matrix(pose)
-            errors[k] = pose_error(judge, robot, neighbour, pose)
+            errors[k] = pose_error(judge.relative_pose(robot, neighbour), pose)
             stds[k] = np.sqrt(np.diagonal(found.covariance))
     return PoseTrack(_matrix(judge.relative_pose(robot, neighbour)), matrices, errors, stds)
 

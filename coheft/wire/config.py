@@ -19,6 +19,8 @@ from coheft.wire.scenario.schema import Motion, Scenario
 from coheft.wire.scenario.waves import Waves, draw_waves
 from coheft.wire.transport.security import Credentials
 
+ClockKind = Literal["lockstep", "paced", "realtime"]
+
 
 class Neighbour(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A robot at the other end of an edge; ``endpoint`` is where to dial it, None if it dials."""
@@ -147,7 +149,8 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         robots: Where each robot dials in, by name: one link of its own per robot.
         observe: Where observers dial in.
         neighbours: The graph, for observers only.
-        clock: ``lockstep`` waits for every agent, ``realtime`` for none.
+        clock: ``lockstep`` waits for every agent, ``realtime`` for none; ``paced`` waits for every agent, and is no
+            faster than the clock on the wall.
         save_data: File for what all robots measured, see ``coheft.wire.data.file``; None: nothing is kept.
         return_limit: How long lockstep waits for a robot whose link is lost to come back [s], and how long a run goes
             on after all robots are lost.
@@ -160,7 +163,7 @@ class ServerConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     robots: dict[str, str]
     observe: str
     neighbours: dict[str, tuple[str, ...]]
-    clock: Literal["lockstep", "realtime"] = "lockstep"
+    clock: ClockKind = "lockstep"
     save_data: str | None = None
     return_limit: float = 10.0
     security: Credentials | None = None

@@ -23,9 +23,11 @@ import pytest
 from coheft.app.run.folder import RUN_FILE, RunFile, find_run
 from coheft.app.run.hosts import free_ports
 from coheft.app.run.observer import ask_server
+from coheft.app.terminal.digits import decimals_for
 from coheft.app.view import words
 from coheft.errors import CoheftError
 from coheft.wire.messages.requests import Status, StatusRequest, StopRequest
+from coheft.wire.scenario.schema import MAX_DURATION
 from tests.waiting import wait_until
 
 viser = pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
@@ -42,6 +44,7 @@ pytestmark = [
 REBOUND = "rebound.example"
 """A name of an attacker's that has come to lead to this machine."""
 BUTTONS = ("Drop 3 kg", "Take it away", "Pause", "Stop the run", "Begin anew with it", "Kill the chosen robot's agent")
+AGAIN = "Run it again"
 PATIENCE = 180.0
 """Software draws the scene, and slowly [s]."""
 
@@ -104,12 +107,13 @@ def text_of(page: Any) -> str:
 
 def centre_rows(robot: Any) -> list[str]:
     """What the page shows of a centre of mass: the truth, the estimate, its deviation; dashes for what is not known."""
-    com = robot["com"]
-    columns = [com["truth"], com["estimate"], com["std"]]
-    return [
-        "\t".join([f"{axis} mm", *("–" if values is None else f"{1e3 * values[row]:.1f}" for values in columns)])
-        for row, axis in enumerate("xyz")
-    ]
+    com, rows = robot["com"], []
+    for row, axis in enumerate("xyz"):
+        decimals = 1 if com["std"] is None else decimals_for(1e3 * com["std"][row], 2, at_least=1)
+        columns = [com["truth"], com["estimate"], com["std"]]
+        numbers = ["–" if values is None else f"{1e3 * values[row]:.{decimals}f}" for values in columns]
+        rows.append("\t".join([f"{axis} mm", *numbers]))
+    return rows
 
 
 def inputs(page: Any) -> list[str]:
@@ -181,6 +185,7 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
         wait_for(lambda: [load.mass for load in status(folder).loads] == [3.0], "the load")
         click(page, "Drop 3 kg")
         wait_for(lambda: [load.id for load in status(folder).loads] == [1, 2], "another load")
+        wait_for(lambda: "#1 of 3.0 kg · #2 of 3.0 kg" in text_of(page), "the loads to be shown, though paused")
         choose(page, "fan2017")
         click(page, "Begin anew with it")
         wait_for(lambda: status(folder).estimator == "fan2017", "the other estimator to be chosen")
@@ -191,7 +196,6 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
         wait_for(lambda: "cut the link r1-r2" in text_of(page), "the link to be cut")
 
         click(page, "Resume")
-        wait_for(lambda: "#1 of 3.0 kg · #2 of 3.0 kg" in text_of(page), "the loads to be shown")
         choose(page, "#2")
         click(page, "Take it away")
         wait_for(lambda: [load.id for load in status(folder).loads] == [1], "the chosen load to be gone")
@@ -203,13 +207,14 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
         assert page.get_by_role("button", name="Drop 3 kg").count() == 1
         click(page, "Stop the run")
         wait_for(lambda: "the run has ended" in text_of(page), "the end")
-        wait_for(lambda: page.get_by_role("button", name="Drop 3 kg").count() == 0, "nothing to be done any more")
+        wait_for(page.get_by_role("button", name="Drop 3 kg").first.is_disabled, "nothing to be done any more")
+        assert page.get_by_role("button", name=AGAIN).count() == 0, "who only looks at a run cannot begin another one"
         wait_for(report.exists, "the report")
         told = json.loads(report.read_text())
         assert told["estimator"] == "fan2017"
         robot = told["robots"]["r1"]
         assert [change["truth"]["mass"] for change in told["load_changes"]][-1] == pytest.approx(robot["mass"]["truth"])
-        numbers = [f"{told['duration_s']:.1f} of 1000 s", f"{robot['mass']['truth']:.3f}"]
+        numbers = [f"{told['duration_s']:.1f} of 1000 s"]
         numbers += centre_rows(robot)
         wait_for(lambda: all(number in text_of(page) for number in numbers), f"{numbers}")
 
@@ -229,7 +234,7 @@ def test_a_recording_plays_to_its_end_with_the_numbers_of_the_report(tmp_path, b
             wait_for(lambda: "finished" in text_of(page), "the player to stop")
             robot = told["robots"]["r1"]
             assert robot["com"]["estimate"] is not None
-            numbers = [f"{robot['mass']['truth']:.3f}", *centre_rows(robot)]
+            numbers = centre_rows(robot)
             wait_for(lambda: all(number in text_of(page) for number in numbers), f"{numbers}")
 
 
@@ -238,7 +243,11 @@ def test_a_view_that_is_started_with_a_run_stays_until_it_is_interrupted(tmp_pat
     with command(output, "run", "ring3", "--duration", "1000", "--view", "--logs", str(folder)) as run:
         wait_for(lambda: "http" in output.read_text() or run.poll() is not None, "the view to begin")
         url = url_in(output)
+        assert output.read_text().startswith("The view is at http"), "the address comes first"
+        assert not goes_on(folder), "the run waits for somebody to look"
         with looking_at(browser, url) as page:
+            wait_for(lambda: goes_on(folder), "the run to begin")
+            wait_for(lambda: "true mass" in text_of(page), "the numbers")
             ask_server(run_file(folder), StopRequest())
             wait_for(lambda: "until Ctrl-C" in output.read_text(), "the run to end")
             wait_for(lambda: "the run has ended" in text_of(page), "the last picture")
@@ -250,6 +259,30 @@ def test_a_view_that_is_started_with_a_run_stays_until_it_is_interrupted(tmp_pat
     assert url.split("/")[3] not in log, "others may read it"
     with pytest.raises(OSError, match=r"refused|timed out"):
         socket.create_connection(("127.0.0.1", port_of(url)), timeout=1.0)
+
+
+def test_a_run_that_has_ended_can_be_run_again_at_the_same_address(tmp_path, browser, own_state_folder):
+    output = tmp_path / "out"
+    with command(output, "run", "ring3", "--duration", "2", "--view", "--no-wait") as run:
+        wait_for(lambda: "The view stays until Ctrl-C" in output.read_text(), "the first run to end")
+        url = url_in(output)
+        with looking_at(browser, url) as page:
+            wait_for(page.get_by_role("button", name=AGAIN).count, "the offer of another run")
+            click(page, AGAIN)
+            wait_for(lambda: output.read_text().count("The view stays until Ctrl-C") == 2, "the second run to end")
+            wait_for(lambda: "2.0 of 2 s" in text_of(page), "the page to show it")
+        assert run.poll() is None
+    assert {word for word in output.read_text().split() if word.startswith("http")} == {url}
+
+
+def test_a_run_with_a_view_goes_on_until_it_is_stopped(tmp_path):
+    folder, output = tmp_path / "run", tmp_path / "out"
+    with command(output, "run", "ring3", "--view", "--no-wait", "--logs", str(folder)):
+        wait_for(lambda: goes_on(folder), "the run to begin")
+        assert status(folder).duration == MAX_DURATION
+        ask_server(run_file(folder), StopRequest())
+        wait_for(lambda: "until Ctrl-C" in output.read_text(), "the run to end")
+    assert "too late" not in output.read_text(), "no robot is late where time waits for it"
 
 
 ATTACK = """async ([port, token, protocol]) => {

@@ -25,7 +25,8 @@ EXIT_MEANINGS = {
     EXIT_CONVERGED: "every robot converged (or: done)",
     EXIT_ERROR: "an error",
     EXIT_USAGE: "wrong usage or a bad scenario",
-    EXIT_NOT_CONVERGED: "not every robot had converged at the end (or: not all was reached)",
+    EXIT_NOT_CONVERGED: "not every robot had converged at the end, or one was further off than it claims "
+    "(or: not all was reached)",
     EXIT_BROKEN_PROMISE: "a promise was broken",
     EXIT_INTERRUPTED: "stopped by Ctrl-C",
 }

@@ -33,9 +33,9 @@ if TYPE_CHECKING:  # each is loaded by the runs that need it
     from coheft.app.results.carry_record import CarryRecord
     from coheft.app.run.broken_off import BrokenOff
     from coheft.app.run.hosts import Hosts
-    from coheft.app.run.plan import Clock
     from coheft.app.run_report.folder import ReportPage
-    from coheft.app.view.process import ViewBeside
+    from coheft.app.view.process import Place, ViewBeside
+    from coheft.wire.config import ClockKind
     from coheft.wire.scenario.schema import Scenario
 
 
@@ -59,6 +59,7 @@ def run(
     record: RecordingTarget = None,
     view: Flag = False,
     view_read_only: Flag = False,
+    no_wait: Flag = False,
     logs: FolderTarget = None,
     log_level: LogLevel = "info",
     secure: Flag = False,
@@ -69,7 +70,8 @@ def run(
 ) -> int:
     """Start the physics server and one process per robot, and watch them find out what they hold.
 
-    Exit status 0 only if every robot converged and no estimate is stale; 3 if the run ended without.
+    Exit status 0 only if every robot converged, none is stale, and none is further off than it claims; 3 if the run
+    ended without.
 
     Parameters
     ----------
@@ -84,7 +86,7 @@ def run(
         A key of the scenario and its value, as TOML has it, for instance sensors.noise_scale=3 or load_changes[0].at=8;
         docs/scenarios.md has all keys. May be given more than once; what other options say holds.
     duration:
-        Simulated time [s].
+        Simulated time [s]; with --view, the run goes on until you stop it if you give none.
     seed:
         Of the sensors' noise and the robots' motions.
     estimator:
@@ -92,7 +94,7 @@ def run(
     sensor_rate:
         Samples per second: 100, 125, 200, 250, 500 or 1000.
     realtime:
-        Keep pace with the clock on the wall, instead of going as fast as the slowest robot can.
+        Keep pace with the clock on the wall and wait for no robot, instead of going as fast as the slowest robot can.
     restarts:
         How often an agent that dies is started again; once more, and the run ends with an error.
     json:
@@ -108,9 +110,12 @@ def run(
     record:
         Record the run to this new .mcap file, for 'coheft view', Foxglove and PlotJuggler, see docs/recording.md.
     view:
-        Show the run in the browser, in real time; the last picture stays until Ctrl-C. See docs/view.md.
+        Show the run in the browser, no faster than the clock on the wall. It goes on until you stop it, unless
+        --duration, --record or --save-data ends it; the last picture stays until Ctrl-C. See docs/view.md.
     view_read_only:
         The same without buttons: who looks cannot act.
+    no_wait:
+        Do not wait until somebody looks at the view.
     logs:
         Folder for the processes' logs, with none in it yet, instead of a new one among your runs.
     log_level:
@@ -145,10 +150,16 @@ def run(
     from coheft.app.run.overrides import override
     from coheft.app.run.plan import check_no_parts, make_plan, new_run_name
     from coheft.app.terminal.final_table import print_report
+    from coheft.app.terminal.notes import print_notes
     from coheft.app.terminal.screen import make_display
     from coheft.wire.process.memory import give_back_memory
     from coheft.wire.scenario.file import load_scenario, scenario_path
+    from coheft.wire.scenario.schema import MAX_DURATION
 
+    view = view or view_read_only
+    has_end = duration is not None or any(value.partition("=")[0].strip() == "duration" for value in set or ())
+    if view and not (has_end or record or save_data or write_configs):
+        duration = MAX_DURATION
     chosen = override(
         load_scenario(scenario, set or ()),
         changes=change or (),
@@ -158,7 +169,8 @@ def run(
         sensor_rate=sensor_rate,
         feedforward=feedforward,
     )
-    view = view or view_read_only
+    if no_wait and not view:
+        raise UsageError("--no-wait is about a view: add --view")
     of_a_run = {"view": view, "record": record, "json": json, "report": report, "history": history, "logs": logs}
     unusable = [option for option, value in of_a_run.items() if value and write_configs is not None]
     if unusable:
@@ -171,69 +183,96 @@ def run(
     if keys is not None and not keys.is_dir():
         raise UsageError(f"--keys: there is no folder {str(keys)!r}; 'coheft keys' makes one")
     places = _places(hosts, chosen)
-    name = new_run_name()
-    if write_configs is not None:
-        check_no_parts(write_configs, chosen)
-    with ExitStack() as stack:
-        stack.enter_context(gone_if_broken_off(report))
-        page = _report_page(report)
-        folder = write_configs if write_configs is not None else make_run_folder(name, logs)
-        if secure or keys is not None:
-            keys = _credentials(keys, folder, chosen, places)
-        clock: Clock = "realtime" if realtime or view else "lockstep"
-        plan = make_plan(chosen, clock, run=name, hosts=places, keys=keys, save_data=save_data, log_level=log_level)
+
+    def once(place: Place | None, *, is_another: bool) -> tuple[int, bool]:
+        """One run: its exit status, and whether whoever looks at its view wants another."""
+        name = new_run_name()
+        wants_another = False
         if write_configs is not None:
-            for path in plan.write(write_configs):
-                print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")
-            return EXIT_CONVERGED
-        give_back_memory()
-        console = Console(stderr=json == "-")
-        display = make_display(console, quiet=quiet)
-        tell = partial(_tell, None if quiet else console)
-        carried = _carry_record(chosen)
-        viewer = stack.enter_context(_view_beside(folder, console, read_only=view_read_only)) if view else None
-        recorder = stack.enter_context(_recorder(record, chosen)) if record is not None else None
-        asked = {"json": json, "report": report, "save_data": save_data, "record": record}
-        broken_off = BrokenOff(asked, folder, recorder)
-        beside: list[Follower | None] = [page, viewer, recorder, carried, broken_off]
-        followers = [follower for follower in beside if follower is not None]
-        try:
-            found = launch(
-                plan, folder, display, followers=followers, with_history=history, restarts=restarts, nursery=nursery
+            check_no_parts(write_configs, chosen)
+        with ExitStack() as stack:
+            stack.enter_context(gone_if_broken_off(report))
+            page = _report_page(report)
+            folder = write_configs if write_configs is not None else make_run_folder(name, logs)
+            run_keys = keys
+            if secure or keys is not None:
+                run_keys = _credentials(keys, folder, chosen, places)
+            clock: ClockKind = "realtime" if realtime else "paced" if view else "lockstep"
+            plan = make_plan(
+                chosen, clock, run=name, hosts=places, keys=run_keys, save_data=save_data, log_level=log_level
             )
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(broken_off.sentence()) from None
-        except CoheftError as error:
-            error.args = (f"{error}{broken_off.after_error()}",)
-            raise
-        if carried is not None:
-            found = structs.replace(found, carry=carried.report())
-        if not quiet:
-            print_report(console, found, folder)
-        try:
+            if write_configs is not None:
+                for path in plan.write(write_configs):
+                    print(f"coheft {'server' if path.stem == 'server' else 'agent'} {path}")
+                return EXIT_CONVERGED, False
+            give_back_memory()
+            console = Console(stderr=json == "-")
+            display = make_display(console, quiet=quiet)
+            tell = partial(_tell, None if quiet else console)
+            carried = _carry_record(chosen)
+            viewer: ViewBeside | None = None
+            if place is not None:
+                viewer = _view_beside(folder, place, read_only=view_read_only, offers_another=offers_another)
+                stack.enter_context(viewer)
+                _wait_for_view(console, viewer, place, waits=not (no_wait or is_another))
+            if not quiet:
+                print_notes(console, chosen)
+            recorder = stack.enter_context(_recorder(record, chosen)) if record is not None else None
+            asked = {"json": json, "report": report, "save_data": save_data, "record": record}
+            broken_off = BrokenOff(asked, folder, recorder)
+            beside: list[Follower | None] = [page, viewer, recorder, carried, broken_off]
+            followers = [follower for follower in beside if follower is not None]
             try:
-                if json is not None:
-                    write_report(found, json)
-                    tell("Report for programs", json)
-            finally:  # if one of them cannot be written, the other may
-                if page is not None:
-                    tell("Report", page.write(chosen, clock, found))
-        except (CoheftError, OSError):
-            for text in _lost(broken_off, recorder):
-                complain(text)
-            raise
-        if not broken_off.unsaved:
-            tell("Data", save_data)
-        if viewer is not None and viewer.is_there:
-            tell("The view stays until Ctrl-C", viewer.url)
-            viewer.wait()
-        elif viewer is not None:
-            _tell(console, "There was no view, or not until the run had ended; its log", viewer.log)
-    if recorder is not None and not recorder.problem:
-        tell("Recording", record)
-    if lost := _lost(broken_off, recorder):
-        raise CoheftError("\n".join(lost))
-    return EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED
+                found = launch(
+                    plan,
+                    folder,
+                    display,
+                    followers=followers,
+                    with_history=history,
+                    restarts=restarts,
+                    nursery=None if is_another else nursery,
+                )
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt(broken_off.sentence()) from None
+            except CoheftError as error:
+                error.args = (f"{error}{broken_off.after_error()}",)
+                raise
+            if carried is not None:
+                found = structs.replace(found, carry=carried.report())
+            if not quiet:
+                print_report(console, found, folder)
+            try:
+                try:
+                    if json is not None:
+                        write_report(found, json)
+                        tell("Report for programs", json)
+                finally:  # if one of them cannot be written, the other may
+                    if page is not None:
+                        tell("Report", page.write(chosen, clock, found))
+            except (CoheftError, OSError):
+                for text in _lost(broken_off, recorder):
+                    complain(text)
+                raise
+            if not broken_off.unsaved:
+                tell("Data", save_data)
+            if viewer is not None and place is not None and viewer.is_there:
+                tell("The view stays until Ctrl-C", place.url)
+                wants_another = viewer.wait_for_another()
+            elif viewer is not None:
+                _tell(console, "There was no view, or not until the run had ended; its log", viewer.log)
+        if recorder is not None and not recorder.problem:
+            tell("Recording", record)
+        if lost := _lost(broken_off, recorder):
+            raise CoheftError("\n".join(lost))
+        status = EXIT_CONVERGED if found.converged else EXIT_NOT_CONVERGED
+        return status, wants_another
+
+    offers_another = view and not any((json, report, record, save_data, logs))
+    place = _view_place() if view else None
+    status, wants_another = once(place, is_another=False)
+    while wants_another:
+        status, wants_another = once(place, is_another=True)
+    return status
 
 
 def _lost(broken_off: BrokenOff, recorder: Recorder | None) -> list[str]:
@@ -283,14 +322,27 @@ def _carry_record(scenario: Scenario) -> CarryRecord | None:
     return CarryRecord(scenario)
 
 
-def _view_beside(folder: Path, console: Console, *, read_only: bool) -> ViewBeside:
+def _view_place() -> Place:
     from coheft.app.run.hosts import LOOPBACK
+    from coheft.app.view.process import Place
+
+    return Place.choose(LOOPBACK)
+
+
+def _view_beside(folder: Path, place: Place, *, read_only: bool, offers_another: bool) -> ViewBeside:
     from coheft.app.view.process import ViewBeside
 
-    def tell(url: str) -> None:
-        console.print(f"the view is at {url}", markup=False, highlight=False, soft_wrap=True)
+    return ViewBeside(folder, place, read_only=read_only, offers_another=offers_another)
 
-    return ViewBeside(folder, LOOPBACK, None, tell, read_only=read_only)
+
+def _wait_for_view(console: Console, viewer: ViewBeside, place: Place, *, waits: bool) -> None:
+    """Tell where the view is as soon as it can be looked at, before anything else, and wait until somebody looks."""
+    if not viewer.wait_until_there():
+        return
+    console.print(f"The view is at {place.url}", markup=False, highlight=False, soft_wrap=True)
+    if waits:
+        console.print("The run begins when a browser has opened it; with --no-wait, at once.", highlight=False)
+        viewer.wait_until_seen()
 
 
 def _recorder(target: Path, scenario: Scenario) -> Recorder:

@@ -125,6 +125,7 @@ def study(
     """
     from functools import partial
 
+    from msgspec import structs
     from rich.console import Console
 
     from coheft.app.figures import make_folder
@@ -134,6 +135,7 @@ def study(
     from coheft.app.study.output import print_study, print_varied, write_folder
     from coheft.app.study.random_team import RANDOM
     from coheft.app.study.varied import Variant, VariedReport
+    from coheft.app.terminal.notes import print_notes
     from coheft.app.terminal.progress import show_progress
     from coheft.wire.scenario.file import load_scenario, scenario_path
     from coheft.wire.scenario.set_values import varied_values
@@ -159,6 +161,10 @@ def study(
         raise UsageError("--report draws one study, but --vary makes several: leave one out; --json holds them all")
     check_outputs(*([] if scenario == RANDOM else [scenario_path(scenario)]), json=json, report=report)
     console = Console(stderr=json == "-")
+    if not quiet:
+        for plan in plans:
+            for name in plan.estimators:
+                print_notes(console, structs.replace(plan.of_seed(first_seed), estimator=name))
     found: list[StudyReport] = []
     with (
         gone_if_broken_off(report),

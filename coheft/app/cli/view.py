@@ -26,7 +26,7 @@ def view(what: GivenPath | None = None, *, host: str = "127.0.0.1", port: Port =
     from coheft.app.view.door import Door
 
     def tell(url: str) -> None:
-        print(f"the view is at {url} (Ctrl-C ends it)", flush=True)
+        print(f"The view is at {url} (Ctrl-C ends it)", flush=True)
 
     with suppress(KeyboardInterrupt):  # there is no other way to end it
         if what is not None and what.suffix == ".mcap":

@@ -18,8 +18,9 @@ import numpy as np
 
 from coheft.app.faults.run import FaultyBlock
 from coheft.app.faults.schedule import FaultSchedule, Lie, Release
+from coheft.app.results.errors import payload_error, pose_error
 from coheft.app.results.judge import Judge
-from coheft.app.results.quantities import payload_error, payload_exists, pose_error
+from coheft.app.results.quantities import payload_exists
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.wire.messages.structs import Estimate, Scene
 from coheft.wire.scenario.borders import first_border
@@ -114,7 +115,8 @@ class Watch:
         for other, pose in estimate.poses.items():
             if any(release.robot in (other, estimate.robot) and release.is_active(time) for release in self._releases):
                 continue
-            error = pose_error(self._judge, estimate.robot, other, Pose(pose.rotation, pose.translation))
+            true = self._judge.relative_pose(estimate.robot, other)
+            error = pose_error(true, Pose(pose.rotation, pose.translation))
             self._compare(estimate, f"pose of {other}", _POSE, error, pose.covariance)
 
     def _compare(self, estimate: Estimate, what: str, names: tuple[str, ...], error: Array, covariance: Array) -> None:

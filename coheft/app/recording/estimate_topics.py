@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from coheft.app.recording import ros
 from coheft.app.recording.ros import RosMessage
+from coheft.app.results.states import State
 from coheft.estimation.geometry.spatial import Pose
 from coheft.wire.messages.structs import Estimate
 
@@ -28,7 +29,7 @@ def estimate_messages(time: int, estimate: Estimate, total_time: int) -> Iterato
         yield f"/{name}/estimate/poses/{other}", ros.pose_with_covariance(time, name, pose, found.covariance)
     if estimate.total_block >= 0:
         yield f"/{name}/estimate/total_wrench", ros.wrench(total_time, name, estimate.total_wrench)
-    text = "converged" if estimate.is_converged else estimate.status
+    text = State.of(estimate)
     values = [
         ("estimator", estimate.estimator),
         ("phase", estimate.phase),

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from coheft.app.recording import ros
+from coheft.app.results.states import State
 from coheft.app.run.heard import News
 from coheft.wire.messages.structs import Estimate, LoadState, Truth
 from coheft.wire.transport.planes import SERVER
@@ -54,7 +55,7 @@ class LogBook:
             if (name, change.noticed_at) not in self._noticed:
                 self._noticed.add((name, change.noticed_at))
                 yield Line(name, ros.INFO, f"notices at {change.noticed_at:.2f} s that the load has changed")
-        state = "converged" if estimate.is_converged else estimate.status
+        state = State.of(estimate)
         if state != self._states.get(name):
             self._states[name] = state
             reasons = f": {'; '.join(estimate.reasons)}" if estimate.reasons else ""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import bisect
 from collections.abc import Iterable, Mapping, Sequence
+from enum import StrEnum
 from typing import Literal
 
 import msgspec
 import numpy as np
 
+from coheft.app.results.errors import MOST_STDS, PAYLOAD_PARTS, in_stds, payload_error, pose_error
 from coheft.app.results.states import State
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
@@ -57,6 +59,26 @@ class PoseReport(msgspec.Struct, frozen=True):
     translation_error_mm: float
 
 
+class Contradiction(msgspec.Struct, frozen=True):
+    """An error that the robot itself rules out: its estimate is valid, and claims to be nearer the truth than it is.
+
+    Attributes:
+        quantity: ``mass``, ``centre of mass``, ``inertia``, or ``pose of NAME``.
+        stds: Largest error of any of its numbers, in that number's own standard deviations; more than 4.
+    """
+
+    quantity: str
+    stds: float
+
+
+class Verdict(StrEnum):
+    """What the truth makes of an estimate, or of those of all robots; the worst first."""
+
+    CONTRADICTED = "further off than it claims"
+    NOT_CONVERGED = "not converged"
+    CONVERGED = "converged"
+
+
 class RobotReport(msgspec.Struct, frozen=True):
     """What one robot believes at one moment.
 
@@ -73,6 +95,7 @@ class RobotReport(msgspec.Struct, frozen=True):
         reasons: Why it is not valid, in its own words.
         state: How far it is, in the one word that all of coheft has for it.
         sensor_errors: What it has found out of its sensors.
+        contradictions: Errors beyond four of its own standard deviations, while it calls its estimate valid.
     """
 
     time_s: float
@@ -87,11 +110,25 @@ class RobotReport(msgspec.Struct, frozen=True):
     reasons: list[str] = []
     state: State = State.FINDING_NEIGHBOURS
     sensor_errors: list[SensorErrorEstimate] = []
+    contradictions: list[Contradiction] = []
+
+    def as_of_now(self, belief: Estimate) -> RobotReport:
+        """The same in the light of what is known of the robot now: it may have fallen silent since."""
+        is_valid = belief.status == "valid"
+        return msgspec.structs.replace(
+            self,
+            status=belief.status,
+            reasons=belief.reasons,
+            state=State.of(belief),
+            contradictions=self.contradictions if is_valid else [],
+        )
 
     @property
-    def is_converged(self) -> bool:
-        """Good enough, and valid."""
-        return self.converged and self.status == "valid"
+    def verdict(self) -> Verdict:
+        """Whether it knows all that it was asked for, by what it says of itself and by the truth."""
+        if self.contradictions:
+            return Verdict.CONTRADICTED
+        return Verdict.CONVERGED if self.converged and self.status == "valid" else Verdict.NOT_CONVERGED
 
 
 class Judge:
@@ -166,7 +203,24 @@ class Judge:
             reasons=list(last.reasons),
             state=State.of(last),
             sensor_errors=list(last.sensor_errors),
+            contradictions=self.contradictions(last),
         )
+
+    def contradictions(self, estimate: Estimate) -> list[Contradiction]:
+        """What a valid estimate claims to know better than it does."""
+        if estimate.status != "valid":
+            return []
+        found: dict[str, Array] = {}
+        if (payload := estimate.payload) is not None:
+            errors = in_stds(payload_error(self.payload(estimate.robot, estimate.block), payload), payload.covariance)
+            found |= {name: errors[part] for name, part in PAYLOAD_PARTS.items()}
+        if estimate.phase == "inertia":
+            for name, pose in estimate.poses.items():
+                true = self.relative_pose(estimate.robot, name)
+                error = pose_error(true, Pose(pose.rotation, pose.translation))
+                found[f"pose of {name}"] = in_stds(error, pose.covariance)
+        largest = {name: float(errors.max(initial=0.0)) for name, errors in found.items()}
+        return [Contradiction(name, stds) for name, stds in largest.items() if not stds <= MOST_STDS]
 
     def recovered(self, estimate: Estimate) -> bool:
         """Mass and centre of mass are as near the truth as a robot needs to go on."""

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.app.results.errors import payload_error, pose_error
 from coheft.app.results.judge import Judge
-from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
-from coheft.estimation.rigid_body.mass_properties import TIMES_IN_MATRIX, Inertia, pack_symmetric
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.rigid_body.mass_properties import TIMES_IN_MATRIX, Inertia
 from coheft.wire.messages.structs import Estimate, PayloadEstimate
 
 PAYLOAD_SIZE = 10
@@ -98,7 +99,7 @@ def published_errors(judge: Judge, edges: Edges, estimates: Mapping[str, Estimat
         estimate = estimates.get(name)
         if estimate is not None and estimate.phase == "inertia" and other in estimate.poses:
             found = estimate.poses[other]
-            poses[k] = pose_error(judge, name, other, Pose(found.rotation, found.translation))
+            poses[k] = pose_error(judge.relative_pose(name, other), Pose(found.rotation, found.translation))
             pose_covariances[k] = found.covariance
     for k, name in enumerate(names):
         estimate = estimates.get(name)
@@ -108,27 +109,6 @@ def published_errors(judge: Judge, edges: Edges, estimates: Mapping[str, Estimat
             payload[k, : len(error)] = error
             payload_covariances[k, : len(error), : len(error)] = believed.covariance
     return Errors(poses, payload, pose_covariances, payload_covariances)
-
-
-def pose_error(judge: Judge, name: str, other: str, estimate: Pose) -> Array:
-    """Truth minus estimate of a neighbour's pose in ``F_i``: rotation vector in its axes, translation; shape (6,)."""
-    truth = judge.relative_pose(name, other)
-    return np.concatenate(
-        [rotation_log(truth.rotation @ estimate.rotation.T), truth.translation - estimate.translation]
-    )
-
-
-def payload_error(truth: Inertia, estimate: PayloadEstimate) -> Array:
-    """Truth minus estimate of what is claimed of ``(m, h, J packed)``, shape (1,), (4,) or (10,)."""
-    com = truth.com if estimate.com is None else estimate.com
-    tensor = truth.tensor if estimate.tensor is None else estimate.tensor
-    return _inertia_error(truth, Inertia(estimate.mass, com, tensor))[: len(estimate.covariance)]
-
-
-def _inertia_error(truth: Inertia, estimate: Inertia) -> Array:
-    return np.concatenate(
-        [[truth.mass - estimate.mass], truth.com - estimate.com, pack_symmetric(truth.tensor - estimate.tensor)]
-    )
 
 
 def payload_exists(payload: PayloadEstimate | None) -> bool:

@@ -11,10 +11,9 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from coheft.app.results.judge import Matrix, RobotReport
+from coheft.app.results.judge import Matrix, RobotReport, Verdict
 from coheft.app.results.record import EstimatorUse, Record
 from coheft.app.results.robot_record import HistoryPoint, LoadPeriod
-from coheft.app.results.states import State
 from coheft.errors import CoheftError
 
 
@@ -152,9 +151,15 @@ class Report(msgspec.Struct, frozen=True):
     carry: CarryReport | None = None
 
     @property
+    def verdict(self) -> Verdict:
+        """Of all robots: converged only if every robot is, and none is further off than it claims."""
+        verdicts = {robot.verdict for robot in self.robots.values()}
+        return next(verdict for verdict in Verdict if verdict in verdicts)
+
+    @property
     def converged(self) -> bool:
-        """Every robot ended with an estimate that it calls good enough, and not stale."""
-        return all(robot.is_converged for robot in self.robots.values())
+        """Every robot converged, and none is further off than it claims."""
+        return self.verdict is Verdict.CONVERGED
 
 
 @dataclass(frozen=True)
@@ -191,9 +196,7 @@ def build_report(info: RunInfo, record: Record) -> Report:
     robots = {}
     for name, belief in record.beliefs.items():
         if (report := record.robots[name].report) is not None:
-            robots[name] = msgspec.structs.replace(
-                report, status=belief.status, reasons=belief.reasons, state=State.of(belief)
-            )
+            robots[name] = report.as_of_now(belief)
     neighbours = record.scene.neighbours
     estimates_per_block = sum(robot.compared for robot in record.robots.values()) / record.blocks
     messages_per_block = 2 * len(robots) + sum(map(len, neighbours.values())) + estimates_per_block + 1

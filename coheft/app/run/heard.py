@@ -62,6 +62,8 @@ def check_status(status: Status) -> None:
     for name, rotation in zip(scene.robots, scene.rotations, strict=True):
         check_rotation(rotation, name)
     check_numbers(scene.translations, (len(scene.robots), 3), "translations")
+    if scene.triangles.size:
+        check_numbers(scene.triangles, (len(scene.triangles), 3, 3), "triangles")
     check_field("neighbours are told of", sorted(scene.neighbours), sorted(scene.robots))
     for name, others in scene.neighbours.items():
         for other in others:

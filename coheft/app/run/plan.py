@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 
@@ -16,14 +15,12 @@ from coheft.app.run.folder import RUN_FILE, RunFile
 from coheft.app.run.hosts import FreePorts, HostPorts, Hosts, Places
 from coheft.consensus.graph import build_graph
 from coheft.errors import CoheftError
-from coheft.wire.config import AgentProcessConfig, Neighbour, ServerConfig, agent_config
+from coheft.wire.config import AgentProcessConfig, ClockKind, Neighbour, ServerConfig, agent_config
 from coheft.wire.messages.size import largest_arrays, message_limit
 from coheft.wire.process.log import LogLevel
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.transport.planes import SERVER
 from coheft.wire.transport.security import Credentials, credentials_in
-
-Clock = Literal["lockstep", "realtime"]
 
 
 @dataclass(frozen=True)
@@ -85,7 +82,7 @@ def check_no_parts(folder: Path, scenario: Scenario) -> None:
 
 def make_plan(
     scenario: Scenario,
-    clock: Clock = "lockstep",
+    clock: ClockKind = "lockstep",
     *,
     run: str | None = None,
     hosts: Hosts | None = None,
@@ -122,7 +119,7 @@ def make_plan(
 
     run = run or new_run_name()
     # In real time, who waits longer than that is too late with its own reference.
-    patience = {} if clock == "lockstep" else {"patience": scenario.lookahead * scenario.block_duration}
+    patience = {} if clock != "realtime" else {"patience": scenario.lookahead * scenario.block_duration}
     observe = take(SERVER)
     robots = {name: take(SERVER) for name in names}
     listen = {name: take(name) for name in names}

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 
+from coheft.app.results.judge import Verdict
 from coheft.app.results.report import Report
 from coheft.app.results.states import State
 from coheft.app.run_report.data import TABLES
@@ -17,7 +18,7 @@ from coheft.app.run_report.scene import scene_json
 from coheft.app.run_report.series import Series
 from coheft.app.terminal.final_table import HEADINGS, LEGEND, RECOVERED, robot_rows, sentences
 from coheft.app.versions import versions
-from coheft.wire.scenario.schema import Scenario
+from coheft.wire.scenario.schema import MAX_DURATION, Scenario
 
 _MOST_ROWS = 60
 SECTIONS = {
@@ -70,12 +71,16 @@ def render_page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    missing = [name for name, robot in report.robots.items() if not robot.is_converged]
+    robots: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
+    for name, robot in report.robots.items():
+        robots[robot.verdict].append(name)
     return environment.get_template("page.html.jinja").render(
         scenario=scenario,
         report=report,
         sections={name: title for name, title in SECTIONS.items() if name != "changes" or report.load_changes},
-        missing=missing,
+        is_good=report.converged,
+        missing=robots[Verdict.NOT_CONVERGED],
+        contradicted=robots[Verdict.CONTRADICTED],
         facts=facts(report, has_pace=clock is not None),
         sentences=sentences(report),
         headings=HEADINGS,
@@ -91,7 +96,7 @@ def render_page(
         problems_left=series.problem_count - len(series.problems),
         run=run_rows(scenario, clock, report),
         versions=versions(),
-        scenario_text=msgspec.json.format(msgspec.json.encode(scenario)).decode(),
+        scenario_text=msgspec.json.format(msgspec.json.encode(_without_surface(scenario))).decode(),
         data=[(path.name, TABLES[path.stem]) for path in data],
         thinned=max(robot.points.every for robot in series.robots.values()),
     )
@@ -152,7 +157,7 @@ def timing_rows(clock: str | None, series: Series, report: Report) -> list[tuple
     if clock is None:
         return [("simulated", f"{report.duration_s:g} s"), ("on the wall", "a recording does not tell"), refused]
     pace = list(series.pace)
-    late = f"{report.late_blocks}" if clock == "realtime" else "none: the clock waits for everyone"
+    late = f"{report.late_blocks}" if clock == "realtime" else "none: the clock waits for all robots"
     return [
         ("simulated", f"{report.duration_s:g} s"),
         ("on the wall", f"{pace[-1][1] - pace[0][1]:.1f} s, pauses included"),
@@ -167,16 +172,30 @@ def timing_rows(clock: str | None, series: Series, report: Report) -> list[tuple
 def run_rows(scenario: Scenario, clock: str | None, report: Report) -> list[tuple[str, str]]:
     """What was run."""
     sensors = scenario.sensors
-    clocks = {"lockstep": "lockstep: as fast as the slowest robot", "realtime": "real time"}
+    clocks = {
+        "lockstep": "lockstep: as fast as the slowest robot",
+        "paced": "real time, or slower where robots cannot keep pace",
+        "realtime": "real time",
+    }
     return [
         ("scenario", scenario.name),
         ("seed", f"{report.seed}"),
         ("estimator", ", then ".join(_estimators(scenario, report))),
         ("robots", f"{len(report.robots)}, linked in a {scenario.graph.kind}"),
-        ("duration", f"{report.duration_s:g} s of {scenario.duration:g} s"),
+        ("duration", f"{report.duration_s:g} s" + _planned(scenario.duration)),
         ("sensors", f"{sensors.rate} samples per second, in blocks of {sensors.block}"),
         *([] if clock is None else [("clock", clocks[clock])]),
     ]
+
+
+def _without_surface(scenario: Scenario) -> Scenario:
+    """What a payload from a file looks like is no setting."""
+    payload = msgspec.structs.replace(scenario.payload, surface="")
+    return msgspec.structs.replace(scenario, payload=payload)
+
+
+def _planned(duration: float) -> str:
+    return ", until it was stopped" if duration >= MAX_DURATION else f" of {duration:g} s"
 
 
 def _estimators(scenario: Scenario, report: Report) -> Iterable[str]:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coheft.app.results.errors import payload_error, pose_error
 from coheft.app.results.judge import Judge
-from coheft.app.results.quantities import PAYLOAD_SIZE, Quantity, payload_error, pose_error
+from coheft.app.results.quantities import PAYLOAD_SIZE, Quantity
 from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import pack_symmetric
 from coheft.wire.messages.structs import Estimate
@@ -67,7 +68,7 @@ def make_point(judge: Judge, estimate: Estimate) -> Point:
         if known is not None:
             total, residual = known, estimate.total_wrench - known
         for name, pose in estimate.poses.items():
-            off = pose_error(judge, robot, name, Pose(pose.rotation, pose.translation))
+            off = pose_error(judge.relative_pose(robot, name), Pose(pose.rotation, pose.translation))
             poses[name] = np.stack([off, np.sqrt(np.diagonal(pose.covariance))])
     return Point(
         time=estimate.time,

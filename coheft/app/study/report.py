@@ -10,6 +10,7 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
+from coheft.app.results.errors import MOST_STDS, in_stds
 from coheft.app.results.quantities import ALL_TEN, QUANTITIES, Errors, Quantity
 from coheft.app.study.detection import Detection, judge_detection
 from coheft.app.study.exact_run import Bounds
@@ -105,6 +106,20 @@ class Recovery(msgspec.Struct, frozen=True):
     inertia: Recovered
 
 
+class Claimed(msgspec.Struct, frozen=True):
+    """How often estimates were further off than they claimed, in any of their numbers.
+
+    Attributes:
+        count: Estimates of payloads and poses that claimed numbers, of all runs at all moments.
+        contradicted: How many of them were off by more than four of their own standard deviations.
+        most_stds: The largest error of all, in its own standard deviations; None if nothing was claimed.
+    """
+
+    count: int
+    contradicted: int
+    most_stds: Number
+
+
 class EstimatorResult(msgspec.Struct, frozen=True):
     """All about one estimator. Both rotation and translation are of the neighbours' grasp frames in the own one."""
 
@@ -115,6 +130,7 @@ class EstimatorResult(msgspec.Struct, frozen=True):
     inertia: Accuracy
     all_ten: Consistency
     cells: Cells
+    claimed: Claimed
     detection: Detection
     recovery: Recovery | None
     impossible_payloads: int
@@ -187,6 +203,7 @@ def _of_estimator(
         **{quantity.name: _accuracy(quantity, cells) for quantity in QUANTITIES},
         all_ten=Consistency(_number(nees.value), _number(nees.low), _number(nees.high)),
         cells=_cells([*QUANTITIES, ALL_TEN], cells),
+        claimed=_claimed([one.errors for cell in cells for one in cell]),
         detection=judge_detection([outcome.notices for outcome in outcomes], moments.change, moments.end),
         recovery=_recovery(name, groups, moments),
         impossible_payloads=sum(outcome.impossible_payloads for outcome in outcomes),
@@ -259,6 +276,19 @@ def _cells(quantities: Sequence[Quantity], cells: Sequence[Sequence[_Judged]]) -
         return sum(not math.isnan(one.value) and not one.low <= one.value <= one.high for one in found)
 
     return Cells(len(quantities) * len(cells), outside(0.95), outside(0.9999))
+
+
+def _claimed(every: Sequence[Errors]) -> Claimed:
+    found = [
+        float(np.nanmax(in_stds(error, covariance)))
+        for errors in every
+        for error, covariance in (
+            *zip(errors.payload, errors.payload_covariances, strict=True),
+            *zip(errors.poses, errors.pose_covariances, strict=True),
+        )
+        if not np.isnan(error).all()
+    ]
+    return Claimed(len(found), sum(not stds <= MOST_STDS for stds in found), max(found, default=None))
 
 
 def _recovery(name: str, groups: Sequence[Sequence[Trial]], moments: Moments) -> Recovery | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from coheft.app.results.errors import MOST_STDS
 from coheft.app.results.quantities import ALL_TEN, QUANTITIES
 from coheft.app.study.detection import Detection
 from coheft.app.study.report import Accuracy, Cell, Consistency, EstimatorResult, Number, Recovered, StudyReport
@@ -84,6 +85,14 @@ def sentences(estimator: str, result: EstimatorResult) -> Iterator[str]:
     count = detection.false_alarms
     alarms = f"{count or 'no'} false alarm{'' if count < 2 else 's'}"
     yield f"{estimator}: {alarms} in {detection.hours:.3g} simulated hours."
+    claimed = result.claimed
+    if claimed.contradicted:
+        yield (
+            f"{estimator}: {claimed.contradicted} of {claimed.count} estimates are further off than they claim, by up "
+            f"to {claimed.most_stds:.3g} own std ({MOST_STDS:g} are to be expected at most)."
+        )
+    elif claimed.count:
+        yield f"{estimator}: no estimate is off by more than {MOST_STDS:g} own std."
     missing = sum(getattr(result, quantity.name).missing for quantity in QUANTITIES)
     if missing:
         yield f"{estimator}: no number was claimed for {missing} estimates; they are left out."

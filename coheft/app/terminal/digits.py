@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from coheft.wire.scenario.schema import MAX_DURATION
+
 _MOST_DECIMALS = 6
 
 
@@ -12,6 +14,11 @@ def decimals_for(value: float, digits: int, at_least: int = 0) -> int:
     if not (math.isfinite(value) and value != 0.0):
         return at_least
     return max(at_least, digits - 1 - math.floor(math.log10(abs(value))))
+
+
+def seconds_of(time: float, duration: float) -> str:
+    """How far a run is [s]; one without an end goes on until somebody stops it."""
+    return f"{time:.1f} s" if duration >= MAX_DURATION else f"{time:.1f} of {duration:g} s"
 
 
 def error_and_std(error: float, std: float, unit: str) -> tuple[str, str]:
@@ -24,7 +31,12 @@ def error_and_std(error: float, std: float, unit: str) -> tuple[str, str]:
     return f"{error:{form}} {unit}", f"{std:{form}} {unit}"
 
 
-def value_and_std(value: float, std: float) -> str:
-    """A value and its standard deviation, in the same unit and with at least three decimals."""
-    decimals = min(decimals_for(std, 2, at_least=3), _MOST_DECIMALS)
-    return f"{value:.{decimals}f} ± {std:.{decimals}f}"
+def value_and_std(value: float, std: float, at_least: int = 3) -> str:
+    """A value and its standard deviation, in the same unit and with the decimals that two digits of the latter need."""
+    decimals = decimals_for(std, 2, at_least=at_least)
+    return f"{value:.{min(decimals, _MOST_DECIMALS)}f} ± {std_text(std, decimals)}"
+
+
+def std_text(std: float, decimals: int) -> str:
+    """A standard deviation with so many decimals; it is never rounded to nothing."""
+    return f"{std:.{decimals}f}" if decimals <= _MOST_DECIMALS or std == 0.0 else f"{std:.1e}"

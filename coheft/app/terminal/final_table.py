@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from coheft.app.results.judge import RobotReport, why_stale
+from coheft.app.results.errors import MOST_STDS
+from coheft.app.results.judge import RobotReport, Verdict, why_stale
 from coheft.app.results.record import EstimatorUse
 from coheft.app.results.report import LoadChangeReport, Report
+from coheft.app.results.states import LACKS, State
 from coheft.app.terminal.carry_table import print_carry
 from coheft.app.terminal.digits import decimals_for, error_and_std
 from coheft.app.terminal.sensor_sentences import sensor_sentences
@@ -22,8 +24,11 @@ HEADINGS = ("robot", "quantity", "truth", "estimate", "error", "own std")
 LEGEND = (
     "Centre of mass: x y z in the robot's grasp frame. Inertia: principal moments.",
     "Own std: how far off the robot itself expects to be (standard deviation), in the",
-    "unit of the error. In %: of the truth.",
+    "unit of the error. In %: of the truth. Marked with its size in own std: an error",
+    "that the robot's own std rules out.",
 )
+_SHOWN = 3
+"""Sentences of a kind, and robots that one of them names."""
 RECOVERED = "Recovered: mass within 3 %, centre of mass within 20 mm at every robot."
 
 
@@ -63,7 +68,12 @@ def _final_table(report: Report) -> Table:
 
 def robot_rows(robot: RobotReport) -> list[tuple[str, str, str, str, str]]:
     """What a robot found out: quantity, truth, estimate, error, own standard deviation, for each quantity."""
-    return [_mass_row(robot), _com_row(robot), _inertia_row(robot)]
+    rows = {"mass": _mass_row(robot), "centre of mass": _com_row(robot), "inertia": _inertia_row(robot)}
+    too_far = {each.quantity: each.stds for each in robot.contradictions}
+    return [
+        (*row[:4], f"{row[4]} ({too_far[quantity]:.3g}×)") if quantity in too_far else row
+        for quantity, row in rows.items()
+    ]
 
 
 def _mass_row(robot: RobotReport) -> tuple[str, str, str, str, str]:
@@ -116,7 +126,7 @@ def sentences(report: Report) -> list[str]:
         *_not_observable_sentences(report),
         *_most([f"Stale at {', '.join(names)}: {reason}." for reason, names in why_stale(report.robots).items()]),
         *_most(sensor_sentences(report.robots)),
-        _convergence_sentence(report),
+        *_convergence_sentences(report),
         f"{report.duration_s:g} s simulated at {report.real_time_factor:.1f} times real time; "
         f"{report.processes} processes, {report.messages_per_s:,.0f} messages a second.",
         *_late_sentence(report.late_blocks),
@@ -128,8 +138,8 @@ def _late_sentence(late_blocks: int) -> list[str]:
         return []
     times = "Once" if late_blocks == 1 else f"{late_blocks:,} times"
     return [
-        f"{times} a robot answered too late: this machine was too slow for real time. Leave out --realtime (and "
-        f"--view), or raise 'lookahead' or 'sensors.block' in the scenario."
+        f"{times} a robot answered too late: this machine was too slow for real time. Leave out --realtime, "
+        f"or raise 'lookahead' or 'sensors.block' in the scenario."
     ]
 
 
@@ -173,7 +183,7 @@ def _not_observable_sentences(report: Report) -> list[str]:
     return [sentence for kind in kinds.values() for sentence in _most(kind, show=1)]
 
 
-def _most(found: list[str], show: int = 3) -> list[str]:
+def _most(found: list[str], show: int = _SHOWN) -> list[str]:
     """The first ones, and how many more there are."""
     more = len(found) - show
     if more <= 0:
@@ -181,19 +191,44 @@ def _most(found: list[str], show: int = 3) -> list[str]:
     return [*found[:show], f"And {more} more of the kind; the report (--json FILE) has them all."]
 
 
-def _convergence_sentence(report: Report) -> str:
-    missing = {name: robot for name, robot in report.robots.items() if not robot.is_converged}
-    if missing:
-        return f"Not converged: {', '.join(missing)}.{_convergence_hint(list(missing.values()))}"
-    first = max(robot.converged_at_s or 0.0 for robot in report.robots.values())
-    return f"All robots converged, for the first time at {first:.1f} s."
+def _convergence_sentences(report: Report) -> list[str]:
+    """What came of it: of all robots together if all have converged, else of each kind that has not."""
+    if report.converged:
+        first = max(robot.converged_at_s or 0.0 for robot in report.robots.values())
+        return [f"All robots converged, for the first time at {first:.1f} s."]
+    missing = {name: robot for name, robot in report.robots.items() if robot.verdict is Verdict.NOT_CONVERGED}
+    return [*_contradictions(report.robots), *([_not_converged(missing)] if missing else [])]
 
 
-def _convergence_hint(missing: Sequence[RobotReport]) -> str:
-    """What may help those that are neither stale nor without the right motion: of these, other sentences tell."""
-    waiting = [robot for robot in missing if robot.status != "stale" and not robot.not_observable]
-    if any(robot.mass.estimate is None for robot in waiting):
-        return " There was not time enough to weigh the payload: --duration makes it longer."
-    if any(robot.inertia.estimate is not None for robot in waiting):
-        return " Their own std is not as small yet as 'converged' in the scenario wants it: --duration gives them time."
-    return ""
+def _contradictions(robots: Mapping[str, RobotReport]) -> list[str]:
+    """Robots whose errors their own std rules out, with the worst quantity of each."""
+    found = []
+    for name, robot in robots.items():
+        if robot.contradictions:
+            worst = max(robot.contradictions, key=lambda each: each.stds)
+            found.append((worst.stds, f"{name} ({worst.quantity}, by {worst.stds:.3g} own std)"))
+    if not found:
+        return []
+    texts = [text for _, text in sorted(found, reverse=True)]
+    others = f" and {len(texts) - _SHOWN} more" if len(texts) > _SHOWN else ""
+    return [
+        f"Further off than they claim: {', '.join(texts[:_SHOWN])}{others}; up to {MOST_STDS:g} are to be expected. "
+        f"Do not rely on their std: their sensors or the load are not what they take them for."
+    ]
+
+
+def _lack(robot: RobotReport) -> str:
+    """What a robot lacks; a pose that it has not found yet may still turn out to be observable."""
+    if robot.not_observable and robot.state not in (State.STALE, State.FINDING_NEIGHBOURS):
+        return "not all is observable with the motion so far"
+    return LACKS.get(robot.state, robot.state)
+
+
+def _not_converged(missing: Mapping[str, RobotReport]) -> str:
+    """Who has not converged, and what each lacks; of why robots are stale, and of motions, other sentences tell."""
+    names: dict[str, list[str]] = {}
+    for name, robot in missing.items():
+        names.setdefault(_lack(robot), []).append(name)
+    each = [f"{', '.join(group)} ({lack})" for lack, group in names.items()]
+    is_time = any(robot.state in LACKS and not robot.not_observable for robot in missing.values())
+    return f"Not converged: {'; '.join(each)}.{' --duration gives more time.' if is_time else ''}"

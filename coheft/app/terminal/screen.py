@@ -18,10 +18,11 @@ from rich.text import Text
 from coheft.app.results.judge import RobotReport, why_stale
 from coheft.app.results.record import Record
 from coheft.app.results.states import ESTIMATORS, State
-from coheft.app.terminal.digits import value_and_std
+from coheft.app.terminal.digits import seconds_of, value_and_std
 from coheft.app.terminal.wide_table import needed_width
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.structs import Estimate, Problem, Truth
+from coheft.wire.scenario.schema import MAX_DURATION
 
 _LINE_EVERY = 5.0
 """Simulated time between two lines of a display that is no terminal [s]."""
@@ -234,7 +235,8 @@ def _counts(estimates: Sequence[Estimate]) -> str:
 def _summary_line(record: Record) -> str:
     beliefs = _beliefs(record)
     counts = _counts([estimate for estimate, _ in beliefs.values()])
-    line = f"{record.time:5.1f} s of {record.duration:g} s: {counts}"
+    of_all = "" if record.duration >= MAX_DURATION else f" of {record.duration:g} s"
+    line = f"{record.time:5.1f} s{of_all}: {counts}"
     masses = [report.mass for _, report in beliefs.values() if report.mass.estimate is not None]
     if masses:
         low, high = (pick(mass.estimate for mass in masses if mass.estimate is not None) for pick in (min, max))
@@ -277,13 +279,16 @@ def _worst(beliefs: _Beliefs, count: int) -> tuple[_Beliefs, list[Text]]:
 
 def _progress(record: Record, truth: Truth) -> Table:
     row = Table.grid(padding=(0, 1))
-    row.add_column()  # the bar, which is all that shrinks
+    if record.duration < MAX_DURATION:
+        row.add_column()  # the bar, which is all that shrinks
     for _ in range(2):
         row.add_column(no_wrap=True)
     bar = ProgressBar(total=record.duration, completed=record.time, width=36)
     loads = len(truth.loads)
     load = f", {loads} load{'s' * (loads != 1)} on it" if loads else ""
-    row.add_row(bar, f"{record.time:.1f} of {record.duration:g} s", f"true mass {truth.payload.mass:.2f} kg{load}")
+    how_far = seconds_of(record.time, record.duration)
+    cells = [how_far, f"true mass {truth.payload.mass:.2f} kg{load}"]
+    row.add_row(*([bar, *cells] if record.duration < MAX_DURATION else cells))
     return row
 
 
@@ -298,7 +303,7 @@ def _live_table(beliefs: _Beliefs) -> Table:
         mass, com, inertia, state = report.mass, report.com, report.inertia, State.of(estimate)
         table.add_row(
             name,
-            Text(state, style=_STATE_STYLES.get(state, "dim")),
+            Text(state, style="red" if report.contradictions else _STATE_STYLES.get(state, "dim")),
             "" if mass.estimate is None else f"{value_and_std(mass.estimate, mass.std or 0.0)} kg",
             "" if com.error_mm is None else f"off {com.error_mm:.1f} mm",
             "" if inertia.error_pct is None else f"off {inertia.error_pct:.1f} %",

@@ -52,8 +52,9 @@ class Controls:
         self._run_file = run_file
         self._folder = folder
         self._lock = threading.Lock()
-        self._place = resting_place(page.stage.boxes, model.scene.translations.mean(axis=0), _edge(_MASSES[3]))
+        self._place = resting_place(page.stage.surface, model.scene.translations.mean(axis=0), _edge(_MASSES[3]))
         self._has_hit = False
+        self._buttons: list[Any] = []
         gui = page.server.gui
         with page.controls:
             with gui.add_folder("Load"):
@@ -70,6 +71,7 @@ class Controls:
         self._drop = gui.add_button(f"Drop {first:g} kg", icon=viser.Icon.DOWNLOAD, color="yellow")
         self._loads = LoadChoice(gui)
         self._remove = gui.add_button("Take it away", icon=viser.Icon.UPLOAD, disabled=True)
+        self._buttons += [self._drop, self._remove]
         self._tell_place()
 
         @self._mass.on_update
@@ -104,6 +106,8 @@ class Controls:
             hint="All robots forget what they know, and use this estimator from the next block on",
         )
 
+        self._buttons += [self._pause, stop, begin_anew]
+
         @self._pause.on_click
         def _(event: Any) -> None:
             pause = self._model.status.state != "paused"
@@ -130,6 +134,9 @@ class Controls:
         link = gui.add_dropdown("Link", names or ["none"])
         change = gui.add_button_group("", ("Cut", "Mend"), disabled=not names)
 
+        self._buttons += [kill]
+        self._change = change
+
         @kill.on_click
         def _(event: Any) -> None:
             self._act(event, self._kill, self._page.chosen)
@@ -139,24 +146,45 @@ class Controls:
             edge = self._model.edges[names.index(link.value)]
             self._act(event, self._set_link, edge, change.value == "Cut")
 
+    def end(self, ask_again: Callable[[], None] | None) -> None:
+        """The run is over: nothing of it can be changed any more, but there may be another one.
+
+        Args:
+            ask_again: Asks for it; None: there is none to be had.
+        """
+        for button in self._buttons:
+            button.disabled = True
+        self._change.visible = False  # a group cannot be disabled
+        with self._page.controls:
+            gui = self._page.server.gui
+            gui.add_html(words.small(words.ENDED), order=-2.0)
+            if ask_again is None:
+                return
+            again = gui.add_button("Run it again", icon=viser.Icon.REFRESH, color="teal", order=-1.0)
+
+        @again.on_click
+        def _(_: object) -> None:
+            again.disabled = True
+            ask_again()
+
     def update(self) -> None:
         """Show what can be done now."""
         status = self._model.status
         self._pause.label = "Resume" if status.state == "paused" else "Pause"
-        loads = self._model.truth.loads if self._model.truth is not None else status.loads
+        loads = self._model.loads
         self._loads.show(loads)
         if self._remove.disabled != (not loads):
             self._remove.disabled = not loads
 
     def _settle_place(self) -> None:
         """Let the load lie on top of the place that was clicked, whatever its size."""
-        self._place = resting_place(self._page.stage.boxes, np.array(self._place), _edge(self._mass.value))
+        self._place = resting_place(self._page.stage.surface, np.array(self._place), _edge(self._mass.value))
         self._tell_place()
 
     def _tell_place(self) -> None:
         x, y, z = self._place
         hint = "" if self._has_hit else " · click on the payload to choose another place"
-        self._where.content = words.small(f"at {x:.2f} {y:.2f} {z:.2f} m{hint}")
+        self._where.content = words.small(f"at {x:z.2f} {y:z.2f} {z:z.2f} m{hint}")
         self._page.stage.show_place(self._place, _edge(self._mass.value))
 
     def _ask(self, event: Any, request: Request, done: str) -> None:

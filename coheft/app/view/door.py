@@ -33,7 +33,7 @@ REFUSAL = b"""<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>Not this way</title>
 <body style="font:16px/1.5 sans-serif;max-width:40em;margin:4em auto;padding:0 1em">
 <h1>This needs the whole address</h1>
-<p>Open the address that stands in the terminal after <b>the view is at</b>, with the secret in it: it is where
+<p>Open the address that stands in the terminal after <b>The view is at</b>, with the secret in it: it is where
 <code>coheft run --view</code> or <code>coheft view</code> was started. Each start makes a new one.</p>
 <p>Through a tunnel, take the same port at both ends.</p>
 """

@@ -10,6 +10,7 @@ import numpy as np
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.structs import BoxShape, Scene
+from coheft.wire.scenario.payload_surface import box
 from coheft.wire.scenario.section import pose_of
 
 SIGMAS = 3.0
@@ -18,6 +19,15 @@ _THINNEST = 1e-3
 """Least edge of a box that stands for an inertia [m]: estimates need not belong to a body."""
 _MARGIN = 0.3
 """Least half extent of what the robots hold [m], by which stands are placed."""
+FOV = float(np.radians(42.0))
+"""Of cameras, from the lower to the upper edge of the picture [rad]."""
+_VIEW_FROM = np.array([0.52, -0.70, 0.49]) / np.linalg.norm([0.52, -0.70, 0.49])
+"""Direction from the team to the camera."""
+_TEAM = 1.9
+"""Half the width of a team with its stands, relative to its extent."""
+_NARROW, _ABOVE_PANEL = 0.62, 0.4
+"""Aspect of a window in which the panel is at the bottom, and how much of the height is above it."""
+_ROUNDING = 1e-9
 _LINK_SHARE = 0.62
 """Length of one of an arm's two links, relative to the way from its shoulder to its home: the elbow stays bent."""
 
@@ -96,6 +106,25 @@ def extent(scene: Scene) -> float:
     return max(_MARGIN, float(np.linalg.norm((scene.translations - centre)[:, :2], axis=1).max()))
 
 
+def whole_team(middle: Array, size: float, aspect: float) -> tuple[Array, Array]:
+    """Where a camera looks, and where it is, so that it sees all robots with their stands, both (3,) [m].
+
+    In a window that is narrow the panel covers the lower part, so the team is in the upper one.
+
+    Args:
+        middle: Of the team, (3,) [m].
+        size: Its ``extent`` [m].
+        aspect: Width of the picture over its height.
+    """
+    half = np.tan(0.5 * FOV)
+    free = 1.0 if aspect > _NARROW else _ABOVE_PANEL
+    distance = _TEAM * size * (1.0 + 1.0 / (half * min(aspect, free)))
+    right = np.cross(_VIEW_FROM, [0.0, 0.0, -1.0])
+    up = np.cross(_VIEW_FROM, right / np.linalg.norm(right))
+    look_at: Array = middle - (1.0 - free) * half * distance * up
+    return look_at, look_at + distance * _VIEW_FROM
+
+
 def stands(scene: Scene) -> tuple[Stand, ...]:
     """A stand for each robot, around the payload, so that arms reach inwards."""
     hands = scene.translations + np.array(scene.home)
@@ -113,7 +142,7 @@ def stands(scene: Scene) -> tuple[Stand, ...]:
 
 
 def payload_boxes(scene: Scene) -> list[BoxShape]:
-    """What the payload looks like; a plate between the hands where no one knows."""
+    """What the payload looks like without triangles of its own; a plate between the hands where no box is known."""
     if scene.boxes:
         return scene.boxes
     low, high = scene.translations.min(axis=0), scene.translations.max(axis=0)
@@ -122,40 +151,53 @@ def payload_boxes(scene: Scene) -> list[BoxShape]:
     return [BoxShape(size=(width, depth, height), position=(float(x), float(y), float(z)))]
 
 
-def place_under_ray(boxes: Sequence[BoxShape], origin: Array, direction: Array) -> Array | None:
-    """Where a ray first hits one of the boxes, all in the payload's frame; None if it misses.
+def surface_of(scene: Scene) -> Array:
+    """The payload's surface as triangles in its frame, shape (n, 3, 3) [m]."""
+    if len(scene.triangles):
+        return scene.triangles.astype(np.float64)
+    return triangles_of(payload_boxes(scene))
+
+
+def triangles_of(boxes: Sequence[BoxShape]) -> Array:
+    """Surfaces of boxes, shape (n, 3, 3) [m]."""
+    poses = [pose_of(each.position, each.rotation_deg) for each in boxes]
+    return np.concatenate([pose.apply(box(0.5 * np.array(each.size))) for pose, each in zip(poses, boxes, strict=True)])
+
+
+def place_under_ray(triangles: Array, origin: Array, direction: Array) -> Array | None:
+    """Where a ray first hits a surface, all in the payload's frame; None if it misses.
+
+    Source: Möller and Trumbore, "Fast, minimum storage ray/triangle intersection", J. Graphics Tools 2 (1997).
 
     Args:
-        boxes: The boxes.
+        triangles: The surface, (n, 3, 3) [m].
         origin: Where the ray begins, (3,) [m].
         direction: Where it goes, (3,).
     """
-    hits = []
-    for box in boxes:
-        pose = pose_of(box.position, box.rotation_deg).inverse()
-        start, way = pose.apply(origin), pose.rotation @ direction
-        half = np.array(box.size) / 2.0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            first, second = (-half - start) / way, (half - start) / way
-        enter = np.nanmax(np.minimum(first, second))
-        leave = np.nanmin(np.maximum(first, second))
-        if enter <= leave and leave >= 0.0:
-            hits.append(max(enter, 0.0))
-    if not hits:
+    corner, first, second = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    across, start = np.cross(direction, second), origin - corner
+    turned = np.cross(start, first)
+    volume = np.einsum("nk,nk->n", first, across)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = np.where(np.abs(volume) > _ROUNDING**2, 1.0 / volume, np.nan)
+        u, v = scale * np.einsum("nk,nk->n", start, across), scale * (turned @ direction)
+        distance = scale * np.einsum("nk,nk->n", second, turned)
+    is_hit = (u >= -_ROUNDING) & (v >= -_ROUNDING) & (u + v <= 1.0 + _ROUNDING) & (distance >= 0.0)
+    if not is_hit.any():
         return None
-    result: Array = origin + min(hits) * direction
+    result: Array = origin + distance[is_hit].min() * direction
     return result
 
 
-def resting_place(boxes: Sequence[BoxShape], hit: Array, height: float) -> tuple[float, float, float]:
+def resting_place(triangles: Array, hit: Array, height: float) -> tuple[float, float, float]:
     """Centre of a load of that height [m] that lies on top of what is straight above a place that was hit.
 
     Args:
-        boxes: The boxes.
-        hit: A place on one of them, (3,) in the payload's frame [m].
+        triangles: The payload's surface, (n, 3, 3) [m].
+        hit: A place on it, (3,) in the payload's frame [m].
         height: Of the load [m].
     """
     above = np.array([hit[0], hit[1], 1e3])
-    top = place_under_ray(boxes, above, np.array([0.0, 0.0, -1.0]))
+    top = place_under_ray(triangles, above, np.array([0.0, 0.0, -1.0]))
     surface = float(top[2]) if top is not None else float(hit[2])
     return float(hit[0]), float(hit[1]), surface + 0.5 * height

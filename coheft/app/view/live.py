@@ -6,6 +6,9 @@ import math
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
+
+import viser
 
 from coheft.app.run.folder import locate_run
 from coheft.app.run.observer import Observer, may_operate, observe
@@ -40,23 +43,45 @@ def view_run(
         CoheftError: There is no such run, or it does not answer, or the port is taken.
         KeyboardInterrupt: Ctrl-C.
     """
-    folder, run_file = locate_run(folder)
+    folder, _ = locate_run(folder)
     with open_server(door, port) as server:
-        with observe(run_file) as observer:
-            status = observer.ask(StatusRequest())
-            model = ViewModel(status)
-            page = Page(server, model)
-            controls: Controls | None = None
-            if read_only or not may_operate(run_file):
-                page.tell_that_it_only_shows(words.READ_ONLY if read_only else words.NO_OPERATOR)
-            else:
-                controls = Controls(page, model, run_file, folder)
-            tell(door.url(server.get_port()))
-            _follow(observer, model, page, controls)
-        page.controls.remove()  # nothing can be done any more
-        while True:
-            page.draw(model, words.ENDED)
-            time.sleep(FRAME)
+        show_run(server, folder, lambda: tell(door.url(server.get_port())), read_only=read_only)
+
+
+def show_run(
+    server: viser.ViserServer,
+    folder: Path,
+    shown: Callable[[], None] = lambda: None,
+    *,
+    read_only: bool = False,
+    ask_again: Callable[[], None] | None = None,
+) -> NoReturn:
+    """Show a run until Ctrl-C; when it ends, its last picture stays.
+
+    Args:
+        server: Where browsers have dialled in, or will.
+        folder: Of the run.
+        shown: Is called when there is something to see.
+        read_only: Whether it shows but does not act, as where there are no keys of an operator.
+        ask_again: Asks for another run when this one has ended; None: there is none to be had.
+    """
+    folder, run_file = locate_run(folder)
+    with observe(run_file) as observer:
+        status = observer.ask(StatusRequest())
+        model = ViewModel(status)
+        page = Page(server, model)
+        controls: Controls | None = None
+        if read_only or not may_operate(run_file):
+            page.tell_that_it_only_shows(words.READ_ONLY if read_only else words.NO_OPERATOR)
+        else:
+            controls = Controls(page, model, run_file, folder)
+        shown()
+        _follow(observer, model, page, controls)
+    if controls is not None:
+        controls.end(ask_again)
+    while True:
+        page.draw(model, words.ENDED)
+        time.sleep(FRAME)
 
 
 def _follow(observer: Observer, model: ViewModel, page: Page, controls: Controls | None) -> None:

@@ -6,8 +6,6 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Literal
 
-import msgspec
-
 from coheft.app.results.judge import RobotReport
 from coheft.app.results.record import SILENT, as_of_now
 from coheft.app.run.heard import News
@@ -15,7 +13,7 @@ from coheft.app.run.pairing import Pairing
 from coheft.app.view.traces import Trace
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Estimate, Problem, Truth
+from coheft.wire.messages.structs import Estimate, LoadState, Problem, Truth
 
 LinkHealth = Literal["up", "silent", "unknown"]
 _PROBLEMS = 100
@@ -75,6 +73,8 @@ class ViewModel:
 
     def note_status(self, status: Status) -> None:
         """Take in how the run is."""
+        if status.loads != self.status.loads:
+            self.changes += 1
         self.status = status
 
     def _compare(self, estimates: Iterable[Estimate]) -> None:
@@ -88,6 +88,14 @@ class ViewModel:
     def time(self) -> float:
         """Simulated time that has been heard of [s]."""
         return 0.0 if self.truth is None else self.truth.time
+
+    @property
+    def loads(self) -> list[LoadState]:
+        """What lies on the payload: by the newest word of the server, which knows more while time stands still."""
+        truth, status = self.truth, self.status
+        if truth is None or (status.state == "paused" and status.block > truth.block):
+            return status.loads
+        return truth.loads
 
     @property
     def estimator(self) -> str:
@@ -105,8 +113,7 @@ class ViewModel:
         report = self._reports.get(robot)
         if report is None:
             return None
-        belief = as_of_now(self._latest[robot], self.truth)
-        return msgspec.structs.replace(report, status=belief.status, reasons=belief.reasons)
+        return report.as_of_now(as_of_now(self._latest[robot], self.truth))
 
     def trace(self, robot: str) -> Trace:
         """A robot's errors over time."""

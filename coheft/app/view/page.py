@@ -15,6 +15,8 @@ FRAME = 0.05
 """Time between two pictures at least [s]."""
 _TEXT_EVERY = 0.2
 _PLOT_EVERY = 0.25
+_LAST = 1e9
+"""Order of what stands below all else."""
 
 
 class Page:
@@ -29,9 +31,8 @@ class Page:
     """
 
     def __init__(self, server: viser.ViserServer, model: ViewModel) -> None:
-        server.gui.configure_theme(
-            dark_mode=True, control_layout="fixed", control_width="large", show_logo=False, show_share_button=False
-        )
+        server.gui.configure_theme(dark_mode=True, control_width="large", show_logo=False, show_share_button=False)
+        server.gui.main_panel.dock_right()
         server.gui.set_panel_label("coheft")
         self.server = server
         self.stage = Stage(server, model)
@@ -47,11 +48,12 @@ class Page:
         side.dock_left()
         side.set_width(290)
         self.controls = side.add_tab("Controls")
+        with self.controls:
+            self._legend = gui.add_html(words.legend(self.stage.doubt_scale), order=_LAST)
         with side.add_tab("Team"):
             self._team = gui.add_html("")
             self._problems = gui.add_html("")
             doubt = gui.add_dropdown("Ellipsoid", ("1 ×", "10 ×", "100 ×"), initial_value="10 ×")
-            self._legend = gui.add_html(words.legend(self.stage.doubt_scale))
 
         @doubt.on_update
         def _(_: object) -> None:

@@ -43,6 +43,8 @@ def _add_plot(server: viser.ViserServer, name: str) -> Any:
         {"label": axis, "stroke": css(colour), "width": 1.5, "points": {"show": False}}
         for axis, colour in zip(_AXES[name], _LINES, strict=False)
     ]
+    is_last = name == list(_TITLES)[-1]
+    label: uplot.Axis = {"label": "time, s", "labelSize": 14, "labelFont": "11px sans-serif"} if is_last else {}
     axis: uplot.Axis = {"stroke": _INK, "grid": _GRID, "ticks": {"show": False}, "font": "11px sans-serif"}
     return server.gui.add_uplot(
         _data(nothing),
@@ -50,10 +52,10 @@ def _add_plot(server: viser.ViserServer, name: str) -> Any:
         title=_TITLES[name],
         bands=({"series": (1, 2), "fill": _BAND, "dir": -1},),
         scales=_scales(nothing, 0.0),
-        axes=({**axis, "size": 24}, {**axis, "size": 52, "space": 18}),
+        axes=({**axis, **label, "size": 24}, {**axis, "size": 52, "space": 18}),
         legend={"show": False},
         cursor={"show": False},
-        height=_HEIGHT,
+        height=_HEIGHT + 14 * is_last,
         padding=(4, 10, 0, 0),
     )
 

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
@@ -22,91 +22,111 @@ from coheft.wire.messages.requests import Status
 from coheft.wire.process.supervised import supervised_main
 
 _LOOK_EVERY = 0.2
-_READY = "the view is ready"
-"""A line of its log, which others may read: the secret is not in it."""
+_READY, _SEEN, _AGAIN = "the view is ready", "somebody looks", "again"
+"""Lines of its log, which others may read: the secret is not in them."""
+
+
+class Place(msgspec.Struct, frozen=True):
+    """Where a view is: the next run may have its view at the same place.
+
+    Attributes:
+        host: Where browsers may dial in.
+        port: Where.
+        token: The secret in its address.
+    """
+
+    host: str
+    port: int
+    token: str
+
+    @classmethod
+    def choose(cls, host: str, port: int | None = None) -> Place:
+        """A place with a new secret; without a port, at any that is free.
+
+        Raises:
+            LinkError: The port is taken.
+        """
+        return cls(host, choose_port(host, port), new_token())
+
+    @property
+    def url(self) -> str:
+        """Its address."""
+        return url(self.host, self.port, self.token)
 
 
 class ViewConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What the view's process is told.
 
     Attributes:
-        folder: Of the run.
-        host: Where browsers may dial in.
-        port: Where.
-        token: The secret in its address.
+        folder: Of the run, which may still be about to begin.
+        place: Where it is.
         read_only: Whether it shows but does not act.
+        offers_another: Whether it offers another run when this one has ended.
     """
 
     folder: str
-    host: str
-    port: int
-    token: str
+    place: Place
     read_only: bool = False
+    offers_another: bool = False
 
 
 class ViewBeside:
-    """A follower with the view of a run beside it. The view gets ready while the run does; leaving the context ends it.
+    """A follower with the view of a run beside it, which is there before the run; leaving the context ends it.
 
     Args:
         folder: Of the run.
-        host: Where browsers may dial in.
-        port: Where; None: any that is free.
-        tell: Is told where the view is.
+        place: Where it is.
         read_only: Whether it shows but does not act.
-
-    Raises:
-        LinkError: The port is taken.
+        offers_another: Whether it offers another run when this one has ended.
     """
 
-    def __init__(
-        self, folder: Path, host: str, port: int | None, tell: Callable[[str], None], *, read_only: bool = False
-    ) -> None:
-        self._config = ViewConfig(str(folder), host, choose_port(host, port), new_token(), read_only)
-        self._tell = tell
+    def __init__(self, folder: Path, place: Place, *, read_only: bool = False, offers_another: bool = False) -> None:
+        self._config = ViewConfig(str(folder), place, read_only, offers_another)
         self._processes = Processes(folder)
-        self._is_told = False
-        self._look_at = 0.0
-
-    @property
-    def url(self) -> str:
-        """Where the view is."""
-        return url(self._config.host, self._config.port, self._config.token)
 
     def begin(self, status: Status) -> None:
         """The view asks for itself."""
 
     def hear(self, news: News) -> None:
-        """The view hears for itself; tell where it is as soon as it can be looked at."""
-        if (now := time.monotonic()) >= self._look_at:
-            self._look_at = now + _LOOK_EVERY
-            self._look()
-
-    def _look(self) -> None:
-        if not self._is_told and any(_READY in line for child in self._processes.children for line in child.lines):
-            self._is_told = True
-            self._tell(self.url)
+        """The view hears for itself."""
 
     def end(self, status: Status) -> None:
         """The last picture stays until the context ends."""
-        self._look()
 
     @property
     def is_there(self) -> bool:
         """Whether it can be looked at."""
-        return self._is_told and not self._processes.ended("view")
+        return self._has_said(_READY) and not self._processes.ended("view")
 
     @property
     def log(self) -> Path:
         """What it has said."""
         return Path(self._config.folder) / "view.log"
 
-    def wait(self) -> None:
-        """Let people look until Ctrl-C."""
+    def wait_until_there(self) -> bool:
+        """Wait until it can be looked at, and say whether it can."""
+        return self._wait_for(_READY)
+
+    def wait_until_seen(self) -> bool:
+        """Wait until somebody looks, and say whether somebody does."""
+        return self._wait_for(_SEEN)
+
+    def wait_for_another(self) -> bool:
+        """Let people look until Ctrl-C, or until they ask for another run; say whether they do."""
         try:
-            while self.is_there:
-                time.sleep(_LOOK_EVERY)
+            return self._wait_for(_AGAIN)
         except KeyboardInterrupt:
-            return
+            return False
+
+    def _wait_for(self, line: str) -> bool:
+        while not self._has_said(line):
+            if self._processes.ended("view"):
+                return False
+            time.sleep(_LOOK_EVERY)
+        return True
+
+    def _has_said(self, line: str) -> bool:
+        return any(line in child.lines for child in self._processes.children)
 
     def __enter__(self) -> Self:
         self._processes.start("view", "coheft.app.view.process", self._config)
@@ -121,13 +141,25 @@ class ViewBeside:
 def _view(config: ViewConfig) -> None:
     # viser takes a second, and whoever starts this process needs none of it
     from coheft.app.view.door import Door
-    from coheft.app.view.live import view_run
+    from coheft.app.view.live import show_run
+    from coheft.app.view.server import open_server
 
-    folder = Path(config.folder)
-    while not _goes_on(folder):
-        time.sleep(_LOOK_EVERY)
-    door = Door(config.host, config.token)
-    view_run(folder, door, config.port, lambda _: print(_READY, flush=True), read_only=config.read_only)
+    folder, place, is_seen = Path(config.folder), config.place, False
+    ask_again = partial(_say, _AGAIN) if config.offers_another else None
+    with open_server(Door(place.host, place.token), place.port) as server:
+        _say(_READY)
+        waiting = server.gui.add_markdown("Waiting for the robots …")
+        while not _goes_on(folder):
+            if not is_seen and server.get_clients():
+                is_seen = True
+                _say(_SEEN)
+            time.sleep(_LOOK_EVERY)
+        waiting.remove()
+        show_run(server, folder, read_only=config.read_only, ask_again=ask_again)
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
 
 
 def _goes_on(folder: Path) -> bool:

@@ -12,6 +12,7 @@ import viser
 
 from coheft.app.view import colours, words
 from coheft.app.view.geometry import (
+    FOV,
     box_edges,
     ellipsoid,
     equivalent_box,
@@ -20,12 +21,14 @@ from coheft.app.view.geometry import (
     place_under_ray,
     rotation_to,
     stands,
+    surface_of,
+    whole_team,
 )
 from coheft.app.view.model import ViewModel
 from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rotation, rotation_from_quaternion
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.messages.structs import Estimate, LoadState, Truth
+from coheft.wire.messages.structs import Estimate, LoadState, Scene, Truth
 from coheft.wire.scenario.section import Vector, pose_of
 
 _NO_LINES = np.zeros((1, 2, 3))
@@ -34,6 +37,9 @@ _FORCE_LENGTH = 0.15
 _LONGEST = 1.0
 """Of an arrow, relative to the extent."""
 _ARC_POINTS = 16
+_EDGE = (148, 163, 184)
+_SHARP = np.radians(25.0)
+"""Two triangles that make a larger angle have an edge between them."""
 
 
 class Stage:
@@ -52,14 +58,14 @@ class Stage:
         self._rotations = model.scene.rotations
         self._index = {name: index for index, name in enumerate(model.scene.robots)}
         self._stands = stands(model.scene)
-        self.boxes = payload_boxes(model.scene)
+        self.surface = surface_of(model.scene)
         self._loads: dict[int, tuple[LoadState, list[Any]]] = {}
         self._newton: float | None = None
         self._drawn: dict[str, object] = {}
         self.doubt_scale = 10.0
         self._set_up(server)
         self._add_robots(model)
-        self._add_payload()
+        self._add_payload(model.scene)
         self._add_beliefs()
         self._add_network(model)
         self._move(self._home)
@@ -71,10 +77,17 @@ class Stage:
         server.scene.configure_default_lights(enabled=False)
         server.scene.configure_environment_map("studio", environment_intensity=0.3)
         server.scene.add_light_directional("/light", intensity=1.3, position=(1.0, -1.5, 3.0))
+        middle = home + self._translations.mean(axis=0) + np.array([0.0, 0.0, -0.5 * size])
         camera = server.initial_camera
-        camera.look_at = home + np.array([0.0, 0.0, -0.5 * size])
-        camera.position = home + size * np.array([3.2, -4.3, 2.5])
-        camera.fov = np.radians(42.0)
+        camera.look_at, camera.position = whole_team(middle, size, 1.0)
+        camera.fov = FOV
+
+        @server.on_client_connect
+        def _(client: viser.ClientHandle) -> None:
+            """However narrow the window, no robot is outside of it."""
+            look_at, client.camera.position = whole_team(middle, size, client.camera.aspect)
+            client.camera.look_at = look_at  # which its position has moved along
+
         server.scene.add_grid(
             "/ground",
             infinite_grid=True,
@@ -120,15 +133,29 @@ class Stage:
             place = shoulder - [0.0, 0.0, 0.12 * size]
             self._scene.add_label(f"/robots/labels/{name}", name, position=place, anchor="center-center")
 
-    def _add_payload(self) -> None:
-        size = self._size
-        self._frame = self._scene.add_frame("/payload", show_axes=False)
-        self._bodies = []
-        edges = []
-        for index, box in enumerate(self.boxes):
+    def _add_body(self, scene: Scene) -> list[Any]:
+        """The payload itself, as it looks: what can be clicked."""
+        if len(scene.triangles):
+            faces = np.arange(3 * len(self.surface)).reshape(-1, 3)
+            surface = trimesh.Trimesh(self.surface.reshape(-1, 3), faces)  # which makes one of vertices at one place
+            sharp = surface.face_adjacency_edges[surface.face_adjacency_angles > _SHARP]
+            self._lines("/payload/edges", surface.vertices[sharp] if len(sharp) else _NO_LINES, _EDGE, 1.2)
+            return [
+                self._scene.add_mesh_simple(
+                    "/payload/surface",
+                    surface.vertices,
+                    surface.faces,
+                    color=colours.PAYLOAD,
+                    opacity=0.6,
+                    flat_shading=True,
+                    side="double",
+                )
+            ]
+        bodies, edges = [], []
+        for index, box in enumerate(payload_boxes(scene)):
             pose = pose_of(box.position, box.rotation_deg)
             edges.append(box_edges(pose, np.array(box.size)))
-            self._bodies.append(
+            bodies.append(
                 self._scene.add_box(
                     f"/payload/boxes/{index}",
                     color=colours.PAYLOAD,
@@ -138,7 +165,13 @@ class Stage:
                     position=pose.translation,
                 )
             )
-        self._lines("/payload/edges", np.concatenate(edges), (148, 163, 184), 1.2)
+        self._lines("/payload/edges", np.concatenate(edges), _EDGE, 1.2)
+        return bodies
+
+    def _add_payload(self, scene: Scene) -> None:
+        size = self._size
+        self._frame = self._scene.add_frame("/payload", show_axes=False)
+        self._bodies = self._add_body(scene)
         self._scene.add_batched_axes(
             "/payload/grasps",
             np.array([quaternion_from_rotation(rotation) for rotation in self._rotations]),
@@ -191,8 +224,8 @@ class Stage:
         if truth is not None:
             self._move(Pose(rotation_from_quaternion(truth.quaternion), truth.position))
             self._draw_wrenches(truth)
-            self._draw_loads(truth.loads)
             self._draw_truth(truth)
+        self._draw_loads(model.loads)
         self._draw_belief(model.believed_payload(chosen), model.beliefs.get(chosen))
         self._draw_robots(model, chosen)
         for edge, lines in self._links.items():
@@ -305,7 +338,7 @@ class Stage:
         def clicked(event: Any) -> None:
             pose = self._payload.inverse()
             hit = place_under_ray(
-                self.boxes, pose.apply(event.ray_origin), pose.rotation @ np.array(event.ray_direction)
+                self.surface, pose.apply(event.ray_origin), pose.rotation @ np.array(event.ray_direction)
             )
             if hit is not None:
                 act(hit)

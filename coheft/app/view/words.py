@@ -6,21 +6,20 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from coheft.app.results.judge import RobotReport
-from coheft.app.results.states import State
-from coheft.app.view.colours import ACCENT, STATUS, WAITING, Colour, css
+from coheft.app.results.states import MEANINGS, State
+from coheft.app.terminal.digits import decimals_for, seconds_of, std_text, value_and_std
+from coheft.app.view.colours import ACCENT, BAD, FORCE, GOOD, STATUS, TORQUE, TRUTH, WAITING, Colour, css
 from coheft.app.view.model import ViewModel
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.structs import Estimate, LoadState
+from coheft.wire.scenario.schema import MAX_DURATION
 
 _STYLE = "font-size:13px;line-height:1.45;padding:2px 10px 4px 10px;font-variant-numeric:tabular-nums"
 _DIM = "opacity:.62"
 _STATES = {"waiting": WAITING, "running": STATUS["valid"], "paused": (251, 191, 36), "finished": ACCENT}
-_MEANING = {
-    "starting": "still finding out",
-    "valid": "holds, within its own bounds",
-    "stale": "cannot know whether it still holds",
-}
+_NARROW = "<style>@media (max-width: 36em) {.numbers td {font-size: 10px; padding: 0 1px}}</style>"
 _PROBLEMS = 4
+_MOST_DECIMALS = 6
 ENDED = "the run has ended; this is its last picture"
 READ_ONLY = "This view shows the run, and cannot act: it was started so."
 NO_OPERATOR = "This view shows the run, and cannot act: there are no keys of an operator."
@@ -29,11 +28,14 @@ NO_OPERATOR = "This view shows the run, and cannot act: there are no keys of an 
 def header(model: ViewModel, note: str = "") -> str:
     """What runs, how far it is."""
     status = model.status
-    share = min(1.0, model.time / status.duration) if status.duration > 0.0 else 0.0
+    has_end = 0.0 < status.duration < MAX_DURATION
+    share = min(1.0, model.time / status.duration) if has_end else 0.0
+    bar_height = 4 if has_end else 0
     truth = f"true mass <b>{model.truth.payload.mass:.3f} kg</b>" if model.truth is not None else "nothing heard yet"
     bar = (
-        f'<div style="height:4px;border-radius:2px;background:rgba(148,163,184,.25);margin:7px 0 6px">'
-        f'<div style="height:4px;border-radius:2px;width:{100.0 * share:.1f}%;background:{css(ACCENT)}"></div></div>'
+        f'<div style="height:{bar_height}px;border-radius:2px;background:rgba(148,163,184,.25);margin:7px 0 6px">'
+        f'<div style="height:{bar_height}px;border-radius:2px;width:{100.0 * share:.1f}%;background:{css(ACCENT)}">'
+        f"</div></div>"
     )
     speed = f" · {status.real_time_factor:.2g} × real time" if status.real_time_factor > 0.0 else ""
     return _page(
@@ -41,7 +43,7 @@ def header(model: ViewModel, note: str = "") -> str:
         f'<span><span style="font-size:17px;font-weight:650">{escape(status.scenario)}</span>'
         f'<span style="{_DIM}"> · estimator {escape(model.estimator)}</span></span>'
         f"{_chip(status.state, _STATES[status.state])}</div>{bar}"
-        f'<div style="display:flex;justify-content:space-between"><span>{model.time:.1f} of {status.duration:g} s'
+        f'<div style="display:flex;justify-content:space-between"><span>{seconds_of(model.time, status.duration)}'
         f'<span style="{_DIM}">{speed}</span></span><span>{truth}</span></div>'
         + (f'<div style="color:{css(_STATES["paused"])}">{escape(note)}</div>' if note else "")
     )
@@ -81,16 +83,21 @@ def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
     diagonal = [[m[i][i] for i in range(3)] if m is not None else None for m in _matrices(report)]
     rows += _rows("inertia", "kg·m²", ["xx", "yy", "zz"], diagonal[0] or [], diagonal[1], diagonal[2], 1.0, 3)
     table = (
-        f'<table style="width:100%;border-collapse:collapse"><tr style="{_DIM}"><td></td><td></td>'
+        f'{_NARROW}<table class="numbers" style="width:100%;border-collapse:collapse">'
+        f'<tr style="{_DIM}"><td></td><td></td>'
         f"{_right('truth')}{_right('estimate')}{_right('± std')}</tr>{''.join(rows)}</table>"
     )
     errors = [
-        f"mass {mass.error_pct:.2f} %" if mass.error_pct is not None else "",
-        f"centre {com.error_mm:.1f} mm" if com.error_mm is not None else "",
-        f"inertia {inertia.error_pct:.1f} %" if inertia.error_pct is not None else "",
+        f"mass {_small_number(mass.error_pct)} %" if mass.error_pct is not None else "",
+        f"centre of mass {_small_number(com.error_mm)} mm" if com.error_mm is not None else "",
+        f"inertia {_small_number(inertia.error_pct)} %" if inertia.error_pct is not None else "",
     ]
     off = " · ".join(error for error in errors if error)
     lines = [f'<div style="margin-top:5px"><span style="{_DIM}">off by</span> {off}</div>'] if off else []
+    lines += [
+        _bullet(f"further off than it claims: {each.quantity}, by {each.stds:.2g} own std", BAD)
+        for each in report.contradictions
+    ]
     lines += [_bullet(text, STATUS[report.status]) for text in report.reasons]
     lines += [_bullet(f"cannot tell {text}", WAITING) for text in report.not_observable if text not in report.reasons]
     noticed = [f"{notice.noticed_at:.2f} s" for notice in estimate.load_changes]
@@ -98,11 +105,14 @@ def belief(report: RobotReport | None, estimate: Estimate | None) -> str:
         lines.append(f'<div><span style="{_DIM}">noticed load changes at</span> {", ".join(noticed[-4:])}</div>')
     head = (
         f'<div style="display:flex;gap:8px;align-items:center;margin-bottom:3px">'
-        f"{_chip(report.status, STATUS[report.status])}"
-        f'<span style="{_DIM}">{_MEANING[report.status]}'
-        f"{', converged' if report.is_converged else ''}</span></div>"
+        f"{_chip(report.state, BAD if report.contradictions else STATUS[report.status])}"
+        f'<span style="{_DIM}">{MEANINGS[report.state]}</span></div>'
     )
     return _page(head + table + "".join(lines))
+
+
+def _small_number(value: float) -> str:
+    return f"{value:.2g}" if value >= 0.01 else "below 0.01"
 
 
 def team(model: ViewModel, chosen: str) -> str:
@@ -113,8 +123,8 @@ def team(model: ViewModel, chosen: str) -> str:
         estimate = beliefs.get(name)
         status = estimate.status if estimate is not None else "starting"
         payload = estimate.payload if estimate is not None else None
-        mass = f"{payload.mass:.3f}" if payload is not None else "–"
-        std = f"{payload.covariance[0, 0] ** 0.5:.3f}" if payload is not None else ""
+        known = value_and_std(payload.mass, payload.covariance[0, 0] ** 0.5, 2) if payload is not None else "–"
+        mass, _, std = known.partition(" ± ")
         colour = f"color:{css(ACCENT)};font-weight:650" if name == chosen else ""
         rows.append(
             f'<tr><td style="width:16px">{_dot(STATUS[status])}</td><td style="{colour}">{escape(name)}</td>'
@@ -139,11 +149,15 @@ def problems(model: ViewModel) -> str:
 
 
 def legend(doubt_scale: float) -> str:
-    """What the colours mean."""
+    """What the colours mean, in the scene and in the curves."""
     return _page(
-        f'<div style="font-size:12px;{_DIM}">White: the truth. Blue: what the chosen robot believes; box: a body of '
-        f"that inertia; ellipsoid: where the centre of mass is within 3σ, {doubt_scale:g} × as large. Yellow, violet: "
-        f"forces and torques. Lines below: who hears whom.</div>"
+        f'<div style="font-size:12px;margin-top:6px"><b>Scene</b><br>{_dot(TRUTH)} the truth: centre of mass, box of '
+        f"that inertia<br>{_dot(ACCENT)} what the chosen robot believes; the ellipsoid is 3 std of its centre of mass, "
+        f"{doubt_scale:g} × as large<br>{_dot(FORCE)} force, {_dot(TORQUE)} torque of a hand<br>hands and links: "
+        f"{_dot(GOOD)} valid, heard; {_dot(BAD)} stale, silent<br>red, green, blue: x, y, z of a grasp frame"
+        f'<div style="height:6px"></div><b>Curves</b> of the last 30 s, in the chosen robot\'s grasp frame<br>'
+        f"{_dot(ACCENT)} mass, x, xx {_dot(FORCE)} y, yy {_dot(TORQUE)} z, zz<br>"
+        f"{_dot(WAITING)} band of ± 3 std, as the robot claims</div>"
     )
 
 
@@ -167,7 +181,10 @@ def _rows(
 def _row(
     name: str, unit: str, truth: Sequence[float], estimate: Sequence[float], std: Sequence[float], digits: int
 ) -> str:
-    cells = [_right("".join(f"{value:.{digits}f}" for value in values) or "–") for values in (truth, estimate, std)]
+    needed = max([digits, *(decimals_for(value, 2) for value in std)])
+    decimals = min(needed, _MOST_DECIMALS)
+    texts = ["".join(f"{value:.{decimals}f}" for value in values) for values in (truth, estimate)]
+    cells = [_right(text or "–") for text in (*texts, "".join(std_text(value, needed) for value in std))]
     return f'<tr><td>{name}</td><td style="{_DIM}">{unit}</td>{"".join(cells)}</tr>'
 
 

@@ -383,6 +383,10 @@ class BoxShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
+def _no_triangles() -> np.ndarray[Any, Any]:
+    return np.empty((0, 3, 3), dtype=np.float32)
+
+
 class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What does not change during a run: what is held, and by whom.
 
@@ -392,6 +396,7 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         translations: Of the same, (N, 3) [m].
         neighbours: Who talks with whom.
         boxes: What the payload is made of; empty if no more is known of it than its mass properties.
+        triangles: What a payload from a file looks like, in its frame, (k, 3, 3) in single precision [m]; often none.
         home: Where the payload's frame was in the world when the robots took hold, its axes along the world's [m].
     """
 
@@ -400,4 +405,5 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     translations: np.ndarray[Any, Any]
     neighbours: dict[str, list[str]]
     boxes: list[BoxShape] = []
+    triangles: np.ndarray[Any, Any] = msgspec.field(default_factory=_no_triangles)
     home: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -17,6 +17,7 @@ from coheft.wire.scenario.errors import did_you_mean
 from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.motion_checks import check_motion
 from coheft.wire.scenario.payload_extent import check_load_places
+from coheft.wire.scenario.payload_surface import from_text
 from coheft.wire.scenario.plugins import SECTIONS, Kind, available, is_available
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.toml_value import as_toml
@@ -166,6 +167,10 @@ def check_choices(scenario: Scenario, origin: str) -> None:
     _check_one_of(robots, ("grasps", "perimeter", "sites"), "robots", origin)
     if payload.mesh is not None:
         _check_one_of(payload, ("mass", "density"), "payload", origin)
+    try:
+        from_text(payload.surface)
+    except ValueError as error:
+        raise ScenarioError(f"{origin}: key 'payload.surface': {error}; leave it out: coheft fills it in") from error
     needs = {"body": "mjcf", "density": "mesh", "mass": "mesh"}
     for key, needed in needs.items():
         if getattr(payload, key) is not None and getattr(payload, needed) is None:

@@ -89,6 +89,7 @@ class Payload(Section, frozen=True):
         mass: Of the mesh, instead of its density [kg].
         scale: Length of the mesh's unit [m]: 0.001 if it was drawn in millimetres.
         load_slots: Number of loads that can lie on it at a time.
+        surface: What it looks like, for views: filled in when a file is read; leave it out.
     """
 
     boxes: tuple[Box, ...] = ()
@@ -100,6 +101,7 @@ class Payload(Section, frozen=True):
     mass: Positive | None = None
     scale: Positive = 1.0
     load_slots: Annotated[int, Meta(ge=0, le=64)] = 4
+    surface: str = ""
 
     def inertia(self) -> Inertia:
         """Mass properties in the payload's frame, without loads."""

@@ -5,7 +5,7 @@ The mass properties are those that MuJoCo computes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -18,6 +18,7 @@ from coheft.wire.process.log import LOG
 from coheft.wire.scenario.payload import MassProperties, vector_of
 from coheft.wire.scenario.payload_extent import Extent, corners
 from coheft.wire.scenario.payload_model import PayloadModel
+from coheft.wire.scenario.payload_surface import box, capsule, cylinder
 from coheft.wire.scenario.schema import Grasp
 
 if TYPE_CHECKING:
@@ -94,15 +95,10 @@ class HeldBody:
         """Of its shapes, or, if it has none, of a box with its mass properties."""
         import mujoco
 
-        model, frames = self.model.compiled, self._frames()
-        unbounded = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+        model = self.model.compiled
         points = []
-        for geom in range(model.ngeom):
-            body, kind = model.geom_bodyid[geom], model.geom_type[geom]
-            if body not in self.inside or kind in unbounded:
-                continue
-            on_root = frames[self.root].inverse() @ frames[body] @ _pose(model.geom_pos[geom], model.geom_quat[geom])
-            if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        for geom, on_root in self._shapes():
+            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
                 mesh = model.geom_dataid[geom]
                 vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
                 points.append(vertices @ on_root.rotation.T + on_root.translation)
@@ -110,6 +106,27 @@ class HeldBody:
                 middle, halves = model.geom_aabb[geom].reshape(2, 3)
                 points.append(corners(on_root @ Pose(np.eye(3), middle), 2.0 * halves))
         return Extent.around(np.concatenate(points)) if points else Extent.like(properties)
+
+    def surface(self) -> Array:
+        """Triangles of its shapes in its frame, shape (n, 3, 3) [m]; of those for looks only, if it has such."""
+        model = self.model.compiled
+        shapes = list(self._shapes())
+        touches = model.geom_contype | model.geom_conaffinity
+        looks = [(geom, pose) for geom, pose in shapes if not touches[geom]]
+        parts = [_triangles(model, geom) @ pose.rotation.T + pose.translation for geom, pose in looks or shapes]
+        return np.concatenate(parts) if parts else np.empty((0, 3, 3))
+
+    def _shapes(self) -> Iterator[tuple[int, Pose]]:
+        """Numbers of its shapes that end somewhere, and their poses in its frame."""
+        import mujoco
+
+        model, frames = self.model.compiled, self._frames()
+        unbounded = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+        for geom in range(model.ngeom):
+            body = model.geom_bodyid[geom]
+            if body in self.inside and model.geom_type[geom] not in unbounded:
+                on_body = _pose(model.geom_pos[geom], model.geom_quat[geom])
+                yield geom, frames[self.root].inverse() @ frames[body] @ on_body
 
     def grasps(self, names: Sequence[str], extent: Extent, place: str) -> tuple[Grasp, ...]:
         """Sites that are fixed to it, as grasps in its frame.
@@ -196,6 +213,34 @@ class HeldBody:
         for body in range(1, model.nbody):
             frames.append(frames[model.body_parentid[body]] @ _pose(model.body_pos[body], model.body_quat[body]))
         return frames
+
+
+def _triangles(model: mujoco.MjModel, geom: int) -> Array:
+    """Of one shape, in its own frame, shape (n, 3, 3) [m]."""
+    import mujoco
+
+    size: Array = np.array(model.geom_size[geom])
+    match mujoco.mjtGeom(model.geom_type[geom]):
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = model.geom_dataid[geom]
+            faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
+            vertices: Array = np.array(model.mesh_vert[model.mesh_vertadr[mesh] :], dtype=np.float64)
+            corners_of: Array = vertices[faces]
+            return corners_of
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            return box(size)
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            return capsule(size[0], 0.0)
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            return capsule(size[0], size[1])
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            return cylinder(size[0], size[1])
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            return capsule(1.0, 0.0) * size
+        case _:
+            middle, halves = np.array(model.geom_aabb[geom]).reshape(2, 3)
+            around: Array = box(halves) + middle
+            return around
 
 
 def _alike(one: Inertia, other: Inertia) -> bool:

@@ -1,7 +1,7 @@
 """Payloads from files of the user's own: a body of a model, or a mesh, becomes numbers when a scenario is read.
 
-What comes after, on whatever host, knows mass properties and grasps only, and opens no file. Libraries for files are
-imported only if a scenario names one, and never by an agent.
+What comes after, on whatever host, knows mass properties, grasps and some triangles to draw, and opens no file.
+Libraries for files are imported only if a scenario names one, and never by an agent.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from coheft.wire.scenario.payload_body import HeldBody
 from coheft.wire.scenario.payload_extent import Extent, check_holds
 from coheft.wire.scenario.payload_mesh import filled, read_triangles
 from coheft.wire.scenario.payload_model import read_model
+from coheft.wire.scenario.payload_surface import to_text
 from coheft.wire.scenario.schema import Scenario
 
 
@@ -40,7 +41,7 @@ def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
             refuse_scenario(place, f"{path}: MuJoCo cannot use it: {' '.join(str(error).split())}")
         body = HeldBody.find(model, payload.body, f"{origin}: key 'payload.body'")
         properties = body.mass_properties(place)
-        extent = body.extent(properties)
+        extent, surface = body.extent(properties), body.surface()
         advice = "lengths in models are in metres"
         extent.check_file_size(place, "the body", advice, advice)
         body.remark_doubts(place)
@@ -61,11 +62,11 @@ def read_files(scenario: Scenario, origin: str, folder: Path) -> Scenario:
             f"if it is drawn in millimetres, set 'payload.scale' = {1e-3 * payload.scale:g}",
             f"set 'payload.scale' to the length of its unit in metres, now {payload.scale:g}",
         )
-        properties = MassProperties.of(filled(triangles, payload.mass, payload.density, place))
+        properties, surface = MassProperties.of(filled(triangles, payload.mass, payload.density, place)), triangles
     else:
         return scenario
     check_holds(scenario, extent, origin)
-    held = Payload(properties=properties, load_slots=payload.load_slots)
+    held = Payload(properties=properties, load_slots=payload.load_slots, surface=to_text(surface))
     return msgspec.structs.replace(scenario, payload=held, robots=robots)
 
 

@@ -1,0 +1,14 @@
+"""Settings that contradict each other, named before a run."""
+
+from __future__ import annotations
+
+from rich.console import Console
+
+from coheft.wire.scenario.notes import notes
+from coheft.wire.scenario.schema import Scenario
+
+
+def print_notes(console: Console, scenario: Scenario) -> None:
+    """A line for each; none for a scenario that means what it says."""
+    for note in notes(scenario):
+        console.print(f"Note: {note}.", style="yellow", markup=False, highlight=False, soft_wrap=True)

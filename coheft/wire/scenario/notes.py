@@ -1,0 +1,64 @@
+"""Settings that contradict each other, though a run is possible: what somebody may not have meant."""
+
+from __future__ import annotations
+
+import msgspec
+
+from coheft.estimation.tolerance import SensorTolerance
+from coheft.wire.scenario.schema import Scenario
+
+_TOO_SURE = "their own std will be too small"
+_MOST_NAMED = 3
+
+
+def notes(scenario: Scenario) -> list[str]:
+    """Sentences for people, each about settings of a valid scenario that contradict each other; usually none."""
+    return [*_untold_errors(scenario), *_exact_method(scenario), *_never(scenario)]
+
+
+def _untold_errors(scenario: Scenario) -> list[str]:
+    """Errors of sensors of which robots are not told."""
+    sensors = scenario.sensors
+    if not isinstance(sensors.errors, SensorTolerance):
+        return []
+    true, told = msgspec.to_builtins(sensors.errors), msgspec.to_builtins(sensors.tolerance)
+    larger = [f"{key} = {value:g} (told {told[key]:g})" for key, value in true.items() if value > told[key]]
+    found = []
+    if larger and scenario.estimator != "fan2017":
+        more = f" and {len(larger) - _MOST_NAMED} more" if len(larger) > _MOST_NAMED else ""
+        found.append(
+            f"'sensors.errors' has {', '.join(larger[:_MOST_NAMED])}{more}: sensors are further off than "
+            f"'sensors.tolerance' tells the robots, so {_TOO_SURE}. Give both the same values, or leave 'errors' out"
+        )
+    if sensors.drift.is_any:
+        found.append(
+            "'sensors.drift' is told to the robots, but with 'sensors.errors' in numbers nothing drifts: leave one out"
+        )
+    return found
+
+
+def _exact_method(scenario: Scenario) -> list[str]:
+    """A method for exact sensors, on sensors that are not."""
+    if scenario.estimator != "fan2017":
+        return []
+    true = msgspec.to_builtins(scenario.sensor_errors)
+    kinds = [
+        *(["errors of sensors"] if max(true.values()) > 0.0 else []),
+        *(["drift"] if scenario.sensor_drift.is_any else []),
+        *(["correlated noise"] if scenario.sensors.noise_correlation > 0.0 else []),
+    ]
+    if not kinds:
+        return []
+    return [
+        f"'estimator' = 'fan2017' knows white noise only, but this scenario has {' and '.join(kinds)}: robots will be "
+        f"off by that, and {_TOO_SURE}. 'efficient' counts all of it"
+    ]
+
+
+def _never(scenario: Scenario) -> list[str]:
+    """Changes of the load after the end."""
+    late = [change.at for change in scenario.load_changes if change.at >= scenario.duration]
+    if not late:
+        return []
+    times = ", ".join(f"{at:g}" for at in late[:_MOST_NAMED])
+    return [f"the load does not change at {times} s: the run ends at 'duration' = {scenario.duration:g} s"]

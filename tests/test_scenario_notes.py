@@ -1,0 +1,51 @@
+"""Settings that contradict each other are named before a run."""
+
+from __future__ import annotations
+
+import pytest
+
+from coheft.wire.scenario.file import available_scenarios, load_scenario
+from coheft.wire.scenario.notes import notes
+
+
+@pytest.mark.parametrize("name", sorted(available_scenarios()))
+def test_shipped_scenarios_mean_what_they_say(name: str) -> None:
+    assert notes(load_scenario(name)) == []
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        (
+            ["sensors.errors={force_offset=2.0}"],
+            "'sensors.errors' has force_offset = 2 (told 0): sensors are further off than 'sensors.tolerance' tells",
+        ),
+        (
+            ["sensors.errors={force_offset=2.0}", "sensors.tolerance={force_offset=1.0}"],
+            "force_offset = 2 (told 1)",
+        ),
+        (
+            ["sensors.errors={force_offset=1,torque_offset=1,gyro_offset=1,clock=1}"],
+            "and 1 more: sensors are further off",
+        ),
+        (["sensors.errors='none'", "sensors.drift={force=0.1}"], None),
+        (["sensors.errors={}", "sensors.drift={force=0.1}"], "nothing drifts: leave one out"),
+        (["estimator='fan2017'"], None),
+        (
+            ["estimator='fan2017'", "sensors.tolerance={force_offset=1.0}", "sensors.noise_correlation=0.01"],
+            "knows white noise only, but this scenario has errors of sensors and correlated noise",
+        ),
+        (["load_changes=[{at=5.0,mass=1.0}]", "duration=30.0"], None),
+    ],
+)
+def test_what_contradicts_each_other_is_named(values: list[str], told: str | None) -> None:
+    found = notes(load_scenario("ring3", values))
+    assert len(found) == (told is not None)
+    assert told is None or told in found[0]
+
+
+def test_a_change_of_the_load_that_never_comes_is_named() -> None:
+    import msgspec
+
+    scenario = msgspec.structs.replace(load_scenario("ring3", ["load_changes=[{at=5.0,mass=1.0}]"]), duration=5.0)
+    assert notes(scenario) == ["the load does not change at 5 s: the run ends at 'duration' = 5 s"]
