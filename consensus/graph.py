@@ -164,3 +164,15 @@ def metropolis_matrix(neighbours: Neighbours) -> Array:
             matrix[index[name], index[other]] = weight
             matrix[index[name], index[name]] -= weight
     return matrix
+
+
+def convergence_rate(matrix: Array) -> float:
+    """What every round of consensus leaves of the disagreement, once only the slowest part is left.
+
+    Args:
+        matrix: One round, symmetric, with rows that add up to 1, shape (N, N), such as ``metropolis_matrix``.
+
+    Returns:
+        The second largest eigenvalue in magnitude.
+    """
+    return float(np.sort(np.abs(np.linalg.eigvalsh(matrix)))[-2])

@@ -112,13 +112,11 @@ class InertialPhase:
 
     def channels(self) -> dict[str, Array]:
         """What to send to the neighbours."""
-        sums, parameters = self._sums.pipeline, self._parameters.pipeline
-        return {
-            "sums": sums.stages.copy(),
-            "sums_valid": sums.valid.astype(np.float64),
-            "parameters": parameters.stages.copy(),
-            "parameters_valid": parameters.valid.astype(np.float64),
-        }
+        channels: dict[str, Array] = {}
+        for name, consensus in (("sums", self._sums), ("parameters", self._parameters)):
+            stages, valid = consensus.pipeline.sent()
+            channels |= {name: stages, f"{name}_valid": valid.astype(np.float64)}
+        return channels
 
     def payload(self) -> PayloadEstimate | None:
         """The robots' agreed estimate, with the covariance of this robot's own and what the two differ by.
