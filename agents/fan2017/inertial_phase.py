@@ -236,7 +236,7 @@ class InertialPhase:
         # Each round leaves a share of the disagreement, at most; from what the last one did follows what is left.
         lag = self._rate / (1.0 - self._rate) * (average - before_last_round)[:, :9]
         lag[:, :6] *= self._members
-        by_causes = inputs_by_causes(samples[:, 9:15], lag, by_poses)
+        by_causes = inputs_by_causes(samples[:, 9:15] - average[:, :6], lag, by_poses)
         self._filter.update(samples[:, :3], samples[:, 6:9], alpha, total[:, :3], total[:, 3:], by_causes)
         self._watch_for_change(leaving, index, self._filter.surprise)
 

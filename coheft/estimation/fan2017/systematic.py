@@ -30,7 +30,8 @@ def inputs_by_causes(wrench: Array, lag: Array, acceleration_by_poses: Array) ->
     """By what a block's ``(F, T, a, alpha)`` are off for each unit of what may be off.
 
     Args:
-        wrench: The robot's own ``(f, t)`` in ``F_i``, shape (B, 6) [N, N·m].
+        wrench: The robot's own ``(f, t)`` in ``F_i`` less the team's mean, shape (B, 6) [N, N·m]. What all places are
+            off has the mean zero, so the mean wrench does not change by it.
         lag: What total wrench and angular acceleration may lag behind, shape (B, 9).
         acceleration_by_poses: See ``AngularAcceleration.by_poses``, shape (B, 3, 6 n).
 
