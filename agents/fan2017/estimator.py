@@ -93,7 +93,8 @@ class Fan2017Estimator:
         if not is_waiting:
             self._started = start
         phase.step(index, self._blocks, heard, inbox)
-        if not is_waiting and (phase.is_broken or phase.is_worth_taking_over(self._poses())):
+        is_solved = index % _SOLVE_EVERY == 0
+        if not is_waiting and (phase.is_broken or (is_solved and phase.is_worth_taking_over(self._poses()))):
             self._announce_start(index, graph)
         return sent | phase.channels()
 

@@ -14,15 +14,9 @@ import numpy as np
 from coheft.agents.estimator import Channels
 from coheft.agents.fan2017.claims import claim, parameters_of
 from coheft.agents.fan2017.load_changes import LoadChanges
+from coheft.agents.fan2017.network import Network
 from coheft.consensus.dynamic import DynamicConsensus
-from coheft.consensus.graph import (
-    Neighbours,
-    convergence_rate,
-    metropolis_weight,
-    place_variances,
-    uniform_weight,
-    weight_matrix,
-)
+from coheft.consensus.graph import Neighbours
 from coheft.consensus.pipeline import NeighbourStages
 from coheft.estimation.fan2017.angular_acceleration import AngularAcceleration, gyro_derivative
 from coheft.estimation.fan2017.joint_rls import JointRls
@@ -47,6 +41,8 @@ _MUCH_BETTER = 0.5
 """Poses are taken over when their standard deviations have fallen to this share: to start anew costs some blocks."""
 _LEFT = 2e-3
 """Sums are looked at once so much is left of what robots disagreed on at the start."""
+_EVERY = 5
+"""Of so many samples one tells what poses and lag do to the estimate."""
 _PATIENCE = 0.25
 """After so long without a complete sum, the load may have changed unnoticed [s]."""
 
@@ -75,14 +71,10 @@ class InertialPhase:
         self._config = config
         self._settings = config.fan2017
         self._rounds = self._settings.rounds
-        self._graph = graph
-        self._members = len(graph)
-        matrix = weight_matrix(graph, self._gain)
-        self._rate = convergence_rate(matrix)
+        self._network = Network.of(config, graph)
+        rate = self._network.rate
         # Blocks that have gone through this many times all rounds are what is looked at.
-        self._passes = max(0, ceil(log(_LEFT) / (self._rounds * log(max(self._rate, 1e-9)))) - 1)
-        self._place_variance = float(place_variances(matrix)[list(graph).index(config.name)])
-        self._gains = {name: self._gain(config.name, name) for name in graph[config.name]}
+        self._passes = max(0, ceil(log(_LEFT) / (self._rounds * log(max(rate, 1e-9)))) - 1)
         self._use_poses(poses_j_in_i)
         self._own_acceleration: dict[int, tuple[Array, Array]] = {}
         self._inputs = np.zeros((config.block, _SAMPLE_CHANNELS))
@@ -147,9 +139,9 @@ class InertialPhase:
         self._inputs = self._inputs_of(index - 1, blocks, heard)
         self._own_acceleration = {k: each for k, each in self._own_acceleration.items() if k in blocks}
         if self._inputs[0, 9]:
-            others = [heard[name][:, 6:9] for name in self._poses]
+            others = [heard[name][::_EVERY, 6:9] for name in self._poses]
             alpha = self._inputs[:, 6:9]
-            by_poses = self._acceleration.by_poses(blocks[index - 1][:, :3], alpha, others)
+            by_poses = self._acceleration.by_poses(blocks[index - 1][::_EVERY, :3], alpha[::_EVERY], others)
             self._own_acceleration[index - 1] = alpha, by_poses
         before_last_round = self._sums.pipeline.stages[-1]
         finished = self._sums.step(self._inputs, self._stages(inbox, "sums", 0, self._rounds))
@@ -179,9 +171,11 @@ class InertialPhase:
         shared = self._settings.share_estimates
         agreed = np.where(self._is_known, own, self._agreed) if shared else own
         poses = list(self._poses.values())
-        place = place_covariance(poses, self._filter.theta[6:9], self._place_variance)
-        sharing = self._members if self._settings.share_acceleration else 1
-        by_poses = covariance_of_poses(self._filter.theta, self._filter.by_causes, place, poses, self._members, sharing)
+        place = place_covariance(poses, self._filter.theta[6:9], self._network.place_variance)
+        sharing = self._network.members if self._settings.share_acceleration else 1
+        by_poses = covariance_of_poses(
+            self._filter.theta, self._filter.by_causes, place, poses, self._network.members, sharing
+        )
         return claim(self._filter, agreed, by_poses, self._length, self._config.converged)
 
     def _inputs_of(self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array]) -> Array:
@@ -199,7 +193,7 @@ class InertialPhase:
 
     def _is_measured(self, average: Array) -> bool:
         """Whether no robot's share in a block was made up: what is made up spreads just as the sums that it spoils."""
-        return bool(average[:, 9].min() > 1.0 - 0.5 / self._members)
+        return bool(average[:, 9].min() > 1.0 - 0.5 / self._network.members)
 
     def _stages(self, inbox: Mapping[str, Channels], channel: str, which: int, rounds: int) -> list[NeighbourStages]:
         """The neighbours' stages of one of the two consensuses, with their transports."""
@@ -210,7 +204,7 @@ class InertialPhase:
             stages.append(
                 NeighbourStages(
                     transport=transports[which],
-                    gains=np.full(rounds, self._gains[name]),
+                    gains=np.full(rounds, self._network.gains[name]),
                     stages=channels.get(channel),
                     valid=None if valid is None else valid > 0.5,
                 )
@@ -224,7 +218,7 @@ class InertialPhase:
         return f"no complete sum of the team since {self._config.start_of(self.newest + 1):.2f} s"
 
     def _take_in(self, leaving: int, index: int, samples: Array, average: Array, before_last_round: Array) -> None:
-        total = self._members * average[:, :6]
+        total = self._network.members * average[:, :6]
         self.newest = leaving
         self.total_wrench = total[-1]
         if self._filter is None:
@@ -234,9 +228,9 @@ class InertialPhase:
         own_alpha, by_poses = self._own_acceleration[leaving]
         alpha = average[:, 6:9] if self._settings.share_acceleration else own_alpha
         # Each round leaves a share of the disagreement, at most; from what the last one did follows what is left.
-        lag = self._rate / (1.0 - self._rate) * (average - before_last_round)[:, :9]
-        lag[:, :6] *= self._members
-        by_causes = inputs_by_causes(samples[:, 9:15] - average[:, :6], lag, by_poses)
+        lag = self._network.rate / (1.0 - self._network.rate) * (average - before_last_round)[::_EVERY, :9]
+        lag[:, :6] *= self._network.members
+        by_causes = inputs_by_causes((samples[:, 9:15] - average[:, :6])[::_EVERY], lag, by_poses)
         self._filter.update(samples[:, :3], samples[:, 6:9], alpha, total[:, :3], total[:, 3:], by_causes)
         self._watch_for_change(leaving, index, self._filter.surprise)
 
@@ -250,7 +244,7 @@ class InertialPhase:
 
     def _new_filter(self, centre: Array) -> JointRls:
         """The joint filter; lever arms and accelerations that it cannot know are taken to be like its neighbours'."""
-        noise, n = self._config.noise, self._members
+        noise, n = self._config.noise, self._network.members
         wrench_covariance = np.diag(np.repeat([n * noise.force**2, n * noise.torque**2], 3))
         for each in self._poses.values():
             arm = skew(each.pose.translation)
@@ -272,12 +266,6 @@ class InertialPhase:
             is_weighted_by_state=self._settings.equation_weights == "proposition-2",
             causes=causes(len(self._poses)),
         )
-
-    def _gain(self, one: str, other: str) -> float:
-        """Weight of the edge between two neighbours."""
-        if self._settings.consensus_weights == "uniform":
-            return uniform_weight(self._graph)
-        return metropolis_weight(len(self._graph[one]), len(self._graph[other]))
 
 
 def _share(pose: UncertainPose, used: UncertainPose) -> float:

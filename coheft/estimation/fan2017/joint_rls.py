@@ -87,7 +87,10 @@ class JointRls:
     ) -> None:
         self._noise = np.zeros((12, 12))
         self._noise[:6, :6] = wrench_covariance
-        self._wrench_noise = self._noise.copy()
+        # What noise of the wrench adds to information and vector, (10, 11), is linear in the weight, (6, 6).
+        wrench_noise = np.tensordot(wrench_covariance, _MATRIX_BY_INPUTS[:6], 1)
+        both = np.concatenate([_MATRIX_BY_INPUTS[:6], _RIGHT_SIDE_BY_INPUTS[:6, :, None]], axis=2)
+        self._noise_by_weight = np.einsum("kia,kjb->abij", wrench_noise, both).reshape(110, 36)
         self._noise[6:, 6:] = motion_covariance
         self._forgetting = forgetting
         self._prior = np.diag(_PRIOR_STD**-2.0)
@@ -119,7 +122,8 @@ class JointRls:
             alpha: Angular acceleration, shape (B, 3) [rad/s²].
             force: Total force in ``F_i``, shape (B, 3) [N].
             torque: Total torque about the origin of ``F_i``, shape (B, 3) [N·m].
-            by_causes: By what ``(F, T, a, alpha)`` are off for each unit of what may be off, shape (B, 12, K).
+            by_causes: By what ``(F, T, a, alpha)`` are off for each unit of what may be off, shape (b, 12, K): of every
+                sample or, as it changes as slowly as the motion, of every second, third, ..., from the first on.
         """
         matrix, right_side = joint_regressor(w, a, alpha, force, torque)
         by_inputs = self._residual_by_inputs()
@@ -137,14 +141,15 @@ class JointRls:
         self._vector = decay * self._vector + np.tensordot(weighted, right_side, ([0, 1], [0, 1]))
         self._noise_information, self._noise_vector = decay * self._noise_information, decay * self._noise_vector
         if self._is_weighted_by_state:  # basic least squares takes the regressor to be exact
-            noise, total = np.tensordot(self._wrench_noise, _MATRIX_BY_INPUTS, 1), float(age_weights.sum())
-            self._noise_information += total * np.tensordot(_MATRIX_BY_INPUTS, weight @ noise, ([0, 1], [0, 1]))
-            self._noise_vector += total * np.tensordot(noise, _RIGHT_SIDE_BY_INPUTS @ weight, ([0, 1], [0, 1]))
+            noise = float(age_weights.sum()) * (self._noise_by_weight @ weight.ravel()).reshape(10, 11)
+            self._noise_information += noise[:, :10]
+            self._noise_vector += noise[:, 10]
         if self._old is not None:
             self._old = decay * self._old[0], decay * self._old[1]
         self._pull *= decay
         if by_causes is not None:
-            self._pull += np.tensordot(weighted, by_inputs @ by_causes, ([0, 1], [0, 1]))
+            every = -(-len(w) // len(by_causes))
+            self._pull += every * np.tensordot(weighted[::every], by_inputs @ by_causes, ([0, 1], [0, 1]))
         self._solve()
         residual = right_side - matrix @ self.theta
         squares = np.einsum("bi,ij,bj->b", residual, weight, residual)
@@ -186,10 +191,9 @@ class JointRls:
     def _solve(self) -> None:
         """Theta, without what noise adds to the moments, as far as there is more than noise in them."""
         free = np.ix_(self._free, self._free)
-        ratios = np.linalg.eigvals(
-            np.linalg.solve((self._information + self._prior)[free], self._noise_information[free])
-        )
-        share = min(1.0, 0.5 / max(float(ratios.real.max()), 1e-12))
+        # The largest ratio of noise to information in any direction is at most the sum of all.
+        ratios = np.linalg.solve((self._information + self._prior)[free], self._noise_information[free])
+        share = min(1.0, 0.5 / max(float(np.trace(ratios)), 1e-12))
         self.theta = self._guess.copy()
         self.theta[self._free] = self._solution(
             self._information - share * self._noise_information, self._vector - share * self._noise_vector
