@@ -6,7 +6,15 @@ docs/consensus.md. How agents that are told of nothing but their neighbours lear
 """
 
 from coheft.consensus.dynamic import DynamicConsensus, lag_bound
-from coheft.consensus.graph import Neighbours, convergence_rate, laplacian, metropolis_matrix, metropolis_weight
+from coheft.consensus.graph import (
+    Neighbours,
+    convergence_rate,
+    laplacian,
+    metropolis_matrix,
+    metropolis_weight,
+    place_variances,
+    weight_matrix,
+)
 from coheft.consensus.pipeline import NeighbourStages, Pipeline
 from coheft.consensus.rounds import Rounds, make_rounds
 from coheft.consensus.schedule import Schedule, chebyshev, choose_schedule, finite_time, tree
@@ -27,5 +35,7 @@ __all__ = [
     "make_rounds",
     "metropolis_matrix",
     "metropolis_weight",
+    "place_variances",
     "tree",
+    "weight_matrix",
 ]
