@@ -19,7 +19,7 @@ _ORDER = [9, 6, 7, 8, 0, 1, 2, 3, 4, 5]
 
 
 def claim(
-    rls: JointRls, agreed: Array, by_poses: Array, length: float, limits: Converged
+    rls: JointRls, agreed: Array, by_poses: Array, agreeing: int, length: float, limits: Converged
 ) -> tuple[PayloadEstimate, tuple[str, ...]]:
     """The payload with its covariance, and why that is larger than ``limits`` ask for, in words.
 
@@ -30,6 +30,8 @@ def claim(
         rls: The own estimate.
         agreed: ``(1/m, 1, h, J)``, of all robots.
         by_poses: What frozen poses add to the covariance of theta, shape (10, 10).
+        agreeing: Robots over whose estimates the mean is taken. What they lag behind adds up to zero: of it no more is
+            left than if it were independent.
         length: Typical distance of grasps [m].
         limits: When an estimate is good enough.
     """
@@ -39,7 +41,7 @@ def claim(
     parts = {
         "noise": rls.covariance,
         "poses that are frozen as they were when the sums began": by_poses,
-        "dynamic consensus, which lags behind": covariance_of_lag(rls.by_causes),
+        "dynamic consensus, which lags behind": covariance_of_lag(rls.by_causes) / agreeing,
         "samples of the load before it changed, which still count": np.outer(pull, pull),
     }
     covariances = {cause: _in_order(part, values[0]) for cause, part in parts.items()}

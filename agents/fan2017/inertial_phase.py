@@ -74,7 +74,8 @@ class InertialPhase:
         self._network = Network.of(config, graph)
         rate = self._network.rate
         # Blocks that have gone through this many times all rounds are what is looked at.
-        self._passes = max(0, ceil(log(_LEFT) / (self._rounds * log(max(rate, 1e-9)))) - 1)
+        self._mixing_rounds = ceil(log(_LEFT) / log(max(rate, 1e-9)))
+        self._passes = ceil(self._mixing_rounds / self._rounds) - 1
         self._use_poses(poses_j_in_i)
         self._own_acceleration: dict[int, tuple[Array, Array]] = {}
         self._inputs = np.zeros((config.block, _SAMPLE_CHANNELS))
@@ -105,6 +106,7 @@ class InertialPhase:
         self._parameters = DynamicConsensus(1, 1, _PARAMETER_CHANNELS)
         self._next: int | None = None
         self._converged_at: int | None = None
+        self._agreed_at = 0
 
     def is_worth_taking_over(self, poses_j_in_i: Mapping[str, UncertainPose]) -> bool:
         """Whether the neighbours' poses are known so much better by now that all sums had better start anew."""
@@ -136,6 +138,7 @@ class InertialPhase:
         self._next = index + 1
         if self._converged_at is None:
             self._converged_at = index + self._rounds * (1 + self._passes)
+            self._agreed_at = index + self._mixing_rounds
         self._inputs = self._inputs_of(index - 1, blocks, heard)
         self._own_acceleration = {k: each for k, each in self._own_acceleration.items() if k in blocks}
         if self._inputs[0, 9]:
@@ -151,7 +154,8 @@ class InertialPhase:
             self._take_in(leaving, index, blocks[leaving], finished, before_last_round)
         own = self._start if self._filter is None else parameters_of(self._filter.theta)
         agreed = self._parameters.step(own[None], self._stages(inbox, "parameters", 1, 1))
-        if agreed is not None:
+        # Where the agreement starts anew, what was agreed on before holds until it has come as far again.
+        if agreed is not None and (self._filter is None or index >= self._agreed_at):
             self._agreed = agreed[0]
 
     def channels(self) -> dict[str, Array]:
@@ -176,7 +180,8 @@ class InertialPhase:
         by_poses = covariance_of_poses(
             self._filter.theta, self._filter.by_causes, place, poses, self._network.members, sharing
         )
-        return claim(self._filter, agreed, by_poses, self._length, self._config.converged)
+        agreeing = self._network.members if shared else 1
+        return claim(self._filter, agreed, by_poses, agreeing, self._length, self._config.converged)
 
     def _inputs_of(self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array]) -> Array:
         """This robot's wrench and angular acceleration of a block; the last ones if a measurement is missing."""
