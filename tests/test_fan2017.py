@@ -71,7 +71,7 @@ def test_the_paper_s_experiment_is_what_section_vii_says() -> None:
     ids=lambda value: value.kind if isinstance(value, Graph) else value,
 )
 def test_other_graphs(name: str, graph: Graph) -> None:
-    duration = 18.0
+    duration = 16.0
     recording = run_with_faults(fan2017(name, graph=graph, duration=duration, load_changes=()))
     assert_good(recording.judged(duration))
     for estimate in recording.last().values():

@@ -37,7 +37,7 @@ _SURPRISED_BLOCKS = 2
 """So many surprising blocks in a row are a load change."""
 _SETTLED = 1.0
 """None is noticed so soon after the filter has started or noticed one [s]."""
-_MUCH_BETTER = 0.5
+_MUCH_BETTER = 0.7
 """Poses are taken over when their standard deviations have fallen to this share: to start anew costs some blocks."""
 _LEFT = 2e-3
 """Sums are looked at once so much is left of what robots disagreed on at the start."""
