@@ -37,6 +37,7 @@ class Belief:
         learned_block: The newest block that has been looked at, -1 if there is none.
         grasps: Pose of every member's ``F_j`` in the frame that the team shares; none while it is not known well, or
             where the method has no such frame.
+        shortfall: Why it has not converged, though there is a payload.
     """
 
     phase: Literal["poses", "inertia"]
@@ -50,6 +51,7 @@ class Belief:
     learned_block: int = -1
     grasps: Mapping[str, Pose] = field(default_factory=dict)
     sensor_errors: tuple[SensorErrorEstimate, ...] = ()
+    shortfall: tuple[str, ...] = ()
 
 
 class Estimator(Protocol):

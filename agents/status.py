@@ -51,6 +51,7 @@ class StatusKeeper:
             reasons = list(belief.not_observable) or ["too few samples of this load"]
         is_valid = not doubts and belief.payload is not None
         if is_valid:
+            reasons = list(belief.shortfall)
             self._valid = belief
         told = self._valid or belief
         status: Literal["starting", "valid", "stale"] = "starting"

@@ -22,8 +22,28 @@ from coheft.consensus.pipeline import NeighbourStages, Pipeline
 from coheft.estimation.geometry.spatial import Array
 
 
+def lag_bound(rate: float, rounds: int, moved: float) -> float:
+    """How far behind the average of moving inputs agents are at most, once the start is forgotten.
+
+    With ``W`` the matrix of a round, ``e`` the deviations from the average obey ``e' = W^K (e + d)``, where ``d`` is
+    what inputs have moved by in K blocks, less the mean of that; ``|e|`` stays below ``r^K / (1 - r^K) |d|``.
+
+    Args:
+        rate: ``r``, see ``coheft.consensus.graph.convergence_rate``.
+        rounds: ``K``, rounds per block, and blocks that a value is under way.
+        moved: Largest ``|d|``: the norm over all agents, in one frame, of any of the channels.
+
+    Returns:
+        Largest ``|e|``, over the same agents, in the same frame and the same channel.
+    """
+    left = rate**rounds
+    return left / (1.0 - left) * moved
+
+
 class DynamicConsensus:
     """One agent's share of a dynamic consensus on blocks of samples.
+
+    Its ``pipeline`` holds what to send: ``pipeline.sent()`` after each step.
 
     Args:
         rounds: ``K``, rounds per block.
@@ -41,12 +61,12 @@ class DynamicConsensus:
         """One block.
 
         Args:
-            inputs: ``u_i`` of the block that enters, shape (B, C).
-            neighbours: Their messages, sent after the previous block.
+            inputs: ``u_i`` of the block that enters, in the agent's own frame, shape (B, C).
+            neighbours: Their messages, sent after the previous block, and how to read them.
 
         Returns:
-            The agent's value of the network's average for the block that entered K blocks before, shape (B, C), or
-            None while there is none, or if it was lost.
+            The agent's value of the network's average for the block that entered K blocks before, in its own frame,
+            shape (B, C), or None while there is none, or if it was lost.
         """
         own_gains = 1.0 - sum((neighbour.gains for neighbour in neighbours), np.zeros(self.pipeline.rounds))
         finished = self.pipeline.advance(neighbours, own_gains)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -156,11 +156,47 @@ def uniform_weight(neighbours: Neighbours) -> float:
 
 def metropolis_matrix(neighbours: Neighbours) -> Array:
     """One round of consensus with Metropolis weights as a matrix, shape (N, N), in the order of the mapping."""
+    return weight_matrix(neighbours, lambda i, j: metropolis_weight(len(neighbours[i]), len(neighbours[j])))
+
+
+def weight_matrix(neighbours: Neighbours, weight: Callable[[str, str], float]) -> Array:
+    """One round of consensus with any weights of the edges as a matrix, shape (N, N), in the order of the mapping."""
     index = {name: i for i, name in enumerate(neighbours)}
     matrix = np.eye(len(index))
     for name, others in neighbours.items():
         for other in others:
-            weight = metropolis_weight(len(others), len(neighbours[other]))
-            matrix[index[name], index[other]] = weight
-            matrix[index[name], index[name]] -= weight
+            matrix[index[name], index[other]] = weight(name, other)
+            matrix[index[name], index[name]] -= weight(name, other)
     return matrix
+
+
+def place_variances(matrix: Array) -> Array:
+    """How transports that are a bit off act: as if each agent stood elsewhere, so much for independent errors of one.
+
+    Transports ``X_ij (I + E_ij)``, with ``E_ij = -E_ji`` in common coordinates, do not close around cycles. To first
+    order consensus then does what it would do with ``X_ij (I + P_i - P_j)``, where ``P`` solves
+    ``sum_j W_ij (P_i - P_j - E_ij) = 0`` and has the mean zero: the weighted least squares of all edges.
+
+    Args:
+        matrix: One round of consensus, ``W``, symmetric, shape (N, N).
+
+    Returns:
+        Variance of each ``P_i`` if those of all ``E_ij`` are 1, shape (N,).
+    """
+    weights = matrix - np.diag(matrix.diagonal())
+    squares = weights**2
+    inverse = np.linalg.pinv(np.diag(weights.sum(axis=1)) - weights, hermitian=True)
+    of_edges = np.diag(squares.sum(axis=1)) - squares
+    return np.asarray(np.diag(inverse @ of_edges @ inverse))
+
+
+def convergence_rate(matrix: Array) -> float:
+    """What every round of consensus leaves of the disagreement, once only the slowest part is left.
+
+    Args:
+        matrix: One round, symmetric, with rows that add up to 1, shape (N, N), such as ``metropolis_matrix``.
+
+    Returns:
+        The second largest eigenvalue in magnitude.
+    """
+    return float(np.sort(np.abs(np.linalg.eigvalsh(matrix)))[-2])

@@ -81,6 +81,10 @@ class Pipeline:
         self.stages, self.valid[1:] = places[:-1], valid[:-1]
         return places[-1] if valid[-1] else None
 
+    def sent(self) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """What to send to every neighbour after ``enter``: copies of ``stages`` and ``valid``."""
+        return self.stages.copy(), self.valid.copy()
+
     def clear(self) -> None:
         """A block was missed: nothing that is under way can be completed."""
         self.valid[:] = False

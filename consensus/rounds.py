@@ -39,7 +39,13 @@ class Rounds(Protocol):
 
 
 def make_rounds(
-    schedule: Schedule, channel: str, name: str, neighbours: tuple[str, ...], samples: int, width: int
+    schedule: Schedule,
+    channel: str,
+    name: str,
+    neighbours: tuple[str, ...],
+    samples: int,
+    width: int,
+    transports: Mapping[str, Array] | None = None,
 ) -> Rounds:
     """One agent's share of a schedule.
 
@@ -50,10 +56,15 @@ def make_rounds(
         neighbours: Its neighbours.
         samples: ``B``, samples per block.
         width: ``C``, numbers per sample.
+        transports: ``X_ij`` by neighbour, shape (C, C) each: what carries its values from its frame to the agent's,
+            with ``X_ij X_jk = X_ik``. None if all agents use one frame.
+
+    Returns:
+        Results are in the agent's own frame; those times ``schedule.scale`` are the sums of all agents' values.
     """
     if isinstance(schedule, TreeSchedule):
-        return TreeRounds(schedule, channel, name, neighbours, samples, width)
-    return StageRounds(schedule, channel, name, neighbours, samples, width)
+        return TreeRounds(schedule, channel, name, neighbours, samples, width, transports)
+    return StageRounds(schedule, channel, name, neighbours, samples, width, transports)
 
 
 class StageRounds:
@@ -67,7 +78,9 @@ class StageRounds:
         neighbours: tuple[str, ...],
         samples: int,
         width: int,
+        transports: Mapping[str, Array] | None = None,
     ) -> None:
+        self._transports = transports or {}
         self._channel, self._channel_versions = channel, f"{channel}_versions"
         self._own_gains = schedule.gains(name, name)
         self._gains = {other: schedule.gains(name, other) for other in neighbours}
@@ -81,7 +94,7 @@ class StageRounds:
             channels = inbox.get(name, {})
             versions = channels.get(self._channel_versions)
             valid = None if versions is None or versions.shape != own.shape else versions == own
-            stages.append(NeighbourStages(None, gains, channels.get(self._channel), valid))
+            stages.append(NeighbourStages(self._transports.get(name), gains, channels.get(self._channel), valid))
         return self._pipeline.advance(stages, self._own_gains)
 
     def enter(self, values: Array | None, version: int = 0) -> None:

@@ -37,7 +37,9 @@ class TreeRounds:
         neighbours: tuple[str, ...],
         samples: int,
         width: int,
+        transports: Mapping[str, Array] | None = None,
     ) -> None:
+        self._transports = transports or {}
         self._shape = (samples, width)
         self._up_channel, self._down_channel, self._versions_channel = (
             f"{channel}_{part}" for part in ("up", "down", "versions")
@@ -61,7 +63,7 @@ class TreeRounds:
         if self._parent is None:
             self._down = self._up
         else:
-            self._down = self._heard(inbox.get(self._parent, {}), self._down_channel, 1, expected)
+            self._down = self._heard(inbox, self._parent, self._down_channel, 1, expected)
         total = self._down
         if self._wait:
             total = self._totals.pop()
@@ -73,15 +75,20 @@ class TreeRounds:
         for child in self._children:
             if value is None:
                 return None
-            subtotal = self._heard(inbox.get(child, {}), self._up_channel, 0, value.version)
+            subtotal = self._heard(inbox, child, self._up_channel, 0, value.version)
             value = None if subtotal is None else _Value(value.values + subtotal.values, value.version)
         return value
 
-    def _heard(self, channels: Mapping[str, Array], name: str, place: int, version: int) -> _Value | None:
+    def _heard(
+        self, inbox: Mapping[str, Mapping[str, Array]], sender: str, name: str, place: int, version: int
+    ) -> _Value | None:
+        channels, transport = inbox.get(sender, {}), self._transports.get(sender)
         values, versions = channels.get(name), channels.get(self._versions_channel)
         if values is None or versions is None or values.shape != self._shape or versions.shape != (2,):
             return None
-        return _Value(values, version) if versions[place] == version >= 0 else None
+        if not versions[place] == version >= 0:
+            return None
+        return _Value(values if transport is None else values @ transport.T, version)
 
     def enter(self, values: Array | None, version: int = 0) -> None:
         """See ``Rounds``."""

@@ -58,9 +58,22 @@ class Run:
         begun = [belief["r1"].phase == "inertia" for belief in self.beliefs]
         return float(self.times[begun.index(True)])
 
-    def pose_in_use(self, robot: str, neighbour: str) -> Pose:
+    @cached_property
+    def taken_over(self) -> list[int]:
+        """The blocks in which all robots began their sums, with the poses that they knew then."""
+        newest = np.array([belief["r1"].total_block for belief in self.beliefs])
+        waits = np.diff(newest, prepend=newest[0]) == 0
+        anew = np.flatnonzero(waits[1:] & ~waits[:-1]) + 1
+        return [int(np.searchsorted(self.times, self.start)), *anew.tolist()]
+
+    def pose_in_use(self, robot: str, neighbour: str, block: int) -> Pose:
         """Of a neighbour, as it was taken over for the sums."""
-        return self.beliefs[int(np.searchsorted(self.times, self.start))][robot].poses[neighbour].pose
+        before = max((each for each in self.taken_over if each <= block), default=self.taken_over[0])
+        return self.beliefs[before][robot].poses[neighbour].pose
+
+    def true_pose(self, robot: str, neighbour: str, block: int) -> Pose:
+        """Of a neighbour."""
+        return self.judge.relative_pose(robot, neighbour)
 
     @cached_property
     def bodies(self) -> Array:
@@ -102,7 +115,7 @@ def main() -> None:
     _draw_payload(found, found.start - 1.0, found.start + 10.0, "fan2017-payload.svg")
     _draw_payload(found, found.change - 1.0, found.scenario.duration, "fan2017-change.svg")
     _draw_consensus(found)
-    print(f"poses were taken over at {found.start:.1f} s")
+    print(f"poses were taken over at {', '.join(f'{found.times[block]:.1f}' for block in found.taken_over)} s")
     print(f"all robots knew the body {_settled(found, found.start, found.change):.1f} s after that")
     print(f"and {_settled(found, found.change, found.scenario.duration):.1f} s after it had changed")
 
@@ -217,7 +230,7 @@ def _draw_consensus(found: Run) -> None:
     sums, bodies = figure.subplots(1, 2)
     late = found.times > found.start + 1.0
     for k, (part, label) in enumerate(((slice(0, 3), "force, N"), (slice(3, 6), "torque, N·m"))):
-        for whose, poses in (("true poses", found.judge.relative_pose), ("their own poses", found.pose_in_use)):
+        for whose, poses in (("true poses", found.true_pose), ("their own poses", found.pose_in_use)):
             apart = _apart(found, poses)[:, :, part]
             worst = np.linalg.norm(apart, axis=2).max(axis=0)
             style = {"alpha": 0.35} if whose == "true poses" else {}
@@ -245,7 +258,7 @@ def _draw_consensus(found: Run) -> None:
     save(figure, "fan2017-consensus.svg")
 
 
-def _apart(found: Run, poses: Callable[[str, str], Pose]) -> Array:
+def _apart(found: Run, poses: Callable[[str, str, int], Pose]) -> Array:
     """Neighbours' total wrenches, carried, less the own ones, (edges, blocks, 6); nan where there are none."""
     totals = {
         name: np.array(
@@ -255,7 +268,7 @@ def _apart(found: Run, poses: Callable[[str, str], Pose]) -> Array:
     }
     return np.array(
         [
-            totals[other] @ poses(name, other).adjoint().T - totals[name]
+            [poses(name, other, block).adjoint() @ total for block, total in enumerate(totals[other])] - totals[name]
             for name, others in found.graph.items()
             for other in others
         ]

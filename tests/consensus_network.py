@@ -48,7 +48,7 @@ class Network:
         self, pipelines: dict[str, Pipeline], lost: Collection[tuple[str, str]] = ()
     ) -> dict[str, list[NeighbourStages]]:
         """What everyone hears now; messages (to, from) in ``lost`` do not arrive."""
-        sent = {name: (pipeline.stages.copy(), pipeline.valid.copy()) for name, pipeline in pipelines.items()}
+        sent = {name: pipeline.sent() for name, pipeline in pipelines.items()}
         return {
             i: [
                 NeighbourStages(

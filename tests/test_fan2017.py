@@ -10,7 +10,8 @@ from coheft.app.faults.schedule import FaultSchedule, Pause, Release
 from coheft.app.run.inprocess import run_in_process
 from coheft.estimation.tolerance import SensorTolerance
 from coheft.wire.messages.codec import encode
-from coheft.wire.scenario.file import load_scenario
+from coheft.wire.scenario.estimator_settings import Fan2017Settings
+from coheft.wire.scenario.file import CONFIG_FOLDER, load_scenario
 from coheft.wire.scenario.schema import Graph, LoadChange, Scenario
 from tests.in_process import Recording, assert_good, changed, run_with_faults
 
@@ -144,6 +145,52 @@ def test_too_little_motion_ends_with_not_observable_and_no_numbers() -> None:
         assert estimates[-1].phase == "poses"
         assert len(estimates[-1].not_observable) == 2
         assert all("has to turn more" in text for text in estimates[-1].not_observable)
+
+
+def test_where_sensors_may_be_off_it_says_that_it_does_not_know_them_and_claims_nothing() -> None:
+    """Real3, whose robots are told so, and the same with exact sensors."""
+    for name, is_told in (("real3", True), ("ring3", False)):
+        recording = run_with_faults(fan2017(name, duration=12.0, load_changes=()))
+        for estimates in recording.estimates.values():
+            last = estimates[-1]
+            assert last.phase == "inertia"
+            assert (last.payload is None) == is_told
+            assert any("its sensors may be off" in text for text in last.reasons) == is_told
+            assert any(estimate.status == "valid" for estimate in estimates) != is_told
+
+
+PAYLOADS = sorted(
+    path.stem
+    for path in CONFIG_FOLDER.glob("*.toml")
+    if path.stem not in ("carry6", "cart") and load_scenario(path.stem).robot_count <= 12
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PAYLOADS)
+def test_every_payload_scenario_runs_with_it(name: str) -> None:
+    scenario = fan2017(name, duration=10.0)
+    is_exact = scenario.sensors.tolerance == SensorTolerance()
+    recording = run_with_faults(scenario)
+    assert set(recording.estimates) == set(scenario.robot_names)
+    for estimate in recording.last().values():
+        assert is_exact or estimate.payload is None
+        assert estimate.status != "valid" or estimate.payload is not None
+        assert estimate.is_converged or estimate.reasons, "why it has not converged is said"
+
+
+@pytest.mark.slow
+def test_poses_that_are_known_much_better_are_taken_over() -> None:
+    """Begun with poses that are off by centimetres, it says that they keep it from converging, and gets past them."""
+    settings = Fan2017Settings(pose_rotation_deg=1.0, pose_translation_mm=20.0)
+    recording = run_with_faults(fan2017("ring3", duration=14.0, load_changes=(), fan2017=settings))
+    for name, estimates in recording.estimates.items():
+        first = next(estimate for estimate in estimates if estimate.status == "valid")
+        assert not first.converged
+        assert any("poses that are frozen" in text for text in first.reasons)
+        assert estimates[-1].is_converged, (name, estimates[-1].reasons)
+        assert estimates[-1].reasons == []
+    assert_good(recording.judged(14.0))
 
 
 def test_one_scenario_and_seed_give_the_same_estimates_bit_for_bit() -> None:

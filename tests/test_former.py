@@ -12,8 +12,10 @@ import pytest
 from coheft.app.faults.draw import draw_schedule
 from coheft.app.faults.schedule import read_schedule
 from coheft.app.run.overrides import override
+from coheft.app.run.plan import make_plan
 from coheft.errors import ScenarioError
-from coheft.wire.config import agent_config
+from coheft.wire.config import AgentProcessConfig, agent_config
+from coheft.wire.former_names import decode_config
 from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.requests import EstimatorRequest
 from coheft.wire.messages.structs import Measurements, Message
@@ -72,6 +74,22 @@ def test_the_paper_s_method_is_read_by_its_former_name_and_its_settings_are() ->
     assert now == {"estimator": "seed", "fan2017": {"rounds": 9}}, "the struct renames the estimator"
     config = agent_config(scenario, "r1", ("r2",))
     assert (config.estimator, config.seed_method) == ("fan2017", scenario.fan2017)
+
+
+def test_the_configuration_of_an_agent_is_read_with_the_settings_former_name() -> None:
+    scenario = load_scenario("ring3", ["estimator=fan2017", "fan2017.rounds=9"])
+    written = make_plan(scenario).agents["r1"]
+    table = msgspec.json.decode(msgspec.json.encode(written))
+    former = table["agent"]
+    former["estimator"], former["seed_method"] = "seed", former.pop("fan2017")
+    assert decode_config(msgspec.json.encode(table), AgentProcessConfig) == written
+    former["fan2017"] = {"rounds": 8}
+    with pytest.raises(
+        ScenarioError, match=r"the configuration of an agent: key 'seed_method\.rounds': found it beside"
+    ):
+        decode_config(msgspec.json.encode(table), AgentProcessConfig)
+    with pytest.raises(msgspec.ValidationError, match="unknown field `best_method`"):
+        decode_config(msgspec.json.encode({"agent": {"best_method": {}}}), AgentProcessConfig)
 
 
 def test_a_setting_under_both_names_is_an_error() -> None:

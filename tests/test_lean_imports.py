@@ -20,6 +20,7 @@ from coheft.wire.scenario.file import load_scenario
             {"scipy", "mujoco", "coheft.physics_server", "cyclopts", "rich", "unittest", "coheft.wire.cart"},
         ),
         ("coheft.physics_server.server", {"coheft.agents", "cyclopts", "rich", "matplotlib", "scipy"}),
+        ("coheft.consensus", {"zenoh", "mujoco", "scipy", "coheft.agents", "coheft.wire.transport", "coheft.app"}),
         ("coheft.app.cli.main", {"zenoh", "mujoco", "numpy", "scipy", "matplotlib", "joblib"}),
     ],
 )

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from coheft.agents.estimator import Belief, Channels, is_converged
+from coheft.agents.estimator import Belief, Channels
 from coheft.agents.fan2017 import kinematics
 from coheft.agents.fan2017.inertial_phase import InertialPhase
 from coheft.agents.fan2017.load_changes import LoadChanges
@@ -21,10 +21,16 @@ from coheft.estimation.fan2017.pose_rls import PoseRls
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.geometry.uncertain_pose import UncertainPose
 from coheft.estimation.measurement import KINEMATICS, MeasurementBlock
+from coheft.estimation.tolerance import SensorDrift, SensorTolerance
 from coheft.wire.config import AgentConfig
 
 _SOLVE_EVERY = 5
 """Blocks per solution of a pose filter: poses do not change, and solving costs more than taking in."""
+
+_SENSORS = (
+    "the payload: its sensors may be off, as [sensors] says, which the method of Fan et al. (2017) does not know: "
+    "it has no standard deviation to claim; the estimator efficient has"
+)
 
 _UNSEEN_DEG = 20.0
 """A pose whose rotation is less certain than this is not worth a number [degrees]."""
@@ -38,6 +44,9 @@ class Fan2017Estimator:
         self._settings = config.fan2017
         self._gossip = gossip
         self._load_changes = LoadChanges(config)
+        self._may_sensors_be_off = (
+            config.tolerance != SensorTolerance() or config.drift != SensorDrift() or config.noise_correlation > 0.0
+        )
         # Of neighbours while both hold the load. Both ends of an edge run the same filter on the same numbers, if none
         # are lost, and take each other's inverse: so the transports of an edge are exactly inverse to each other, as
         # Proposition 3 demands.
@@ -45,7 +54,7 @@ class Fan2017Estimator:
         self._holds: dict[str, tuple[int, int]] = {}
         self._blocks: dict[int, Array] = {}
         self._inertial_phase: InertialPhase | None = None
-        self._started = -1
+        self._started: int | None = None
         """The block after which the sums started last."""
         self._team = 0
         self._index = -1
@@ -71,20 +80,23 @@ class Fan2017Estimator:
         graph, start = self._gossip.graph, self._gossip.start_block
         if graph is None or self._config.name not in graph:
             return sent
-        if start is None or index <= start:
+        phase = self._inertial_phase
+        is_waiting = start is None or index <= start
+        if is_waiting and (phase is None or phase.is_broken):
             self._announce_poses(index, graph)
             return sent
-        if self._inertial_phase is None:
-            estimates = self._poses()
-            poses = {name: estimates[name].pose for name in graph[self._config.name]}
-            self._inertial_phase = InertialPhase(self._config, graph, poses, self._load_changes)
-        elif start != self._started:
-            self._inertial_phase.start_sums()
-        self._started = start
-        self._inertial_phase.step(index, self._blocks, heard, inbox)
-        if self._inertial_phase.is_broken:
+        if phase is None:
+            poses = {name: pose for name, pose in self._poses().items() if name in graph[self._config.name]}
+            phase = self._inertial_phase = InertialPhase(self._config, graph, poses, self._load_changes)
+        elif start != self._started and not is_waiting:
+            phase.take_over(self._poses())
+        if not is_waiting:
+            self._started = start
+        phase.step(index, self._blocks, heard, inbox)
+        is_solved = index % _SOLVE_EVERY == 0
+        if not is_waiting and (phase.is_broken or (is_solved and phase.is_worth_taking_over(self._poses()))):
             self._announce_start(index, graph)
-        return sent | self._inertial_phase.channels()
+        return sent | phase.channels()
 
     def _follow_holds(self) -> None:
         """Whoever takes hold again may do so elsewhere: its pose is found anew."""
@@ -104,7 +116,8 @@ class Fan2017Estimator:
     def belief(self) -> Belief:
         """See ``Estimator.belief``."""
         poses = self._poses()
-        missing = tuple(
+        sensors = (_SENSORS,) if self._may_sensors_be_off else ()
+        missing = sensors + tuple(
             f"pose of {name}: {_in_words(pose)}; the payload has to turn more, about at least two axes"
             for name, pose in sorted(poses.items())
             if not self._is_known(pose)
@@ -112,11 +125,12 @@ class Fan2017Estimator:
         phase = self._inertial_phase
         if phase is None:
             return Belief("poses", False, None, poses, not_observable=missing, load_changes=self._load_changes.notices)
-        payload = phase.payload()
+        claim = None if self._may_sensors_be_off else phase.payload()
         return Belief(
             phase="inertia",
-            converged=payload is not None and is_converged(payload, self._config.converged),
-            payload=payload,
+            converged=claim is not None and not claim[1],
+            payload=None if claim is None else claim[0],
+            shortfall=() if claim is None else claim[1],
             poses=poses,
             total_block=phase.newest,
             total_wrench=phase.total_wrench,

@@ -7,20 +7,23 @@ consensus over the robots' estimates.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import ceil, log
 
 import numpy as np
 
 from coheft.agents.estimator import Channels
+from coheft.agents.fan2017.claims import claim, parameters_of
 from coheft.agents.fan2017.load_changes import LoadChanges
+from coheft.agents.fan2017.network import Network
 from coheft.consensus.dynamic import DynamicConsensus
-from coheft.consensus.graph import Neighbours, metropolis_weight, uniform_weight
+from coheft.consensus.graph import Neighbours
 from coheft.consensus.pipeline import NeighbourStages
 from coheft.estimation.fan2017.angular_acceleration import AngularAcceleration, gyro_derivative
 from coheft.estimation.fan2017.joint_rls import JointRls
+from coheft.estimation.fan2017.systematic import causes, covariance_of_poses, inputs_by_causes, place_covariance
 from coheft.estimation.geometry.spatial import Array, Pose, skew
-from coheft.estimation.rigid_body.consistency import is_possible, nearest_possible
-from coheft.estimation.rigid_body.derivatives import barycentric_derivative
-from coheft.estimation.rigid_body.mass_properties import Inertia, packed_rotation, unpack_symmetric
+from coheft.estimation.geometry.uncertain_pose import UncertainPose
+from coheft.estimation.rigid_body.mass_properties import packed_rotation
 from coheft.wire.config import AgentConfig, KnownPayload
 from coheft.wire.messages.structs import PayloadEstimate
 
@@ -34,6 +37,12 @@ _SURPRISED_BLOCKS = 2
 """So many surprising blocks in a row are a load change."""
 _SETTLED = 1.0
 """None is noticed so soon after the filter has started or noticed one [s]."""
+_MUCH_BETTER = 0.7
+"""Poses are taken over when their standard deviations have fallen to this share: to start anew costs some blocks."""
+_LEFT = 2e-3
+"""Sums are looked at once so much is left of what robots disagreed on at the start."""
+_EVERY = 5
+"""Of so many samples one tells what poses and lag do to the estimate."""
 _PATIENCE = 0.25
 """After so long without a complete sum, the load may have changed unnoticed [s]."""
 
@@ -53,37 +62,66 @@ class InertialPhase:
     """
 
     def __init__(
-        self, config: AgentConfig, graph: Neighbours, poses_j_in_i: Mapping[str, Pose], load_changes: LoadChanges
+        self,
+        config: AgentConfig,
+        graph: Neighbours,
+        poses_j_in_i: Mapping[str, UncertainPose],
+        load_changes: LoadChanges,
     ) -> None:
         self._config = config
         self._settings = config.fan2017
         self._rounds = self._settings.rounds
-        self._poses = dict(sorted(poses_j_in_i.items()))
-        self._members = len(graph)
-        self._gains = {name: self._gain(graph, name) for name in self._poses}
-        self._transports = {name: _transports(pose) for name, pose in self._poses.items()}
-        self._acceleration = AngularAcceleration(
-            list(self._poses.values()), config.noise, config.rate, self._settings.acceleration == "accelerometers"
-        )
-        self._own_acceleration: dict[int, Array] = {}
+        self._network = Network.of(config, graph)
+        rate = self._network.rate
+        # Blocks that have gone through this many times all rounds are what is looked at.
+        self._mixing_rounds = ceil(log(_LEFT) / log(max(rate, 1e-9)))
+        self._passes = ceil(self._mixing_rounds / self._rounds) - 1
+        self._use_poses(poses_j_in_i)
+        self._own_acceleration: dict[int, tuple[Array, Array]] = {}
         self._inputs = np.zeros((config.block, _SAMPLE_CHANNELS))
         # Before the first estimate h is at the own grasp, so that the consensus on h is the centre of the grasps.
         self._start = np.array([1.0 / self._settings.initial_mass, 1.0] + [0.0] * 9)
         self._agreed = self._start
-        self._is_known = np.isin(_parameters(np.arange(10.0)), list(_known(config.known)))
+        self._is_known = np.isin(parameters_of(np.arange(10.0)), list(_known(config.known)))
         self._filter: JointRls | None = None
         self._surprised = 0
         self._quiet_until = np.inf
         self.newest = -1
         self.total_wrench = np.zeros(6)
         self._load_changes = load_changes
-        self.start_sums()
+        self._start_sums()
 
-    def start_sums(self) -> None:
-        """Start the sums, or start them anew after a loss; what was estimated so far stays."""
+    def _use_poses(self, poses_j_in_i: Mapping[str, UncertainPose]) -> None:
+        """Freeze the neighbours' poses as they are."""
+        self._poses = dict(sorted(poses_j_in_i.items()))
+        poses = [each.pose for each in self._poses.values()]
+        self._transports = {name: _transports(each.pose) for name, each in self._poses.items()}
+        self._acceleration = AngularAcceleration(
+            poses, self._config.noise, self._config.rate, self._settings.acceleration == "accelerometers"
+        )
+        self._length = float(np.sqrt(np.mean([pose.translation @ pose.translation for pose in poses])))
+
+    def _start_sums(self) -> None:
         self._sums = DynamicConsensus(self._rounds, self._config.block, _SAMPLE_CHANNELS)
         self._parameters = DynamicConsensus(1, 1, _PARAMETER_CHANNELS)
         self._next: int | None = None
+        self._converged_at: int | None = None
+        self._agreed_at = 0
+
+    def is_worth_taking_over(self, poses_j_in_i: Mapping[str, UncertainPose]) -> bool:
+        """Whether the neighbours' poses are known so much better by now that all sums had better start anew."""
+        return all(_share(poses_j_in_i[name], used) < _MUCH_BETTER for name, used in self._poses.items())
+
+    def take_over(self, poses_j_in_i: Mapping[str, UncertainPose]) -> None:
+        """Start the sums anew with the poses as they are known by now; what was estimated so far stays.
+
+        Whenever sums start, all robots do this, so that both ends of an edge use the same pose.
+        """
+        better = min(1.0, max(_share(poses_j_in_i[name], used) for name, used in self._poses.items()))
+        self._use_poses(poses_j_in_i)
+        if self._filter is not None:
+            self._filter.note_better(better)
+        self._start_sums()
 
     @property
     def is_broken(self) -> bool:
@@ -98,58 +136,52 @@ class InertialPhase:
             self._sums.pipeline.clear()
             self._parameters.pipeline.clear()
         self._next = index + 1
+        if self._converged_at is None:
+            self._converged_at = index + self._rounds * (1 + self._passes)
+            self._agreed_at = index + self._mixing_rounds
         self._inputs = self._inputs_of(index - 1, blocks, heard)
         self._own_acceleration = {k: each for k, each in self._own_acceleration.items() if k in blocks}
-        self._own_acceleration[index - 1] = self._inputs[:, 6:9]
+        if self._inputs[0, 9]:
+            others = [heard[name][::_EVERY, 6:9] for name in self._poses]
+            alpha = self._inputs[:, 6:9]
+            by_poses = self._acceleration.by_poses(blocks[index - 1][::_EVERY, :3], alpha[::_EVERY], others)
+            self._own_acceleration[index - 1] = alpha, by_poses
+        before_last_round = self._sums.pipeline.stages[-1]
         finished = self._sums.step(self._inputs, self._stages(inbox, "sums", 0, self._rounds))
         leaving = index - 1 - self._rounds
-        if finished is not None and leaving in blocks and self._is_measured(finished):
-            self._take_in(leaving, index, blocks[leaving], finished)
-        own = self._start if self._filter is None else _parameters(self._filter.theta)
+        is_converged = index >= self._converged_at
+        if finished is not None and is_converged and leaving in self._own_acceleration and self._is_measured(finished):
+            self._take_in(leaving, index, blocks[leaving], finished, before_last_round)
+        own = self._start if self._filter is None else parameters_of(self._filter.theta)
         agreed = self._parameters.step(own[None], self._stages(inbox, "parameters", 1, 1))
-        if agreed is not None:
+        # Where the agreement starts anew, what was agreed on before holds until it has come as far again.
+        if agreed is not None and (self._filter is None or index >= self._agreed_at):
             self._agreed = agreed[0]
 
     def channels(self) -> dict[str, Array]:
         """What to send to the neighbours."""
-        sums, parameters = self._sums.pipeline, self._parameters.pipeline
-        return {
-            "sums": sums.stages.copy(),
-            "sums_valid": sums.valid.astype(np.float64),
-            "parameters": parameters.stages.copy(),
-            "parameters_valid": parameters.valid.astype(np.float64),
-        }
+        channels: dict[str, Array] = {}
+        for name, consensus in (("sums", self._sums), ("parameters", self._parameters)):
+            stages, valid = consensus.pipeline.sent()
+            channels |= {name: stages, f"{name}_valid": valid.astype(np.float64)}
+        return channels
 
-    def payload(self) -> PayloadEstimate | None:
-        """The robots' agreed estimate, with the covariance of this robot's own and what the two differ by.
-
-        While the agreement is under way, the difference tells how far it has come. It counts as two standard
-        deviations: that far an own estimate often is from a good agreement.
-        """
+    def payload(self) -> tuple[PayloadEstimate, tuple[str, ...]] | None:
+        """The robots' agreed estimate with its covariance, and why it has not converged, if it has not."""
         if self._filter is None or self._agreed[0] <= 0.0 or self._filter.theta[9] <= 0.0:
             return None
-        own = _payload_parameters(_parameters(self._filter.theta))
         # What is known beforehand needs no agreement, in which frozen poses would make it wrong.
-        shared = np.where(self._is_known, _parameters(self._filter.theta), self._agreed)
-        agreed = _payload_parameters(shared) if self._settings.share_estimates else own
-        order = [9, 6, 7, 8, 0, 1, 2, 3, 4, 5]  # (J, h, 1/m) to (m, h, J)
-        covariance = self._filter.covariance[np.ix_(order, order)]
-        covariance[0] *= -(agreed[0] ** 2)
-        covariance[:, 0] *= -(agreed[0] ** 2)
-        covariance += 0.25 * np.outer(agreed - own, agreed - own)
-        raw = Inertia(float(agreed[0]), agreed[1:4], unpack_symmetric(agreed[4:]))
-        inertia = self._possible(raw, covariance)
-        return PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, covariance)
-
-    def _possible(self, raw: Inertia, covariance: Array) -> Inertia:
-        """The likeliest body that can exist: no robot is to be told of one that cannot."""
-        parameters = raw.barycentric()
-        if is_possible(parameters):
-            return raw
-        derivative = barycentric_derivative(raw)
-        information = np.linalg.inv(derivative @ covariance @ derivative.T).astype(np.float64)
-        length = np.sqrt(np.mean([pose.translation @ pose.translation for pose in self._poses.values()]))
-        return Inertia.from_barycentric(nearest_possible(parameters, information, float(length)))
+        own = parameters_of(self._filter.theta)
+        shared = self._settings.share_estimates
+        agreed = np.where(self._is_known, own, self._agreed) if shared else own
+        poses = list(self._poses.values())
+        place = place_covariance(poses, self._filter.theta[6:9], self._network.place_variance)
+        sharing = self._network.members if self._settings.share_acceleration else 1
+        by_poses = covariance_of_poses(
+            self._filter.theta, self._filter.by_causes, place, poses, self._network.members, sharing
+        )
+        agreeing = self._network.members if shared else 1
+        return claim(self._filter, agreed, by_poses, agreeing, self._length, self._config.converged)
 
     def _inputs_of(self, index: int, blocks: Mapping[int, Array], heard: Mapping[str, Array]) -> Array:
         """This robot's wrench and angular acceleration of a block; the last ones if a measurement is missing."""
@@ -166,7 +198,7 @@ class InertialPhase:
 
     def _is_measured(self, average: Array) -> bool:
         """Whether no robot's share in a block was made up: what is made up spreads just as the sums that it spoils."""
-        return bool(average[:, 9].min() > 1.0 - 0.5 / self._members)
+        return bool(average[:, 9].min() > 1.0 - 0.5 / self._network.members)
 
     def _stages(self, inbox: Mapping[str, Channels], channel: str, which: int, rounds: int) -> list[NeighbourStages]:
         """The neighbours' stages of one of the two consensuses, with their transports."""
@@ -177,7 +209,7 @@ class InertialPhase:
             stages.append(
                 NeighbourStages(
                     transport=transports[which],
-                    gains=np.full(rounds, self._gains[name]),
+                    gains=np.full(rounds, self._network.gains[name]),
                     stages=channels.get(channel),
                     valid=None if valid is None else valid > 0.5,
                 )
@@ -190,30 +222,37 @@ class InertialPhase:
             return None
         return f"no complete sum of the team since {self._config.start_of(self.newest + 1):.2f} s"
 
-    def _take_in(self, leaving: int, index: int, samples: Array, average: Array) -> None:
-        total = self._members * average[:, :6]
+    def _take_in(self, leaving: int, index: int, samples: Array, average: Array, before_last_round: Array) -> None:
+        total = self._network.members * average[:, :6]
         self.newest = leaving
         self.total_wrench = total[-1]
         if self._filter is None:
             centre = self._agreed[2:5] if self._settings.initial_com == "centre" else np.zeros(3)
             self._filter = self._new_filter(centre)
             self._quiet_until = self._config.start_of(index) + _SETTLED
-        alpha = average[:, 6:9] if self._settings.share_acceleration else self._own_acceleration[leaving]
-        self._filter.update(samples[:, :3], samples[:, 6:9], alpha, total[:, :3], total[:, 3:])
+        own_alpha, by_poses = self._own_acceleration[leaving]
+        alpha = average[:, 6:9] if self._settings.share_acceleration else own_alpha
+        # Each round leaves a share of the disagreement, at most; from what the last one did follows what is left.
+        lag = self._network.rate / (1.0 - self._network.rate) * (average - before_last_round)[::_EVERY, :9]
+        lag[:, :6] *= self._network.members
+        by_causes = inputs_by_causes((samples[:, 9:15] - average[:, :6])[::_EVERY], lag, by_poses)
+        self._filter.update(samples[:, :3], samples[:, 6:9], alpha, total[:, :3], total[:, 3:], by_causes)
         self._watch_for_change(leaving, index, self._filter.surprise)
 
     def _watch_for_change(self, leaving: int, index: int, surprise: float) -> None:
         self._surprised = self._surprised + 1 if surprise > _SURPRISE else 0
         if self._surprised >= _SURPRISED_BLOCKS and self._config.start_of(index) > self._quiet_until:
             self._load_changes.notice(leaving + 1 - self._surprised, index, within=0)
+            assert self._filter is not None
+            self._filter.note_change()
             self._quiet_until = self._config.start_of(index) + self._settings.memory + _SETTLED
 
     def _new_filter(self, centre: Array) -> JointRls:
         """The joint filter; lever arms and accelerations that it cannot know are taken to be like its neighbours'."""
-        noise, n = self._config.noise, self._members
+        noise, n = self._config.noise, self._network.members
         wrench_covariance = np.diag(np.repeat([n * noise.force**2, n * noise.torque**2], 3))
-        for pose in self._poses.values():
-            arm = skew(pose.translation)
+        for each in self._poses.values():
+            arm = skew(each.pose.translation)
             wrench_covariance[3:, 3:] += n / len(self._poses) * noise.force**2 * arm @ arm.T
         motion_covariance = np.zeros((6, 6))
         motion_covariance[:3, :3] = noise.acceleration**2 * np.eye(3)
@@ -230,13 +269,12 @@ class InertialPhase:
             mass=self._settings.initial_mass,
             known=_known(self._config.known),
             is_weighted_by_state=self._settings.equation_weights == "proposition-2",
+            causes=causes(len(self._poses)),
         )
 
-    def _gain(self, graph: Neighbours, name: str) -> float:
-        """Weight of the edge to a neighbour, the same at both ends."""
-        if self._settings.consensus_weights == "uniform":
-            return uniform_weight(graph)
-        return metropolis_weight(len(graph[self._config.name]), len(graph[name]))
+
+def _share(pose: UncertainPose, used: UncertainPose) -> float:
+    return pose.translation_std / used.translation_std
 
 
 def _transports(pose_j_in_i: Pose) -> tuple[Array, Array]:
@@ -256,13 +294,3 @@ def _known(told: KnownPayload) -> dict[int, float]:
     """What the robot is told of theta ``(J, h, 1/m)``, by index."""
     known = dict(enumerate(told.inertia or ())) | dict(enumerate(told.com or (), start=6))
     return known if told.mass is None else known | {9: 1.0 / told.mass}
-
-
-def _parameters(theta: Array) -> Array:
-    """``(1/m, 1, h, J)`` of ``(J, h, 1/m)``."""
-    return np.concatenate([theta[9:], [1.0], theta[6:9], theta[:6]])
-
-
-def _payload_parameters(parameters: Array) -> Array:
-    """``(m, h, J)`` of ``(1/m, 1, h, J)``."""
-    return np.concatenate([1.0 / parameters[:1], parameters[2:]])

@@ -119,6 +119,7 @@ def plain_belief(returned: object, index: int, neighbours: Collection[str]) -> B
         load_changes=_plain_changes(returned.load_changes),
         learned_block=_block(returned.learned_block, index, "learned_block"),
         grasps=returned.grasps,
+        shortfall=_texts(returned.shortfall, "shortfall"),
     )
 
 

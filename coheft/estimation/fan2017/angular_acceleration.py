@@ -77,6 +77,26 @@ class AngularAcceleration:
         result: Array = moment @ self.covariance
         return result
 
+    def by_poses(self, gyro: Array, alpha: Array, others: Sequence[Array]) -> Array:
+        """How ``alpha_i`` follows when neighbours' poses are perturbed as in ``UncertainPose``.
+
+        Args:
+            gyro: Own ``w_i``, shape (B, 3) [rad/s].
+            alpha: The estimate, shape (B, 3) [rad/s²].
+            others: The neighbours' ``a_j`` in their own frames, shape (B, 3) each.
+
+        Returns:
+            Shape (B, 3, 6 n): by turn and by distance of each neighbour.
+        """
+        result = np.zeros((len(gyro), 3, 6 * len(self.poses_j_in_i)))
+        crosses = skew(gyro)
+        field = skew(alpha) + crosses @ crosses  # acceleration by distance
+        for k, (arm, pose, other) in enumerate(zip(self._arms[1:], self.poses_j_in_i, others, strict=True)):
+            gain = self.covariance @ skew(arm) / self.noise.acceleration**2
+            result[:, :, 6 * k : 6 * k + 3] = -gain @ skew(other @ pose.rotation.T)
+            result[:, :, 6 * k + 3 : 6 * k + 6] = -gain @ field
+        return result
+
     @cached_property
     def _arms(self) -> Array:
         """Places of all accelerometers, the own one first, relative to their centre, shape (1 + neighbours, 3) [m]."""

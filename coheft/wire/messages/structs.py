@@ -259,7 +259,7 @@ class Estimate(Message, frozen=True):
         status: ``starting`` until there is a first estimate of the payload. While it is ``valid``, the truth is within
             five of its own standard deviations. ``stale``: the agent cannot know whether it still holds; payload and
             poses are the last valid ones.
-        reasons: Why it is not valid, in words, for instance "r3 is silent since 12.34 s".
+        reasons: Why it is not valid, or has not converged, in words, for instance "r3 is silent since 12.34 s".
         valid_block: Block to which payload and poses belong, the last valid one when stale; -1 if there is none.
         silent: Neighbours that it does not hear.
         estimator: By which method.

@@ -37,8 +37,8 @@ class Fan2017Settings(Section, frozen=True):
 
     memory: Positive = 2.0
     rounds: Annotated[int, Meta(ge=1, le=256)] = 16
-    pose_rotation_deg: Positive = 0.06
-    pose_translation_mm: Positive = 1.2
+    pose_rotation_deg: Positive = 0.18
+    pose_translation_mm: Positive = 3.6
     acceleration: Literal["gyro", "accelerometers"] = "accelerometers"
     share_acceleration: bool = True
     share_estimates: bool = True

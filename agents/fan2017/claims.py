@@ -1,0 +1,88 @@
+"""What a robot says of the payload: the agreed estimate, how sure it is of it, and what keeps it from being surer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coheft.agents.estimator import is_converged
+from coheft.estimation.fan2017.joint_rls import JointRls
+from coheft.estimation.fan2017.systematic import covariance_of_lag
+from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.rigid_body.consistency import is_possible, nearest_possible
+from coheft.estimation.rigid_body.derivatives import barycentric_derivative
+from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
+from coheft.wire.messages.structs import PayloadEstimate
+from coheft.wire.scenario.estimator_settings import Converged
+
+_ORDER = [9, 6, 7, 8, 0, 1, 2, 3, 4, 5]
+"""Of theta ``(J, h, 1/m)``, to get ``(m, h, J)``."""
+
+
+def claim(
+    rls: JointRls, agreed: Array, by_poses: Array, agreeing: int, length: float, limits: Converged
+) -> tuple[PayloadEstimate, tuple[str, ...]]:
+    """The payload with its covariance, and why that is larger than ``limits`` ask for, in words.
+
+    The own estimate differs from the agreed one while the agreement is under way. That counts as two standard
+    deviations: so far an own estimate often is from a good agreement.
+
+    Args:
+        rls: The own estimate.
+        agreed: ``(1/m, 1, h, J)``, of all robots.
+        by_poses: What frozen poses add to the covariance of theta, shape (10, 10).
+        agreeing: Robots over whose estimates the mean is taken. What they lag behind adds up to zero: of it no more is
+            left than if it were independent.
+        length: Typical distance of grasps [m].
+        limits: When an estimate is good enough.
+    """
+    values = _payload_parameters(agreed)
+    apart = values - _payload_parameters(parameters_of(rls.theta))
+    pull = rls.pull_of_old
+    parts = {
+        "noise": rls.covariance,
+        "poses that are frozen as they were when the sums began": by_poses,
+        "dynamic consensus, which lags behind": covariance_of_lag(rls.by_causes) / agreeing,
+        "samples of the load before it changed, which still count": np.outer(pull, pull),
+    }
+    covariances = {cause: _in_order(part, values[0]) for cause, part in parts.items()}
+    covariances["robots that do not agree yet"] = 0.25 * np.outer(apart, apart)
+    covariance = np.sum(list(covariances.values()), axis=0)
+    raw = Inertia(float(values[0]), values[1:4], unpack_symmetric(values[4:]))
+    inertia = _possible(raw, covariance, length)
+    payload = PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, covariance)
+    if is_converged(payload, limits):
+        return payload, ()
+    alone = [
+        cause
+        for cause, part in covariances.items()
+        if not is_converged(PayloadEstimate(inertia.mass, inertia.com, inertia.tensor, part), limits)
+    ]
+    return payload, tuple(f"standard deviations are too large because of {cause}" for cause in alone or covariances)
+
+
+def parameters_of(theta: Array) -> Array:
+    """``(1/m, 1, h, J)`` of ``(J, h, 1/m)``."""
+    return np.concatenate([theta[9:], [1.0], theta[6:9], theta[:6]])
+
+
+def _payload_parameters(parameters: Array) -> Array:
+    """``(m, h, J)`` of ``(1/m, 1, h, J)``."""
+    return np.concatenate([1.0 / parameters[:1], parameters[2:]])
+
+
+def _in_order(covariance: Array, mass: float) -> Array:
+    """Of ``(m, h, J)``, from that of theta."""
+    result = covariance[np.ix_(_ORDER, _ORDER)]
+    result[0] *= -(mass**2)
+    result[:, 0] *= -(mass**2)
+    return result
+
+
+def _possible(raw: Inertia, covariance: Array, length: float) -> Inertia:
+    """The likeliest body that can exist: no robot is to be told of one that cannot."""
+    parameters = raw.barycentric()
+    if is_possible(parameters):
+        return raw
+    derivative = barycentric_derivative(raw)
+    information = np.linalg.inv(derivative @ covariance @ derivative.T).astype(np.float64)
+    return Inertia.from_barycentric(nearest_possible(parameters, information, length))

@@ -1,0 +1,54 @@
+"""What one robot has to know of the network for its sums: weights of its edges, and what follows from all weights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from coheft.consensus.graph import (
+    Neighbours,
+    convergence_rate,
+    diameter,
+    metropolis_weight,
+    place_variances,
+    uniform_weight,
+    weight_matrix,
+)
+from coheft.wire.config import AgentConfig
+from coheft.wire.messages.size import MANY
+
+
+@dataclass(frozen=True)
+class Network:
+    """The team as a robot sees it.
+
+    Attributes:
+        members: How many there are.
+        gains: Weights of its edges, by neighbour.
+        rate: What a round leaves of the disagreement, see ``convergence_rate``.
+        place_variance: See ``place_variances``; of the robot itself.
+    """
+
+    members: int
+    gains: Mapping[str, float]
+    rate: float
+    place_variance: float
+
+    @staticmethod
+    def of(config: AgentConfig, graph: Neighbours) -> Network:
+        """In a team of more than ``MANY`` the last two are bounds: no robot decomposes as large a matrix."""
+        equal = uniform_weight(graph) if config.fan2017.consensus_weights == "uniform" else None
+
+        def gain(one: str, other: str) -> float:
+            return metropolis_weight(len(graph[one]), len(graph[other])) if equal is None else equal
+
+        gains = {name: gain(config.name, name) for name in graph[config.name]}
+        if len(graph) > MANY:
+            # The second smallest eigenvalue of a Laplacian is 4 / (N diameter) at least (Mohar 1991), and the smallest
+            # weight that of a uniform one; a place is off by no more than a chain of edges across the graph.
+            longest = diameter(graph)
+            rate = 1.0 - 4.0 * uniform_weight(graph) / (len(graph) * longest)
+            return Network(len(graph), gains, rate, float(longest))
+        matrix = weight_matrix(graph, gain)
+        variance = float(place_variances(matrix)[list(graph).index(config.name)])
+        return Network(len(graph), gains, convergence_rate(matrix), variance)
