@@ -15,6 +15,7 @@ from coheft.agents.efficient.judge import Outcome, Verdict, judge
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.monitor import Monitor
 from coheft.agents.efficient.settings import Guards
+from coheft.agents.efficient.slips import Slip, cause_of, slip_in
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
@@ -29,6 +30,8 @@ from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.unknowns import THETA
 from coheft.estimation.moments.untold import Untold
 
+_LEAST_DISBELIEVED, _GROWTH = 4, 1.4
+"""Rows that are not believed from which a slip is looked for, and in which steps again."""
 _ALIKE = 3.0
 """Steps of the mass are of one drift if neither is so many times the other."""
 
@@ -48,6 +51,9 @@ class Session:
     Attributes:
         stage: What it knows of the load.
         changes: Of the load: number of its first row, and of the row at which that was noticed.
+        slips: Of grasps.
+        suspected: Number of the row at which something was found to have changed, while it is not known what; else
+            None.
         suspect: Place of a robot whose motion sensors contradict the others at present, or None.
         verdict: On the last fit.
         untold: An error of a sensor that was told to be zero, but that rows ask for; None if they ask for none.
@@ -74,10 +80,12 @@ class Session:
         self._turn, self._lasting, self._longest = rows(guards.turn), rows(guards.lasting), rows(guards.undecided)
         self.stage = Stage.GATHERING
         self.changes: list[tuple[int, int]] = []
+        self.slips: list[Slip] = []
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
         self.untold: Untold | None = None
         self._untold_rows = self._untold_until = 0  # with which it was found, and with which it is over
+        self._most_undecided = rows(guards.telling_apart)
         self._untold_lasts = rows(guards.untold_lasts)
         self._loads = list[Array]()  # theta before each change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
@@ -90,11 +98,13 @@ class Session:
         self._known = Knowledge(self._count, self._anchor, self._settings, self._guards, prior)
         self._monitor = Monitor(self._count, self._guards)
         self.suspect: int | None = None
+        self.suspected: int | None = None
+        self._disbelieved = list[tuple[int, Array]]()  # rows that contradict what is known, and their numbers
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
         self._unconfirmed = 0  # so many rows must still fit what was known
         self._doubted_at, self._contradicted_at = -1, -self._confirming
-        self._forgot_at = -self._calm
+        self._forgot_at, self._next_slip = -self._calm, _LEAST_DISBELIEVED
         self._next_untold = self._known.first_untold
         self._asked_for: tuple[int, str] | None = None  # an error that rows have asked for once
 
@@ -135,13 +145,18 @@ class Session:
         return self.changes[-1][0] if self.changes else -1
 
     @property
+    def news_at(self) -> int:
+        """Number of the first row after the newest change of the load or slip, -1 if there was none."""
+        return max(self.changed_at, self.slips[-1].first if self.slips else -1)
+
+    @property
     def is_confirmed(self) -> bool:
         """Whether what was known before rows were missing, or in a former team, has fitted rows since."""
         return self._unconfirmed == 0
 
     def hear_of_change(self, first: int, number: int) -> None:
         """Another robot has found that the load changed at row ``first``: look for oneself for a while."""
-        if first > max(self.changed_at + self._turn, self._told_of):
+        if first > max(self.news_at + self._turn, self._told_of):
             self._told_of, self._look_until = first, number + self._turn
 
     def take(self, number: int, row: Array) -> None:
@@ -157,6 +172,8 @@ class Session:
             if number == self._newest:
                 self.total_wrench = look.view[FORCING_SIZE:]
             if not self._is_believed(number, look.motion):
+                self._disbelieved.append((number, row))
+                self._look_for_slip(number)
                 return
             place, has_moved = buffer.add(number, row)
             buffer.views[place] = look.view
@@ -167,6 +184,7 @@ class Session:
                 self._surprises = self._surprises + 1 if look.wrench @ look.wrench > guards.largest_surprise else 0
                 is_own_turn = number % self._turn == self._own * self._turn // self._count
                 is_urgent = self._surprises >= 2 or number <= self._look_until or not self.is_confirmed
+                is_urgent = is_urgent or self.suspected is not None
                 if (is_urgent or is_own_turn) and self._look_for_change(number):
                     return
         if known.is_fit_due and not self._look_for_change(number):
@@ -183,6 +201,8 @@ class Session:
         found = self._monitor.add(residuals)
         if found is not None:
             is_first = self.suspect is None and number > self._contradicted_at + self._confirming
+            if is_first:
+                self._disbelieved.clear()
             if is_first and found.rows == 1:  # a sample that is wrong, or a jump that a late sensor saw a row later
                 self._contradicted_at = number
                 self._monitor.forget()
@@ -190,7 +210,7 @@ class Session:
             if self.suspect is None or number > self._contradicted_at + self._confirming:
                 self._doubted_at = number
             if self.suspect is None:
-                self._known.take_back(number - found.rows)
+                self._disbelieved += self._known.take_back(number - found.rows)
             self.suspect, self._contradicted_at = found.robot, number
             self._monitor.forget()
             if number - self._doubted_at > self._lasting:
@@ -199,6 +219,30 @@ class Session:
         if self.suspect is not None and number - self._contradicted_at >= self._confirming:
             self.suspect, self._unconfirmed = None, self._confirming
         return self.suspect is None
+
+    def _look_for_slip(self, number: int) -> None:
+        """Whether a grasp has slipped with the rows that are not believed."""
+        known, count = self._known, len(self._disbelieved)
+        now, stage = known.estimate, self.stage
+        if count < self._next_slip or now is None or stage is not Stage.ESTIMATING or known.misses_poses:
+            return
+        self._next_slip = round(_GROWTH * count)
+        (first, _), *rows = sorted(self._disbelieved, key=lambda each: each[0])  # the first one is of before and after
+        robot = slip_in(known, now, np.array([row for _, row in rows]), self._guards)
+        if robot is not None:
+            self.slips.append(Slip(robot, first, self._doubted_at, number))
+            for each, row in rows:
+                known.buffer.add(each, row)
+            self._begin_slip(robot, known.buffer.count - len(rows), now)
+
+    def _begin_slip(self, robot: int, place: int, now: Estimate) -> None:
+        """From this place on a grasp is elsewhere, and what is known has to be confirmed."""
+        self._known.loosen_grasp(now, robot, place)
+        self._monitor.forget()
+        self._disbelieved.clear()
+        self.suspect, self.suspected, self._unconfirmed = None, None, self._confirming
+        self._surprises, self._look_until, self._next_slip = 0, -1, _LEAST_DISBELIEVED
+        self._next_untold = self._known.first_untold
 
     def _fit(self, before: int | None = None, keeps_motion: bool = False) -> Estimate:
         """See ``Knowledge.fit``; innovations count from now on."""
@@ -260,7 +304,7 @@ class Session:
     def _look_for_change(self, number: int) -> bool:
         """Whether the load has changed: what looks like it must still do so against a fit to older rows only."""
         if self.stage is Stage.GATHERING or number < self._pause:
-            return False
+            return self.suspected is not None
         known, buffer = self._known, self._known.buffer
         if known.misses_poses and not self.is_confirmed:
             if buffer.count < known.least:  # so few rows do not find them
@@ -269,19 +313,30 @@ class Session:
         since, size = known.sight.likeliest_change(buffer)
         now = known.estimate
         if size <= 1.0 or now is None or self._surprise(buffer.start + since, now) < self._guards.worth_a_fit:
-            self._unconfirmed = max(0, self._unconfirmed - 1)
+            self._unconfirmed, self.suspected = max(0, self._unconfirmed - 1), None
             return False
         now = self._fit(before=buffer.start + since)
         place = buffer.start + known.sight.likeliest_change(buffer)[0]
         if now.state.load is None or self._surprise(place, now) <= 1.0:
-            self._pause = number + buffer.count - place  # until there are twice as many rows
+            self._pause, self.suspected = number + buffer.count - place, None  # until there are twice as many rows
             self._fit()
             return False
+        noticed = number if self.suspected is None else self.suspected
+        if self.stage is Stage.ESTIMATING and not now.misses_poses:
+            cause = cause_of(known, now, place, self._guards, self._most_undecided)
+            if cause is None:
+                self._pause, self.suspected = number + max(1, (buffer.count - place) // 4), noticed
+                return True
+            if cause.robot is not None:
+                now = self._fit(before=cause.place)
+                self.slips.append(Slip(cause.robot, int(buffer.numbers[cause.place]), noticed, number))
+                self._begin_slip(cause.robot, cause.place, now)
+                return True
         place, now = self._with_changes_before(place, now)
         load = now.state.load
         assert load is not None
         self._loads.append(load[THETA])
-        self.changes.append((int(buffer.numbers[place]), number))
+        self.changes.append((int(buffer.numbers[place]), noticed))
         if self._load_before is None:
             theta = now.body.unknowns.theta
             self._load_before = KnownLoad(load, now.covariance[theta, theta])
@@ -313,4 +368,4 @@ class Session:
         self._monitor.forget()
         self.stage = TRANSITIONS[self.stage, event]
         self._surprises, self._look_until = 0, -1
-        self._forgot_at, self._unconfirmed = self._newest, 0
+        self._forgot_at, self._unconfirmed, self.suspected = self._newest, 0, None

@@ -12,7 +12,7 @@ from coheft.agents.efficient.session import Session
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.stages import Stage
 from coheft.app.faults.mutants import SWITCHED_OFF
-from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.measurement import SensorNoise
 from coheft.estimation.moments.claims import claim_of
 from coheft.estimation.moments.fit_settings import FitSettings
@@ -99,16 +99,17 @@ def changed(share: float, before: int = 200, after: int = 100) -> tuple[Array, l
     return rows, [LOAD] * before + [load] * after
 
 
-def slipped() -> Array:
-    """Rows over a grasp that slips by 5 cm."""
-    poses = (*POSES[:2], Pose(POSES[2].rotation, POSES[2].translation + np.array([0.05, 0.0, 0.0])), *POSES[3:])
+def grasped_anew() -> Array:
+    """Rows over a robot that takes hold elsewhere, farther away than a grasp slips."""
+    turned = POSES[2].rotation @ rotation_exp(np.array([0.0, 0.5, 0.0]))
+    poses = (*POSES[:2], Pose(turned, POSES[2].translation + np.array([0.3, 0.0, 0.0])), *POSES[3:])
     return np.concatenate([made_up_rows(150), made_up_rows(250, first=150, poses=poses)])
 
 
 CASES = {
     "surprise": Case(changed(0.05)[0], lambda session, _: session.changes[0][1] < 203, own=3),
     "contradiction": Case(off(150, 170, 200, 1, A.start, 0.3), lambda _, then: not {*range(152, 170)} & {*then.valid}),
-    "lasting": Case(slipped(), lambda session, then: then.valid[-1] > 390 and session.estimate is not None),
+    "lasting": Case(grasped_anew(), lambda session, then: then.valid[-1] > 390 and session.estimate is not None),
     "misfit": Case(off(8, 16, 200, 2, FORCE.start, 0.5), lambda _, then: then.is_sure and then.valid[0] > 40),
     "energy": Case(made_up_rows(200), lambda _, then: then.valid[-1] < 199, told=0.8),
     "noise_tolerance": Case(made_up_rows(400), lambda _, then: len(then.valid) > 350, told=0.94),

@@ -101,7 +101,9 @@ class Watch:
         for other, pose in estimate.poses.items():
             if any(release.robot in (other, estimate.robot) and release.is_active(time) for release in self._releases):
                 continue
-            error = pose_error(self._judge, estimate.robot, other, Pose(pose.rotation, pose.translation))
+            error = pose_error(
+                self._judge, estimate.robot, other, Pose(pose.rotation, pose.translation), estimate.block
+            )
             self._compare(estimate, f"pose of {other}", _POSE, error, pose.covariance)
 
     def _compare(self, estimate: Estimate, what: str, names: tuple[str, ...], error: Array, covariance: Array) -> None:

@@ -98,7 +98,7 @@ def published_errors(judge: Judge, edges: Edges, estimates: Mapping[str, Estimat
         estimate = estimates.get(name)
         if estimate is not None and estimate.phase == "inertia" and other in estimate.poses:
             found = estimate.poses[other]
-            poses[k] = pose_error(judge, name, other, Pose(found.rotation, found.translation))
+            poses[k] = pose_error(judge, name, other, Pose(found.rotation, found.translation), estimate.block)
             pose_covariances[k] = found.covariance
     for k, name in enumerate(names):
         estimate = estimates.get(name)
@@ -110,9 +110,9 @@ def published_errors(judge: Judge, edges: Edges, estimates: Mapping[str, Estimat
     return Errors(poses, payload, pose_covariances, payload_covariances)
 
 
-def pose_error(judge: Judge, name: str, other: str, estimate: Pose) -> Array:
+def pose_error(judge: Judge, name: str, other: str, estimate: Pose, block: int) -> Array:
     """Truth minus estimate of a neighbour's pose in ``F_i``: rotation vector in its axes, translation; shape (6,)."""
-    truth = judge.relative_pose(name, other)
+    truth = judge.relative_pose(name, other, block)
     return np.concatenate(
         [rotation_log(truth.rotation @ estimate.rotation.T), truth.translation - estimate.translation]
     )
