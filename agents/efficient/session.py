@@ -15,7 +15,7 @@ from coheft.agents.efficient.judge import Outcome, Verdict, judge
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.monitor import Monitor
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.slips import Slip, cause_of, slip_in
+from coheft.agents.efficient.slips import LEAST, Slip, cause_of, slip_in
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
@@ -99,6 +99,7 @@ class Session:
         self._monitor = Monitor(self._count, self._guards)
         self.suspect: int | None = None
         self.suspected: int | None = None
+        self._suspected_since = -1  # number of the first row after the newest change that was not known at once
         self._disbelieved = list[tuple[int, Array]]()  # rows that contradict what is known, and their numbers
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
@@ -146,8 +147,8 @@ class Session:
 
     @property
     def news_at(self) -> int:
-        """Number of the first row after the newest change of the load or slip, -1 if there was none."""
-        return max(self.changed_at, self.slips[-1].first if self.slips else -1)
+        """Number of the first row after the newest change of whatever kind, known or not; -1 if there was none."""
+        return max(self.changed_at, self.slips[-1].first if self.slips else -1, self._suspected_since)
 
     @property
     def is_confirmed(self) -> bool:
@@ -323,9 +324,12 @@ class Session:
             return False
         noticed = number if self.suspected is None else self.suspected
         if self.stage is Stage.ESTIMATING and not now.misses_poses:
-            cause = cause_of(known, now, place, self._guards, self._most_undecided)
+            is_soon = number < noticed + LEAST
+            cause = None if is_soon else cause_of(known, now, place, self._guards, self._most_undecided)
             if cause is None:
-                self._pause, self.suspected = number + max(1, (buffer.count - place) // 4), noticed
+                wait = LEAST if is_soon else max(1, (buffer.count - place) // 4)
+                self._pause, self.suspected = number + wait, noticed
+                self._suspected_since = int(buffer.numbers[place])
                 return True
             if cause.robot is not None:
                 now = self._fit(before=cause.place)

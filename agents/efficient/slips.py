@@ -16,8 +16,10 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.misfit import worst_misfit
 
-_SUDDEN, _LEAST = 2, 3
-"""Rows at the change itself are not looked at: slopes miss what jumps within a row. So many others there must be."""
+_SUDDEN = 2
+"""Rows at the change itself are not looked at: slopes miss what jumps within a row."""
+LEAST = 5
+"""Rows after something was noticed from which causes are told apart: when it came is known by then."""
 _BEFORE = range(-30, 15, 5)
 """A slip may have come so many rows before or after the moment at which the load seems to have changed."""
 _FRESH = 5
@@ -64,7 +66,7 @@ def cause_of(known: Knowledge, now: Estimate, place: int, guards: Guards, most: 
     """
     buffer = known.buffer
     rows = buffer.count - place
-    if rows < _SUDDEN + _LEAST:
+    if rows < LEAST:
         return None
     starts = {place} | {place + each for each in _BEFORE if buffer.start < place + each <= buffer.count - _FRESH}
     other, robot, slip, at = -np.inf, 0, -np.inf, place

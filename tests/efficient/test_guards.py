@@ -114,7 +114,7 @@ CASES = {
     "energy": Case(made_up_rows(200), lambda _, then: then.valid[-1] < 199, told=0.8),
     "noise_tolerance": Case(made_up_rows(400), lambda _, then: len(then.valid) > 350, told=0.94),
     "constant_excess": Case(off(0, 400, 400, 2, FORCE.start, 0.25), lambda _, then: then.is_sure),
-    "mass": Case(off(200, 400, 400, 2, TORQUE.start, 0.125), lambda _, then: then.is_sure),
+    "mass": Case(off(200, 400, 400, 2, TORQUE.start, 0.15), lambda _, then: then.is_sure),
     "waiting": Case(
         changed(0.01, after=60)[0], lambda _, then: then.is_sure, changed(0.01)[1], missing=range(180, 210)
     ),
@@ -133,8 +133,8 @@ def test_a_change_that_another_robot_has_noticed_is_looked_for_at_once() -> None
     settings = FitSettings(RowNoise.of_samples(SensorNoise(), 20, 1000.0), PERIOD)
     one, alone, told = (Session(len(POSES), own, settings, Guards()) for own in (2, 3, 3))
     for number, row in enumerate(rows):
-        if one.changes:
-            told.hear_of_change(one.changes[0][0], number)
+        if one.news_at >= 0:
+            told.hear_of_change(one.news_at, number)
         for session in (one, alone, told):
             session.take(number, row)
     noticed = [session.changes[0][1] for session in (one, alone, told)]

@@ -114,9 +114,12 @@ def test_without_a_lead_it_would_be_called_a_load() -> None:
 
 
 def test_after_a_while_the_likeliest_cause_is_told() -> None:
-    rows, _ = slipped(5.0, 0.0, 0, 4)
-    in_time, late = fed(rows), fed(rows, replace(Guards(), telling_apart=1e9))
-    assert in_time.slips[0].named < late.slips[0].named - 50
+    rows, _ = slipped(10.0, 0.0, 2, 2)
+    doubting = replace(Guards(), lead=1e9)
+    told = fed(rows, doubting)
+    assert [slip.robot for slip in told.slips] == [2]
+    assert told.slips[0].named == pytest.approx(BEFORE + 1.2 / PERIOD, abs=15)
+    assert fed(rows, replace(doubting, telling_apart=1e9)).suspected is not None
 
 
 @pytest.mark.parametrize("column", [A.start, V.start, W.start, FORCE.start, TORQUE.start])

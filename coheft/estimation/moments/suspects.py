@@ -5,7 +5,7 @@
 
 with ``S`` the score of the newest rows, ``K`` their information, ``V`` its covariance, to which what the fit to older
 rows does not know adds. Each suspect has a prior of its own, ``D D^T``: how far a load, a grasp or a sensor moves if it
-does. So one that explains rows with fewer or with more likely numbers wins.
+does, or the likeliest of some shares of that. So one that explains rows with fewer or with more likely numbers wins.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from coheft.estimation.moments.fit_settings import Guess
 
 SLIP: Array = np.repeat([np.radians(2.0), 0.02], 3)
 """How far a grasp slips, one standard deviation [rad, m]."""
+_SHARES = 1.0, 0.1, 0.01
+"""Whatever changes may do so by a share of what is said here: the likeliest one counts."""
 _EXCESS = 10.0, 1.0
 """What a force or torque sensor reads in excess if it does [N, N·m]."""
 
@@ -62,7 +64,10 @@ class _White(NamedTuple):
         return _White(np.linalg.solve(root, basis @ newest.score[places]), np.linalg.solve(root, by_change))
 
     def log_ratio(self, directions: Array) -> float:
-        """If unknowns have moved by ``directions`` (u, a) times numbers of variance 1."""
+        """If unknowns have moved by ``directions`` (u, a) times numbers of variance 1, or by a share of that."""
+        return max(self._log_ratio(share * directions) for share in _SHARES)
+
+    def _log_ratio(self, directions: Array) -> float:
         matrix, along = self._solvable(directions)
         return 0.5 * float(along @ np.linalg.solve(matrix, along) - np.linalg.slogdet(matrix)[1])
 
