@@ -118,7 +118,7 @@ class Session:
         """All that is known, for another team of which this robot is part; None if there is nothing to rely upon."""
         if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._look_for_change(self._newest):
             self._fit_and_judge()  # the newest rows have to be judged as well
-        is_relied_upon = self.stage is Stage.ESTIMATING and self.untold is None
+        is_relied_upon = self.stage is Stage.ESTIMATING and self.untold is None and self.suspected is None
         return self._known.prior() if is_relied_upon else None
 
     def claimable(self, estimate: Estimate) -> Estimate:
@@ -202,8 +202,6 @@ class Session:
         found = self._monitor.add(residuals)
         if found is not None:
             is_first = self.suspect is None and number > self._contradicted_at + self._confirming
-            if is_first:
-                self._disbelieved.clear()
             if is_first and found.rows == 1:  # a sample that is wrong, or a jump that a late sensor saw a row later
                 self._contradicted_at = number
                 self._monitor.forget()
@@ -217,8 +215,11 @@ class Session:
             if number - self._doubted_at > self._lasting:
                 self._start_over()
             return False
-        if self.suspect is not None and number - self._contradicted_at >= self._confirming:
-            self.suspect, self._unconfirmed = None, self._confirming
+        if number - self._contradicted_at >= self._confirming and self._disbelieved:  # it is over
+            self._disbelieved.clear()
+            self._next_slip = _LEAST_DISBELIEVED
+            if self.suspect is not None:
+                self.suspect, self._unconfirmed = None, self._confirming
         return self.suspect is None
 
     def _look_for_slip(self, number: int) -> None:
