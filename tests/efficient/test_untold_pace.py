@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -41,7 +42,7 @@ def fed(monkeypatch: pytest.MonkeyPatch, guards: Guards, asked_for: range) -> tu
 def test_looks_become_rarer_as_rows_become_many(monkeypatch: pytest.MonkeyPatch) -> None:
     looks, _ = fed(monkeypatch, Guards(), range(0))
     assert len(looks) < 9
-    assert all(later > 1.5 * earlier for earlier, later in zip(looks, looks[1:], strict=False))
+    assert all(later > 1.5 * earlier for earlier, later in pairwise(looks))
     often, _ = fed(monkeypatch, replace(Guards(), untold_growth=1.0), range(0))
     assert len(often) > 1.5 * len(looks)
 
