@@ -15,7 +15,7 @@ from coheft.agents.efficient.judge import Outcome, Verdict, judge
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.monitor import Monitor
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.slips import LEAST, Slip, cause_of, slip_in
+from coheft.agents.efficient.slips import LEAST, Disbelieved, Slip, cause_of
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
@@ -30,8 +30,6 @@ from coheft.estimation.moments.moments import RowMoments, wrench_moments
 from coheft.estimation.moments.unknowns import THETA
 from coheft.estimation.moments.untold import Untold
 
-_LEAST_DISBELIEVED, _GROWTH = 4, 1.4
-"""Rows that are not believed from which a slip is looked for, and in which steps again."""
 _ALIKE = 3.0
 """Steps of the mass are of one drift if neither is so many times the other."""
 
@@ -100,12 +98,12 @@ class Session:
         self.suspect: int | None = None
         self.suspected: int | None = None
         self._suspected_since = -1  # number of the first row after the newest change that was not known at once
-        self._disbelieved = list[tuple[int, Array]]()  # rows that contradict what is known, and their numbers
+        self._disbelieved = Disbelieved()
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
         self._unconfirmed = 0  # so many rows must still fit what was known
         self._doubted_at, self._contradicted_at = -1, -self._confirming
-        self._forgot_at, self._next_slip = -self._calm, _LEAST_DISBELIEVED
+        self._forgot_at = -self._calm
         self._next_untold = self._known.first_untold
         self._asked_for: tuple[int, str] | None = None  # an error that rows have asked for once
 
@@ -173,7 +171,7 @@ class Session:
             if number == self._newest:
                 self.total_wrench = look.view[FORCING_SIZE:]
             if not self._is_believed(number, look.motion):
-                self._disbelieved.append((number, row))
+                self._disbelieved.add([(number, row)])
                 self._look_for_slip(number)
                 return
             place, has_moved = buffer.add(number, row)
@@ -209,29 +207,24 @@ class Session:
             if self.suspect is None or number > self._contradicted_at + self._confirming:
                 self._doubted_at = number
             if self.suspect is None:
-                self._disbelieved += self._known.take_back(number - found.rows)
+                self._disbelieved.add(self._known.take_back(number - found.rows))
             self.suspect, self._contradicted_at = found.robot, number
             self._monitor.forget()
             if number - self._doubted_at > self._lasting:
                 self._start_over()
             return False
         if number - self._contradicted_at >= self._confirming and self._disbelieved:  # it is over
-            self._disbelieved.clear()
-            self._next_slip = _LEAST_DISBELIEVED
+            self._disbelieved = Disbelieved()
             if self.suspect is not None:
                 self.suspect, self._unconfirmed = None, self._confirming
         return self.suspect is None
 
     def _look_for_slip(self, number: int) -> None:
         """Whether a grasp has slipped with the rows that are not believed."""
-        known, count = self._known, len(self._disbelieved)
-        now, stage = known.estimate, self.stage
-        if count < self._next_slip or now is None or stage is not Stage.ESTIMATING or known.misses_poses:
-            return
-        self._next_slip = round(_GROWTH * count)
-        (first, _), *rows = sorted(self._disbelieved, key=lambda each: each[0])  # the first one is of before and after
-        robot = slip_in(known, now, np.array([row for _, row in rows]), self._guards)
-        if robot is not None:
+        known, now = self._known, self._known.estimate
+        found = self._disbelieved.slip(known, self._guards) if self.stage is Stage.ESTIMATING else None
+        if found is not None and now is not None:
+            robot, ((first, _), *rows) = found  # the first row is of before and after
             self.slips.append(Slip(robot, first, self._doubted_at, number))
             for each, row in rows:
                 known.buffer.add(each, row)
@@ -241,9 +234,9 @@ class Session:
         """From this place on a grasp is elsewhere, and what is known has to be confirmed."""
         self._known.loosen_grasp(now, robot, place)
         self._monitor.forget()
-        self._disbelieved.clear()
+        self._disbelieved = Disbelieved()
         self.suspect, self.suspected, self._unconfirmed = None, None, self._confirming
-        self._surprises, self._look_until, self._next_slip = 0, -1, _LEAST_DISBELIEVED
+        self._surprises, self._look_until = 0, -1
         self._next_untold = self._known.first_untold
 
     def _fit(self, before: int | None = None, keeps_motion: bool = False) -> Estimate:

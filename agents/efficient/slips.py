@@ -6,6 +6,7 @@ of the team. Either way the log ratios of all that may have changed decide, see 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,8 @@ _SUDDEN = 2
 """Rows at the change itself are not looked at: slopes miss what jumps within a row."""
 LEAST = 5
 """Rows after something was noticed from which causes are told apart: when it came is known by then."""
+_LEAST_DISBELIEVED, _GROWTH = 4, 1.4
+"""Rows that are not believed from which a slip is looked for, and in which steps again."""
 _BEFORE = range(-30, 15, 5)
 """A slip may have come so many rows before or after the moment at which the load seems to have changed."""
 _FRESH = 5
@@ -79,6 +82,31 @@ def cause_of(known: Knowledge, now: Estimate, place: int, guards: Guards, most: 
     if abs(slip - other) < guards.lead and rows < most:
         return None
     return Cause(robot, at) if slip > other else Cause(None, place)
+
+
+class Disbelieved:
+    """Rows that contradict what is known, since they began to, and whether a slip explains them."""
+
+    def __init__(self) -> None:
+        self._rows = list[tuple[int, Array]]()
+        self._next = _LEAST_DISBELIEVED
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def add(self, rows: Iterable[tuple[int, Array]]) -> None:
+        """Take in rows with their numbers."""
+        self._rows += rows
+
+    def slip(self, known: Knowledge, guards: Guards) -> tuple[int, list[tuple[int, Array]]] | None:
+        """The robot whose grasp has slipped, and these rows in order; None if none has, or it was asked just before."""
+        now = known.estimate
+        if len(self) < self._next or now is None or now.misses_poses:
+            return None
+        self._next = round(_GROWTH * len(self))
+        rows = sorted(self._rows, key=lambda each: each[0])
+        robot = slip_in(known, now, np.array([row for _, row in rows[1:]]), guards)
+        return None if robot is None else (robot, rows)
 
 
 def slip_in(known: Knowledge, now: Estimate, rows: Array, guards: Guards) -> int | None:
