@@ -308,12 +308,16 @@ class Session:
         since, size = known.sight.likeliest_change(buffer)
         now = known.estimate
         if size <= 1.0 or now is None or self._surprise(buffer.start + since, now) < self._guards.worth_a_fit:
-            self._unconfirmed, self.suspected = max(0, self._unconfirmed - 1), None
+            if self.suspected is not None:  # it has changed back meanwhile
+                return self._change_load(buffer.count, self.suspected)
+            self._unconfirmed = max(0, self._unconfirmed - 1)
             return False
         now = self._fit(before=buffer.start + since)
         place = buffer.start + known.sight.likeliest_change(buffer)[0]
         if now.state.load is None or self._surprise(place, now) <= 1.0:
-            self._pause, self.suspected = number + buffer.count - place, None  # until there are twice as many rows
+            if self.suspected is not None:
+                return self._change_load(place, self.suspected)
+            self._pause = number + buffer.count - place  # until there are twice as many rows
             self._fit()
             return False
         noticed = number if self.suspected is None else self.suspected
@@ -322,15 +326,24 @@ class Session:
             cause = None if is_soon else cause_of(known, now, place, self._guards, self._most_undecided)
             if cause is None:
                 wait = LEAST if is_soon else max(1, (buffer.count - place) // 4)
+                if self.suspected is None:
+                    self._suspected_since = int(buffer.numbers[place])
                 self._pause, self.suspected = number + wait, noticed
-                self._suspected_since = int(buffer.numbers[place])
                 return True
             if cause.robot is not None:
                 now = self._fit(before=cause.place)
                 self.slips.append(Slip(cause.robot, int(buffer.numbers[cause.place]), noticed, number))
                 self._begin_slip(cause.robot, cause.place, now)
                 return True
-        place, now = self._with_changes_before(place, now)
+        return self._change_load(place, noticed)
+
+    def _change_load(self, place: int, noticed: int) -> bool:
+        """The load is another one from this place on, or from where it was suspected to be."""
+        buffer = self._known.buffer
+        if self.suspected is not None:
+            since = int(np.searchsorted(buffer.numbers[: buffer.count], self._suspected_since))
+            place = min(place, max(buffer.start + 1, since))
+        place, now = self._with_changes_before(place, self._fit(before=place))
         load = now.state.load
         assert load is not None
         self._loads.append(load[THETA])

@@ -23,8 +23,8 @@ LEAST = 5
 """Rows after something was noticed from which causes are told apart: when it came is known by then."""
 _LEAST_DISBELIEVED, _GROWTH = 4, 1.4
 """Rows that are not believed from which a slip is looked for, and in which steps again."""
-_BEFORE = range(-30, 15, 5)
-"""A slip may have come so many rows before or after the moment at which the load seems to have changed."""
+_BEFORE = range(-30, 0, 5)
+"""A slip may have come so many rows before the moment at which the load seems to have changed."""
 _FRESH = 5
 """But with so many of the newest rows at least."""
 
@@ -65,7 +65,7 @@ def cause_of(known: Knowledge, now: Estimate, place: int, guards: Guards, most: 
         now: A fit to rows before ``place``.
         place: Of the row with which the load seems to have changed.
         guards: Thresholds.
-        most: From so many rows on the likeliest cause is told, however little it leads.
+        most: From so many rows on it is the load, or a sensor, if no slip leads.
     """
     buffer = known.buffer
     rows = buffer.count - place
@@ -79,9 +79,9 @@ def cause_of(known: Knowledge, now: Estimate, place: int, guards: Guards, most: 
         other, best = max(other, found.load, found.sensor), int(found.slips.argmax())
         if found.slips[best] > slip:
             robot, slip, at = best, float(found.slips[best]), start
-    if abs(slip - other) < guards.lead and rows < most:
-        return None
-    return Cause(robot, at) if slip > other else Cause(None, place)
+    if slip > other + guards.lead:
+        return Cause(robot, at)
+    return Cause(None, place) if other > slip + guards.lead or rows >= most else None
 
 
 class Disbelieved:

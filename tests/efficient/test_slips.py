@@ -113,12 +113,12 @@ def test_without_a_lead_it_would_be_called_a_load() -> None:
     assert not hasty.slips
 
 
-def test_after_a_while_the_likeliest_cause_is_told() -> None:
+def test_after_a_while_what_cannot_be_told_counts_as_another_load() -> None:
     rows, _ = slipped(10.0, 0.0, 2, 2)
     doubting = replace(Guards(), lead=1e9)
     told = fed(rows, doubting)
-    assert [slip.robot for slip in told.slips] == [2]
-    assert told.slips[0].named == pytest.approx(BEFORE + 1.2 / PERIOD, abs=15)
+    assert told.changes
+    assert told.slips == []
     assert fed(rows, replace(doubting, telling_apart=1e9)).suspected is not None
 
 
