@@ -308,16 +308,12 @@ class Session:
         since, size = known.sight.likeliest_change(buffer)
         now = known.estimate
         if size <= 1.0 or now is None or self._surprise(buffer.start + since, now) < self._guards.worth_a_fit:
-            if self.suspected is not None:  # it has changed back meanwhile
-                return self._change_load(buffer.count, self.suspected)
-            self._unconfirmed = max(0, self._unconfirmed - 1)
+            self._unconfirmed, self.suspected = max(0, self._unconfirmed - 1), None
             return False
         now = self._fit(before=buffer.start + since)
         place = buffer.start + known.sight.likeliest_change(buffer)[0]
         if now.state.load is None or self._surprise(place, now) <= 1.0:
-            if self.suspected is not None:
-                return self._change_load(place, self.suspected)
-            self._pause = number + buffer.count - place  # until there are twice as many rows
+            self._pause, self.suspected = number + buffer.count - place, None  # until there are twice as many rows
             self._fit()
             return False
         noticed = number if self.suspected is None else self.suspected
