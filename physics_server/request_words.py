@@ -28,4 +28,4 @@ def in_words(request: Message) -> str:
             return "pause the run" if paused else "let the run go on"
         case StopRequest():
             return "stop the run"
-    return f"request '{request.__struct_config__.tag}'"
+    return f"a request of kind {type(request).__name__}"

@@ -142,6 +142,6 @@ def test_a_neighbour_that_is_silent_is_not_heard_any_more_and_its_link_is_begun_
     link.notice_silence(NOW + SILENCE + 0.1)
     assert link.is_linked
     assert not link.is_heard
-    assert not link.is_missing(11), "nobody waits for it"
+    assert not link.is_missing(11), "no one waits for it"
     assert not link.begin_anew(NOW + SILENCE + 0.1)
     assert link.begin_anew(NOW + 2.0 * SILENCE)

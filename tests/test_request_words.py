@@ -28,7 +28,7 @@ from coheft.wire.messages.structs import Message
         (PauseRequest(paused=True), "pause the run"),
         (PauseRequest(paused=False), "let the run go on"),
         (StopRequest(), "stop the run"),
-        (StatusRequest(), "request 'status'"),
+        (StatusRequest(), "a request of kind StatusRequest"),
     ],
 )
 def test_requests_are_told_in_words(request_made: Message, words: str) -> None:

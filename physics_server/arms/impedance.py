@@ -67,10 +67,7 @@ class Arms:
         self._adjoints = np.array([grasp.adjoint() for grasp in grasps])
         self._is_holding = np.ones(len(self._robots), dtype=np.bool_)
         self._model, self._data = model, data
-        # Views: the engine makes a new one whenever it is asked.
-        self._control, self._force = data.ctrl, data.actuator_force
-        self._applied, self._quaternion = data.qfrc_applied[:6], data.qpos[3:7]
-        self._applied_force = self._applied[:3]
+        self._look()
         self.pushed = np.zeros((len(self._robots), 6))
         self._push_on_payload: Array | None = None
         self.read_size = model.nu
@@ -86,6 +83,13 @@ class Arms:
         self._slope_gains = scenario.sensors.rate * since_sample * (0.5 * since_sample + damping)
         self._motions = np.zeros((count, samples, 12))
 
+    def _look(self) -> None:
+        """Make views of the engine's arrays, for it makes a new one whenever it is asked; a copy of us has its own."""
+        data = self._data
+        self._control, self._force = data.ctrl, data.actuator_force
+        self._applied, self._quaternion = data.qfrc_applied[:6], data.qpos[3:7]
+        self._applied_force = self._applied[:3]
+
     def controls(self, references: Mapping[str, Reference]) -> Array:
         """What to ``drive`` the arms with at every physics step of a block; the push is the same at all of them.
 
@@ -95,6 +99,7 @@ class Arms:
         Returns:
             Displacements from the homes at which the springs would be at rest, shape (B * steps per sample, 6 N).
         """
+        self._look()
         self.pushed[:] = 0.0
         for i, robot in enumerate(self._robots):
             reference = references.get(robot)

@@ -131,9 +131,9 @@ def run(
     feedforward:
         Where robots carry the load along a common path: whether they push with what they know of it.
     """
-    from coheft.app.run.processes import make_nursery
+    from coheft.app.run.processes import make_fork_server
 
-    nursery = make_nursery() if write_configs is None else None  # it imports while we do
+    fork_server = make_fork_server() if write_configs is None else None  # it imports while we do
 
     from contextlib import ExitStack
     from functools import partial
@@ -230,7 +230,7 @@ def run(
                     followers=followers,
                     with_history=history,
                     restarts=restarts,
-                    nursery=None if is_another else nursery,
+                    fork_server=None if is_another else fork_server,
                 )
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(broken_off.sentence()) from None

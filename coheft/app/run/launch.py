@@ -15,10 +15,10 @@ from coheft.app.results.report import Report, RunInfo, build_report
 from coheft.app.run.beat import beating
 from coheft.app.run.folder import RunFile, announce, announced, has_gone
 from coheft.app.run.follower import Follower
-from coheft.app.run.nursery import Nursery
+from coheft.app.run.fork_server import ForkServer
 from coheft.app.run.observer import Observer, observe
 from coheft.app.run.plan import Plan
-from coheft.app.run.processes import Processes, make_nursery
+from coheft.app.run.processes import Processes, make_fork_server
 from coheft.app.run.restarts import Restarts
 from coheft.app.terminal.screen import Display
 from coheft.app.terminal.standard_output import check_standard_output
@@ -48,11 +48,11 @@ def launch(
     followers: Sequence[Follower] = (),
     with_history: bool = False,
     restarts: int = 0,
-    nursery: Nursery | None = None,
+    fork_server: ForkServer | None = None,
 ) -> Report:
     """Run a plan to its end, and compare what the robots found with the truth.
 
-    Processes are forked by ``nursery``, or a new one if there is none yet, where systems can do so.
+    Processes are forked by ``fork_server``, or a new one if there is none yet, where systems can do so.
 
     An agent that fails while the run goes on is started again, up to ``restarts`` times. The server is not: with it the
     simulated world is gone.
@@ -63,9 +63,9 @@ def launch(
         KeyboardInterrupt: Ctrl-C.
     """
     scenario = plan.server.scenario
-    nursery = nursery or make_nursery()
+    fork_server = fork_server or make_fork_server()
     # Processes end before the link to them does, which a frozen one would keep from closing.
-    with observe(plan.run_file()) as observer, Processes(folder, nursery) as processes, display:
+    with observe(plan.run_file()) as observer, Processes(folder, fork_server) as processes, display:
         server = processes.start(SERVER, "coheft.physics_server.server", plan.server)
         for name, agent in plan.agents.items():
             processes.start(name, "coheft.agents.process.main", agent)

@@ -19,7 +19,7 @@ from typing import IO, Any, Self
 
 import msgspec
 
-from coheft.app.run.nursery import Forked, Nursery, can_fork
+from coheft.app.run.fork_server import Forked, ForkServer, can_fork
 from coheft.errors import CoheftError, one_line
 from coheft.wire.process.supervised import KILLED_BY, ONE_THREAD, TERMINATED, UNUSABLE
 
@@ -103,13 +103,13 @@ class Processes:
 
     Args:
         folder: For their logs.
-        nursery: Forks those of its modules; None: all are started from scratch. It ends with the context.
+        fork_server: Forks those of its modules; None: all are started from scratch. It ends with the context.
     """
 
-    def __init__(self, folder: Path, nursery: Nursery | None = None) -> None:
+    def __init__(self, folder: Path, fork_server: ForkServer | None = None) -> None:
         self.folder = folder
         self.children: list[Child] = []
-        self._nursery = nursery
+        self._fork_server = fork_server
 
     def start(self, name: str, module: str, config: msgspec.Struct) -> Child:
         """Start ``python -m module`` with its configuration; its output goes to ``<name>.log``."""
@@ -189,8 +189,8 @@ class Processes:
         for child in self._left():
             child.process.kill()
             child.process.wait()
-        if self._nursery is not None:
-            self._nursery.close()
+        if self._fork_server is not None:
+            self._fork_server.close()
 
     def _start(self, name: str, module: str, config: bytes, log: Path) -> tuple[subprocess.Popen[bytes] | Forked, int]:
         """A new process, and where its output begins in the log [B]."""
@@ -198,8 +198,8 @@ class Processes:
         with log.open("ab") as output:
             log_start = output.tell()
             process: subprocess.Popen[bytes] | Forked | None = None
-            if self._nursery is not None and module in self._nursery.modules:
-                process = self._nursery.start(name, module, output.fileno())
+            if self._fork_server is not None and module in self._fork_server.modules:
+                process = self._fork_server.start(name, module, output.fileno())
             process = process or _spawned(module, output)
         assert process.stdin is not None
         with suppress(BrokenPipeError):  # it has failed already: whoever checks will see
@@ -236,9 +236,9 @@ def _spawned(module: str, output: IO[bytes]) -> subprocess.Popen[bytes]:
     )
 
 
-def make_nursery() -> Nursery | None:
+def make_fork_server() -> ForkServer | None:
     """A new process that imports what those of a run need; None where they are started from scratch."""
-    return Nursery(FORKED, {**os.environ, **ENVIRONMENT}) if can_fork() else None
+    return ForkServer(FORKED, {**os.environ, **ENVIRONMENT}) if can_fork() else None
 
 
 def _close_stdin(child: Child) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from coheft.app.run.nursery import Forked, Nursery, can_fork
+from coheft.app.run.fork_server import Forked, ForkServer, can_fork
 from coheft.app.run.processes import Processes
 from coheft.wire.messages.requests import StatusRequest
 from tests.waiting import LIMIT, wait_until
@@ -30,27 +30,27 @@ def main():
 
 
 @pytest.fixture
-def nursery(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Nursery]:
+def fork_server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ForkServer]:
     """One that can fork ``part``."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "part.py").write_text(PART)
-    nursery = Nursery(["part"], os.environ)
-    yield nursery
-    nursery.close()
+    fork_server = ForkServer(["part"], os.environ)
+    yield fork_server
+    fork_server.close()
 
 
-def started(nursery: Nursery, name: str, told: str) -> Forked:
+def started(fork_server: ForkServer, name: str, told: str) -> Forked:
     """A process that does what it is told, then waits for the end of its stdin."""
     with Path(f"{name}.log").open("ab") as log:
-        process = nursery.start(name, "part", log.fileno())
+        process = fork_server.start(name, "part", log.fileno())
     assert process is not None
     process.stdin.write(f"{told}\n".encode())
     process.stdin.flush()
     return process
 
 
-def test_modules_are_imported_once_and_each_process_has_its_own_session_log_and_name(nursery: Nursery) -> None:
-    processes = {name: started(nursery, name, "pass") for name in ("r1", "r2")}
+def test_modules_are_imported_once_and_each_process_has_its_own_session_log_and_name(fork_server: ForkServer) -> None:
+    processes = {name: started(fork_server, name, "pass") for name in ("r1", "r2")}
     assert len(Path("imports").read_text().splitlines()) == 1
     for name, process in processes.items():
         wait_until(lambda name=name: "session" in Path(f"{name}.log").read_text(), "its words")  # type: ignore[misc]
@@ -61,14 +61,14 @@ def test_modules_are_imported_once_and_each_process_has_its_own_session_log_and_
     assert [process.wait(LIMIT) for process in processes.values()] == [0, 0]
 
 
-def test_how_each_ends_is_told(nursery: Nursery) -> None:
+def test_how_each_ends_is_told(fork_server: ForkServer) -> None:
     ways = {"sys.exit(3)": 3, "raise ValueError('this is why')": 1, "os.kill(os.getpid(), 9)": -9, "os._exit(4)": 4}
     for told, status in ways.items():
-        process = started(nursery, "r1", told)
+        process = started(fork_server, "r1", told)
         assert process.wait(LIMIT) == status
         process.stdin.close()
     assert "ValueError: this is why" in Path("r1.log").read_text()
-    process = started(nursery, "r1", "pass")
+    process = started(fork_server, "r1", "pass")
     with pytest.raises(subprocess.TimeoutExpired):
         process.wait(0.01)
     process.terminate()
@@ -77,14 +77,15 @@ def test_how_each_ends_is_told(nursery: Nursery) -> None:
     process.stdin.close()
 
 
-def test_processes_end_with_a_nursery_that_is_killed_and_others_are_started_from_scratch(
-    nursery: Nursery, tmp_path: Path
+def test_processes_end_with_a_fork_server_that_is_killed_and_others_are_started_from_scratch(
+    fork_server: ForkServer, tmp_path: Path
 ) -> None:
     (tmp_path / "part.py").write_text(f"{PART}\nif __name__ == '__main__':\n    main()\n")
-    with Processes(tmp_path, nursery) as processes:
+    with Processes(tmp_path, fork_server) as processes:
         child = processes.start("r1", "part", StatusRequest())
         assert isinstance(child.process, Forked)
-        os.kill(nursery._process.pid, signal.SIGKILL)
+        wait_until(lambda: len(child.lines) == 1, "its words")
+        os.kill(fork_server._process.pid, signal.SIGKILL)
         assert child.process.wait(LIMIT) == -signal.SIGKILL
         processes.start_again(child)
         (again,) = processes.children
@@ -94,15 +95,15 @@ def test_processes_end_with_a_nursery_that_is_killed_and_others_are_started_from
 
 ASKER = """
 import os, sys
-from coheft.app.run.nursery import Nursery
-nursery = Nursery(["part"], os.environ)
-process = nursery.start("r1", "part", 2)
-print(process.pid, nursery._process.pid, flush=True)
+from coheft.app.run.fork_server import ForkServer
+fork_server = ForkServer(["part"], os.environ)
+process = fork_server.start("r1", "part", 2)
+print(process.pid, fork_server._process.pid, flush=True)
 sys.stdin.read()
 """
 
 
-def test_none_is_left_when_whoever_asked_for_them_is_killed(nursery: Nursery) -> None:
+def test_none_is_left_when_whoever_asked_for_them_is_killed(fork_server: ForkServer) -> None:
     command = [sys.executable, "-c", ASKER]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as asker:
         assert asker.stdout is not None

@@ -30,12 +30,12 @@ _SET_NAME = 15
 
 
 def can_fork() -> bool:
-    """Whether there can be a nursery."""
+    """Whether there can be a fork server."""
     return sys.platform == "linux" and not os.environ.get("COHEFT_SPAWN")
 
 
 class Forked:
-    """A process of a nursery, with what is used of ``subprocess.Popen``.
+    """A process of a fork server, with what is used of ``subprocess.Popen``.
 
     Attributes:
         pid: Its number.
@@ -43,15 +43,15 @@ class Forked:
         returncode: How it ended: its exit status, or minus the number of a signal; None while it goes on.
     """
 
-    def __init__(self, nursery: Nursery, pid: int, stdin: int) -> None:
-        self._nursery = nursery
+    def __init__(self, fork_server: ForkServer, pid: int, stdin: int) -> None:
+        self._fork_server = fork_server
         self.pid = pid
         self.stdin = os.fdopen(stdin, "wb")
         self.returncode: int | None = None
 
     def poll(self) -> int | None:
         """How it has ended, None while it goes on."""
-        self._nursery.take_in(0.0)
+        self._fork_server.take_in(0.0)
         return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
@@ -65,7 +65,7 @@ class Forked:
             left = None if deadline is None else deadline - time.monotonic()
             if timeout is not None and left is not None and left <= 0.0:
                 raise subprocess.TimeoutExpired(f"process {self.pid}", timeout)
-            self._nursery.take_in(left)
+            self._fork_server.take_in(left)
         return self.returncode
 
     def send_signal(self, number: int) -> None:
@@ -83,7 +83,7 @@ class Forked:
         self.send_signal(signal.SIGKILL)
 
 
-class Nursery:
+class ForkServer:
     """Starts the process that imports, which goes on in the background.
 
     Args:
@@ -117,7 +117,7 @@ class Nursery:
             log: Open file for what it says.
 
         Returns:
-            The process; None if the nursery is gone.
+            The process; None if the fork server is gone.
         """
         theirs, self._stdin = os.pipe()
         self._newest = None
@@ -134,7 +134,7 @@ class Nursery:
         return self._newest
 
     def take_in(self, timeout: float | None) -> None:
-        """Take in what the nursery tells, if anything within ``timeout`` [s] (None: wait without limit)."""
+        """Take in what the fork_server tells, if anything within ``timeout`` [s] (None: wait without limit)."""
         while self._is_there and select.select([self._socket], [], [], timeout)[0]:
             timeout = 0.0
             try:
@@ -175,7 +175,7 @@ class Nursery:
 
 
 def _main() -> None:
-    """In the nursery: import, then fork what is asked for, and tell what has ended, until whoever asks is gone."""
+    """In the fork server: import, then fork what is asked for, and tell what has ended, until whoever asks is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     asks = socket.socket(fileno=int(sys.argv[1]))
     mains = {name: importlib.import_module(name).main for name in sys.argv[2:]}
