@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from html import unescape
 from typing import Any
 from xml.etree import ElementTree
 
@@ -13,6 +15,8 @@ from sphinx.errors import ExtensionError
 from sphinx.writers.html5 import HTML5Translator
 
 _NAMESPACE = "http://www.w3.org/1998/Math/MathML"
+_NAMED = re.compile(r"&(?!amp;|lt;|gt;|quot;)[A-Za-z]+;")
+"""Characters by names that HTML has and XML does not."""
 _ACCENTS = ("˙", "¨", "ˆ", "~", "˜", "¯", "→")
 
 
@@ -36,7 +40,7 @@ def _mathml(node: nodes.Element, *, as_block: bool) -> str:
 def with_accents(mathml: str) -> str:
     """The same with subscripts beside letters that have a dot or a hat: docutils puts them below such letters."""
     ElementTree.register_namespace("", _NAMESPACE)
-    tree = ElementTree.fromstring(mathml)
+    tree = ElementTree.fromstring(_NAMED.sub(lambda found: unescape(found[0]), mathml))
     for element in tree.iter(f"{{{_NAMESPACE}}}munderover"):
         letter, below, above = element
         if above.text in _ACCENTS:

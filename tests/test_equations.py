@@ -26,3 +26,7 @@ def test_a_subscript_stands_beside_a_letter_with_a_dot() -> None:
 
 def test_limits_of_sums_stay_where_they_are() -> None:
     assert "<munderover><mo>∑</mo><mi>i</mi><mo>n</mo></munderover>" in drawn("<mo>∑</mo>", "n")
+
+
+def test_characters_may_have_the_names_that_html_has_for_them() -> None:
+    assert "\xa0" in MATHML["with_accents"](f"<math {NAMESPACE}><mtext>&nbsp;&lt;</mtext></math>")

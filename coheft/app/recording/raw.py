@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from coheft.wire.messages.codec import decode, encode
+from coheft.wire.messages.former_frame import decode_former, is_former
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.structs import Estimate, Message, Problem, Truth
 
@@ -27,6 +28,8 @@ def from_raw(topic: str, data: bytes) -> Message:
     """The message that was recorded.
 
     Raises:
-        MessageError: It is damaged, or of another protocol version.
+        MessageError: It is damaged, or of a protocol version that is too old or too new.
     """
+    if is_former(data):
+        return decode_former(data, KINDS[topic], topic)
     return decode(data, KINDS[topic], topic)

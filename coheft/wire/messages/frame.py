@@ -95,7 +95,7 @@ class Seal:
                 f"not a {name}: its checksum does not fit; it is damaged, or of another run, sender or topic"
             )
         if len(data) > CHECKSUM.size and (version := data[CHECKSUM.size]) != PROTOCOL_VERSION:
-            found = f"{PROTOCOL_VERSION - 1} or older" if version in _MAPS else version
+            found = f"{PROTOCOL_VERSION - 1} or older" if is_map(version) else version
             raise MessageError(
                 f"not a {name}: it is of protocol version {found}, but this process speaks version "
                 f"{PROTOCOL_VERSION}: run the same release of coheft everywhere"
@@ -115,6 +115,11 @@ class Seal:
                 f"fields and {words * WORD} of shapes"
             )
         return Frame(code, block, number, data[HEADER.size : first], data[first:end], view[padded(end) :])
+
+
+def is_map(byte: int) -> bool:
+    """Whether MessagePack may begin a map with this byte: no header has it as its version."""
+    return byte in _MAPS
 
 
 def padded(size: int) -> int:

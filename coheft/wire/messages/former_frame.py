@@ -1,0 +1,63 @@
+"""Messages as they were wrapped up to protocol version 5: in recordings of that time, never on a link.
+
+A checksum, then MessagePack: a map of all fields with the version among them, arrays as extension types.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from coheft.errors import MessageError
+from coheft.wire.messages.frame import CHECKSUM, is_map
+from coheft.wire.messages.structs import Message
+
+LAST_VERSION = 5
+_DTYPES: dict[int, np.dtype[Any]] = {1: np.dtype("<f8"), 2: np.dtype("<f4"), 3: np.dtype("<i4"), 4: np.dtype("<i8")}
+"""Of arrays, by the code of their extension type."""
+_MALFORMED = (msgspec.DecodeError, ValueError, struct.error, RecursionError)
+
+M = TypeVar("M", bound=Message)
+
+
+def is_former(data: bytes) -> bool:
+    """Whether it begins as messages without a header did."""
+    return len(data) > CHECKSUM.size and is_map(data[CHECKSUM.size])
+
+
+def decode_former(data: bytes, kind: type[M], key: str) -> M:
+    """The message in ``data``.
+
+    Args:
+        data: Of which ``is_former`` holds.
+        kind: What is expected.
+        key: Under which it was said.
+
+    Raises:
+        MessageError: It is damaged, or no such message, or of an older version.
+    """
+    body = data[CHECKSUM.size :]
+    if CHECKSUM.unpack_from(data)[0] != zlib.crc32(body, zlib.crc32(key.encode())):
+        raise MessageError(f"not a {kind.__name__}: its checksum does not fit")
+    try:
+        fields = msgspec.msgpack.decode(body)
+        if (version := fields.pop("version", LAST_VERSION)) != LAST_VERSION:
+            raise MessageError(
+                f"{kind.__name__} of protocol version {version!r}, but only {LAST_VERSION} and later are read"
+            )
+        return msgspec.msgpack.decode(msgspec.msgpack.encode(fields), type=kind, ext_hook=_array)
+    except _MALFORMED as error:
+        raise MessageError(f"not a {kind.__name__}: {error}") from error
+
+
+def _array(code: int, data: memoryview) -> npt.NDArray[Any]:
+    if code not in _DTYPES or not data:
+        raise ValueError(f"an extension of type {code} is no array")
+    dimensions = data[0]
+    shape = struct.unpack_from(f"<{dimensions}I", data, 1)
+    return np.frombuffer(data, dtype=_DTYPES[code], offset=1 + 4 * dimensions).reshape(shape).copy()
