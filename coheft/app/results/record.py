@@ -7,7 +7,6 @@ from collections.abc import Iterable
 import msgspec
 
 from coheft.app.results.robot_record import LoadPeriod, RobotRecord
-from coheft.app.results.slips import SlipRecord
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
 from coheft.wire.messages.structs import Estimate, Scene, Truth
@@ -42,7 +41,6 @@ class Record:
         robots: What is kept of each robot's estimates.
         latest: The newest estimate of each robot that has said something, as it said it.
         estimators: Which ones the robots have used, the newest last.
-        slips: Grasps that have slipped.
     """
 
     def __init__(self, scene: Scene, duration: float, *, with_history: bool = False) -> None:
@@ -56,7 +54,6 @@ class Record:
         self.robots = {name: RobotRecord(self.judge, self.periods, with_history=with_history) for name in scene.robots}
         self.latest: dict[str, Estimate] = {}
         self.estimators: list[EstimatorUse] = []
-        self.slips = SlipRecord(self.judge)
 
     @property
     def truth(self) -> Truth | None:
@@ -100,7 +97,6 @@ class Record:
             duration = truth.time / (truth.block + 1)
             self.periods.append(LoadPeriod(truth.time - duration, truth))
         self.blocks += 1
-        self.slips.follow(truth)
         self._compare(self._pairing.add_truth(truth))
 
     def add_estimate(self, estimate: Estimate) -> None:

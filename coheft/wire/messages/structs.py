@@ -220,22 +220,6 @@ class LoadChangeNotice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     changed_at: float
 
 
-class SlipNotice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An agent noticed that a grasp has slipped.
-
-    Attributes:
-        robot: Whose.
-        noticed_at: When something was found to have changed [s].
-        named_at: When it was told from a change of the load [s].
-        slipped_at: When it slipped, about [s].
-    """
-
-    robot: str
-    noticed_at: float
-    named_at: float
-    slipped_at: float
-
-
 class SensorErrorEstimate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a robot has found out of one constant error of its sensors.
 
@@ -270,8 +254,7 @@ class Estimate(Message, frozen=True):
         total_wrench: Total wrench (6,) about the origin of ``F_i``, as sensors read it, at the end of ``total_block``:
             with ``efficient`` the mean over its newest row, with ``seed`` of its last sample.
         not_observable: What the motion so far cannot tell, in words.
-        load_changes: Changes of the load noticed so far.
-        slips: Slips of grasps noticed so far.
+        load_changes: Changes noticed so far.
         problems: Messages refused so far.
         status: ``starting`` until there is a first estimate of the payload. While it is ``valid``, the truth is within
             five of its own standard deviations. ``stale``: the agent cannot know whether it still holds; payload and
@@ -305,7 +288,6 @@ class Estimate(Message, frozen=True):
     silent: list[str] = []
     estimator: str = ""
     sensor_errors: list[SensorErrorEstimate] = []
-    slips: list[SlipNotice] = []
 
     def __post_init__(self) -> None:
         keep_present(self)
@@ -372,7 +354,6 @@ class Truth(Message, frozen=True):
             true poses to the payload's frame, (6,).
         samples: What every robot measured last in the block, by robot in the order of the scene, (N, 15), each in its
             own frame, columns as in ``MeasurementBlock``.
-        slipped: Grasps that have slipped so far, by robot; all others are as in the scene.
     """
 
     code: ClassVar[int] = 22
@@ -386,19 +367,6 @@ class Truth(Message, frozen=True):
     quaternion: np.ndarray[Any, Any]
     total_wrench: np.ndarray[Any, Any]
     samples: np.ndarray[Any, Any]
-    slipped: dict[str, SlippedGrasp] = {}
-
-
-class SlippedGrasp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where a robot holds the payload since its grasp has slipped.
-
-    Attributes:
-        rotation: Of its ``F_i`` in the payload's frame, (3, 3).
-        translation: Of the same, (3,) [m].
-    """
-
-    rotation: np.ndarray[Any, Any]
-    translation: np.ndarray[Any, Any]
 
 
 class BoxShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -420,7 +388,7 @@ def _no_triangles() -> np.ndarray[Any, Any]:
 
 
 class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is held, and by whom, as it is when a run begins.
+    """What does not change during a run: what is held, and by whom.
 
     Attributes:
         robots: Who holds the payload.
