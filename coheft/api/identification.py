@@ -23,6 +23,7 @@ def identify(
     cutoff: float | None = None,
     topics: Sequence[str] = (),
     holds: str | Path | None = None,
+    assume: str | None = None,
 ) -> IdentifyReport:
     """Find out from a recording where the robots held the load, and its mass, centre of mass and inertia.
 
@@ -37,6 +38,7 @@ def identify(
         cutoff: Of the low-pass filter [Hz].
         topics: Of an MCAP file or a bag: which are of which robot, ``ROBOT=TOPIC`` each.
         holds: Recording of the same load, held still in some orientations by the same robots.
+        assume: What is wrong with the recording, by the name that its verdict has: it is taken out (method ``pose``).
 
     Returns:
         What ``coheft identify --json`` writes; ``doubts`` and ``not_observable`` say what is not to be trusted.
@@ -56,5 +58,6 @@ def identify(
         cutoff=cutoff,
         topics=topics,
         holds=None if holds is None else Path(holds),
+        assume=assume,
     )
     return make_report(str(recording) if is_file else ARRAYS, recorded, found)

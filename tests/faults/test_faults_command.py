@@ -222,7 +222,19 @@ def test_what_a_campaign_finds_is_shown_again_by_its_last_line(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     report, table = tmp_path / "summary.json", tmp_path / "table.md"
-    arguments = ["faults", "--seeds", "1", "--mutant", MUTANT, "--jobs", "1", "--json", str(report)]
+    arguments = [
+        "faults",
+        "--seeds",
+        "1",
+        "--first-seed",
+        "0",
+        "--mutant",
+        MUTANT,
+        "--jobs",
+        "1",
+        "--json",
+        str(report),
+    ]
     assert run_command_line([*arguments, "--table", str(table)]) == EXIT_BROKEN_PROMISE
     last = capfd.readouterr().out.splitlines()[-1]
     assert last == f"coheft faults --replay 0 --mutant {MUTANT}"

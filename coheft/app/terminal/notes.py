@@ -11,4 +11,6 @@ from coheft.wire.scenario.schema import Scenario
 def print_notes(console: Console, scenario: Scenario) -> None:
     """A line for each; none for a scenario that means what it says."""
     for note in notes(scenario):
-        console.print(f"Note: {note}.", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        console.print(
+            f"Note: {note}.", style="yellow", markup=False, highlight=False, soft_wrap=not console.is_terminal
+        )
