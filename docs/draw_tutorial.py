@@ -18,7 +18,8 @@ from coheft.consensus.schedule import finite_time
 from coheft.estimation.geometry.spatial import Array, rotation_exp
 from coheft.estimation.measurement import WRENCH
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.messages.structs import Estimate, Scene, Truth
+from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.structs import Estimate, Truth
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import Scenario
 

@@ -11,6 +11,7 @@ from coheft.app.results.record import Record
 from coheft.app.results.report import RunInfo
 from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rotation
 from coheft.estimation.rigid_body.mass_properties import Inertia
+from coheft.wire.messages.scene import Scene
 from coheft.wire.messages.structs import (
     Estimate,
     LoadChangeNotice,
@@ -18,7 +19,6 @@ from coheft.wire.messages.structs import (
     PayloadEstimate,
     PayloadTruth,
     PoseEstimate,
-    Scene,
     Truth,
 )
 

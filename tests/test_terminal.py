@@ -18,7 +18,8 @@ from coheft.app.terminal.digits import error_and_std, value_and_std
 from coheft.app.terminal.final_table import print_report, robot_rows, sentences
 from coheft.app.terminal.screen import LineDisplay, LiveDisplay, QuietDisplay, make_display
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.messages.structs import Estimate, Problem, Scene
+from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.structs import Estimate, Problem
 from tests.escapes import COLOUR, SEQUENCE
 from tests.recording.runs import BEGIN
 from tests.synthetic_run import BLOCK, GRASPS, HEAVY, INFO, LIGHT, SCENE, changing_run, estimate, recorded, truth

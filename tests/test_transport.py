@@ -16,8 +16,8 @@ from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.messages.codec import encode
 from coheft.wire.messages.frame import PROTOCOL_VERSION
 from coheft.wire.messages.requests import InjectRequest, Refusal, Status, StatusRequest
+from coheft.wire.messages.scene import Scene as SceneMessage
 from coheft.wire.messages.structs import Hello, Measurements, Ready
-from coheft.wire.messages.structs import Scene as SceneMessage
 from coheft.wire.transport.callback_thread import keep_thread_state
 from coheft.wire.transport.inbox import Inbox, LinkChange, Question, Received, Refused
 from coheft.wire.transport.sessions import REFUSAL, Keys, Sender, ask, check_name, open_session

@@ -22,7 +22,7 @@ from coheft.app.view.geometry import (
 )
 from coheft.estimation.geometry.spatial import Pose, rotation_exp
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.messages.structs import BoxShape
+from coheft.wire.messages.scene import BoxShape
 from tests.synthetic_run import SCENE
 
 PLATE = BoxShape(size=(1.0, 0.7, 0.05), position=(0.0, 0.0, 0.0))

@@ -8,7 +8,8 @@ from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Estimate, Scene, Truth
+from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.structs import Estimate, Truth
 
 
 class Collector:

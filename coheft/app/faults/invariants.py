@@ -22,7 +22,8 @@ from coheft.app.results.errors import payload_error, pose_error
 from coheft.app.results.judge import Judge
 from coheft.app.results.quantities import payload_exists
 from coheft.estimation.geometry.spatial import Array, Pose
-from coheft.wire.messages.structs import Estimate, Scene
+from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.structs import Estimate
 from coheft.wire.scenario.borders import first_border
 
 DEVIATIONS = 5.0

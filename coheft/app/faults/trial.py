@@ -69,7 +69,7 @@ def try_schedule(schedule: FaultSchedule) -> Outcome:
             recovery.look(block)
             names.look(block)
             quiet.look(block)
-            if recovery.is_steady and not untold:  # what is off for ever may show late
+            if recovery.is_steady and not untold:  # a sensor that stays off may show late
                 break
     except SimulationError as error:
         lost = str(error)

@@ -15,7 +15,8 @@ from coheft.app.recording.ros import bytes_in
 from coheft.app.run.heard import News, check_news, check_status
 from coheft.errors import MessageError, RecordingError
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Estimate, Message, Problem, Scene
+from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.structs import Estimate, Message, Problem
 from coheft.wire.transport.planes import SERVER
 
 SCENARIO = "scenario.json"

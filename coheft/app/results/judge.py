@@ -14,7 +14,8 @@ from coheft.app.results.errors import MOST_STDS, PAYLOAD_PARTS, in_stds, payload
 from coheft.app.results.states import State
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
-from coheft.wire.messages.structs import Estimate, PayloadEstimate, PoseEstimate, Scene, SensorErrorEstimate, Truth
+from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.structs import Estimate, PayloadEstimate, PoseEstimate, SensorErrorEstimate, Truth
 
 RECOVERED_MASS_PCT = 3.0
 RECOVERED_COM_MM = 20.0

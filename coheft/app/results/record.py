@@ -9,7 +9,8 @@ import msgspec
 from coheft.app.results.robot_record import LoadPeriod, RobotRecord
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
-from coheft.wire.messages.structs import Estimate, Scene, Truth
+from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.structs import Estimate, Truth
 
 SILENT = 100
 """A robot that is so many blocks behind the truth is silent: no server runs so far ahead of its robots."""

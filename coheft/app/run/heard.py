@@ -19,7 +19,8 @@ from coheft.wire.messages.estimate_checks import (
     check_rotation,
 )
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Estimate, Message, Problem, Scene, Truth
+from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.structs import Estimate, Message, Problem, Truth
 from coheft.wire.scenario.schema import MAX_DURATION
 from coheft.wire.transport.planes import SERVER
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.messages.structs import BoxShape, Scene
+from coheft.wire.messages.scene import BoxShape, Scene
 from coheft.wire.scenario.payload_surface import box
 from coheft.wire.scenario.section import pose_of
 

@@ -50,7 +50,7 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.estimation.rigid_body.regressor import INERTIA_SIZE
 
 _POSES_PER_SECOND = 25.0
-_MENDINGS = 3
+_MENDINGS = 2
 """A clock that poses show is finished by forces: it may be that of the poses alone, or of all that is recorded."""
 _LARGEST_TURN, _LARGEST_SHIFT = 1.0, 0.01
 """Poses that fit worse than this, averaged over a 25th of a second, are not of one load [degrees, m]."""
@@ -88,14 +88,16 @@ def identify_poses(
         return _identify(recording, tolerances, cutoff, None)
     mended = recording
     words: list[str] = []
+    found = _identify(recording, None, cutoff, assume)
+    verdict = check_assumption(found.verdict, assume)
     for _ in range(_MENDINGS):
-        found = _identify(mended, None, cutoff, assume)
-        if words and (found.verdict is None or not found.verdict.is_refuted or found.verdict.cause != assume):
-            break
-        verdict = check_assumption(found.verdict, assume)
         centre = centre_of(found.team.poses)
         mended = mend(mended, verdict, [centre.inverse() @ pose for pose in found.team.poses])
         words.append(f"Taken out, as assumed ({assume}): {verdict.words}")
+        found = _identify(mended, None, cutoff, assume)
+        if found.verdict is None or not found.verdict.is_refuted or found.verdict.cause != assume:
+            break
+        verdict = found.verdict
     return replace(found, remarks=(*words, *found.remarks))
 
 

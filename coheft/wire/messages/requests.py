@@ -7,7 +7,8 @@ from typing import ClassVar, Literal
 from msgspec.structs import force_setattr
 
 from coheft.wire.former_names import keep_present, present
-from coheft.wire.messages.structs import LoadState, Message, Scene
+from coheft.wire.messages.scene import Scene
+from coheft.wire.messages.structs import LoadState, Message
 
 # --- to the server -----------------------------------------------------------------------------------------------
 
