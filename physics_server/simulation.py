@@ -138,6 +138,7 @@ class Simulation:
         self._loads = Loads(
             self.model, self.data, payload_body, scenario.payload.inertia(), scenario.payload.load_slots
         )
+        self._loads_since = 0.0
         self._schedule = LoadSchedule(scenario)
 
     def _settle(self) -> None:
@@ -145,6 +146,11 @@ class Simulation:
         self._arms.settle(int(SETTLING_TIME * PHYSICS_RATE))
         self.data.qvel[:] = 0.0
         self.data.time = 0.0
+
+    @property
+    def _now(self) -> float:
+        """When the next block begins [s]."""
+        return self.block * self._scenario.block_duration
 
     @property
     def loads(self) -> list[LoadState]:
@@ -173,7 +179,9 @@ class Simulation:
             LoadError: There can be no such load, or no slot is free, or the robots cannot hold it up.
         """
         holding = list(compress(self._grasps, self._is_holding))
-        return self._loads.put(mass, position, size, leak, Strength.of(holding, self._scenario.robots))
+        load = self._loads.put(mass, position, size, leak, Strength.of(holding, self._scenario.robots))
+        self._loads_since = self._now
+        return load
 
     def remove(self, load_id: int) -> LoadState:
         """Take a load away, before the next block; see ``Loads.take``.
@@ -181,7 +189,9 @@ class Simulation:
         Raises:
             LoadError: There is no such load.
         """
-        return self._loads.take(load_id)
+        load = self._loads.take(load_id)
+        self._loads_since = self._now
+        return load
 
     def release(self, robot: str) -> None:
         """Let a robot take its hand off the payload, before the next block.
@@ -303,6 +313,7 @@ class Simulation:
             time=(self.block + 1) * self._scenario.block_duration,
             payload=PayloadTruth(payload.mass, payload.com, payload.tensor),
             loads=self.loads,
+            loads_since=self._loads_since,
             position=position[:3],
             quaternion=position[3:],
             total_wrench=np.einsum("nij,nj->i", self._adjoints[holding], samples[holding, WRENCH]),
@@ -320,9 +331,8 @@ class Simulation:
         springs = np.abs(controls).reshape(len(controls), len(self._names), 6).max(axis=(0, 2))
         largest = np.maximum(springs, np.abs(self._arms.pushed).max(axis=1))
         bad = [name for name, value in zip(self._names, largest, strict=True) if not value < mujoco.mjMAXVAL]
-        time = self.block * self._scenario.block_duration
         raise SimulationError(
-            f"at {time:.3f} s references of {', '.join(bad)} hold numbers that are not finite, or not below "
+            f"at {self._now:.3f} s references of {', '.join(bad)} hold numbers that are not finite, or not below "
             f"{mujoco.mjMAXVAL:g}"
         )
 

@@ -120,3 +120,17 @@ def test_memory_does_not_grow_with_time() -> None:
     (period,) = record.periods[1:]
     assert period.noticed == dict.fromkeys(ROBOTS, 5.1)
     assert np.isclose(record.time, 11 * REMEMBERED * BLOCK)
+
+
+def test_a_change_is_dated_rightly_by_who_missed_it() -> None:
+    """An observer that was stopped for a while hears of it later."""
+    record = Record(SCENE, duration=4.0)
+    record.add_truth(truth(49, LIGHT))
+    changed_at = 60 * BLOCK
+    record.add_truth(msgspec.structs.replace(truth(99, HEAVY), loads_since=changed_at))
+    notice = LoadChangeNotice(noticed_at=changed_at + BLOCK, changed_at=changed_at)
+    for name in ROBOTS:
+        record.add_estimate(estimate(name, 99, HEAVY, changes=[notice]))
+    (change,) = build_report(INFO, record).load_changes
+    assert change.at_s == pytest.approx(changed_at)
+    assert change.detected_at_s == pytest.approx(changed_at + BLOCK)

@@ -58,14 +58,14 @@ def test_three_robots_find_out_what_they_hold(report: dict[str, Any]) -> None:
 
 
 def test_a_run_whose_errors_contradict_what_robots_claim_is_no_success(tmp_path: Path) -> None:
-    """``fan2017`` knows nothing of errors of sensors: it converges, sure of what is not so."""
+    """``fan2017`` is not told of errors of sensors: it converges, sure of what is not so."""
     run = Run(tmp_path / "run", "ring3", "--estimator", "fan2017", "--duration", "12", "--set",
-              "sensors.tolerance={force_scale=0.05}")  # fmt: skip
+              "sensors.errors={force_scale=0.05}")  # fmt: skip
     try:
         assert run.wait() == 3, run.text
     finally:
         run.end()
-    assert "Note: 'estimator' = 'fan2017' knows white noise only, but this scenario has errors of sensors" in run.text
+    assert "Note: 'sensors.errors' has force_scale = 0.05 (told 0): sensors are further off than" in run.text
     assert "Further off than they claim: r" in run.text
     assert "All robots converged" not in run.text
 

@@ -280,6 +280,7 @@ def test_a_run_with_a_view_goes_on_until_it_is_stopped(tmp_path):
     with command(output, "run", "ring3", "--view", "--no-wait", "--logs", str(folder)):
         wait_for(lambda: goes_on(folder), "the run to begin")
         assert status(folder).duration == MAX_DURATION
+        wait_for(lambda: status(folder).block >= 25, "every robot to have said something")
         ask_server(run_file(folder), StopRequest())
         wait_for(lambda: "until Ctrl-C" in output.read_text(), "the run to end")
     assert "too late" not in output.read_text(), "no robot is late where time waits for it"

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from coheft.agents.motion.common_path import CommonPath
-from coheft.app.results.record import load_ids
+from coheft.app.results.record import load_ids, loads_since
 from coheft.app.results.report import CarryPhaseReport, CarryReport, LoadDropReport
 from coheft.app.run.heard import News
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp, rotation_from_quaternion, rotation_log
@@ -92,7 +92,7 @@ class CarryRecord:
         block_duration = self._scenario.block_duration
         loads = load_ids(truth)
         if self._loads is not None and loads != self._loads:
-            self._changed_at = truth.time - block_duration
+            self._changed_at = loads_since(truth)
             self._drops.append(_Drop(self._changed_at, truth.payload.mass))
         self._loads = loads
         off = self.error(truth)

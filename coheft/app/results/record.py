@@ -95,8 +95,7 @@ class Record:
     def add_truth(self, truth: Truth) -> None:
         """Take in the truth about one more block."""
         if self.truth is None or load_ids(truth) != load_ids(self.truth):
-            duration = truth.time / (truth.block + 1)
-            self.periods.append(LoadPeriod(truth.time - duration, truth))
+            self.periods.append(LoadPeriod(loads_since(truth), truth))
         self.blocks += 1
         self._compare(self._pairing.add_truth(truth))
 
@@ -117,6 +116,11 @@ class Record:
         """Compare estimates of which the truth has come."""
         for estimate in estimates:
             self.robots[estimate.robot].compare(estimate)
+
+
+def loads_since(truth: Truth) -> float:
+    """When the loads became what they are [s]; at the block's beginning, where the truth does not say."""
+    return truth.time * truth.block / (truth.block + 1) if truth.loads_since is None else truth.loads_since
 
 
 def load_ids(truth: Truth) -> list[int]:

@@ -34,7 +34,7 @@ class LoadPeriod:
 
     Attributes:
         start: When its first block began [s].
-        truth: Of that block.
+        truth: Of that block, or of the first one after it that was heard.
         before: What each robot believed just before, a ``RobotReport`` as MessagePack: an hour may have hundreds of
             changes, and as objects each would take four times as much memory.
         noticed: When each robot first noticed a change in this period [s].

@@ -6,7 +6,7 @@ import time
 from collections import deque
 from dataclasses import dataclass, field
 
-from coheft.app.results.record import load_ids
+from coheft.app.results.record import load_ids, loads_since
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
 from coheft.app.run_report.points import Point, make_point
@@ -136,7 +136,7 @@ class SeriesFollower:
     def _add_truth(self, truth: Truth) -> None:
         before, series = self._pairing.truth, self.series
         if before is not None and load_ids(before) != load_ids(truth) and len(series.close_ups) < _CLOSE_UPS:
-            start = truth.time - truth.time / (truth.block + 1)
+            start = loads_since(truth)
             points = {
                 name: [p for p in robot.recent if p.time >= start - BEFORE] for name, robot in series.robots.items()
             }

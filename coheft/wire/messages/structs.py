@@ -354,6 +354,8 @@ class Truth(Message, frozen=True):
             true poses to the payload's frame, (6,).
         samples: What every robot measured last in the block, by robot in the order of the scene, (N, 15), each in its
             own frame, columns as in ``MeasurementBlock``.
+        loads_since: Since when these loads, and no others, have lain there [s]: an observer may have missed blocks.
+            None in recordings of protocol version 5, which do not say.
     """
 
     code: ClassVar[int] = 22
@@ -367,3 +369,4 @@ class Truth(Message, frozen=True):
     quaternion: np.ndarray[Any, Any]
     total_wrench: np.ndarray[Any, Any]
     samples: np.ndarray[Any, Any]
+    loads_since: float | None = None

@@ -24,7 +24,7 @@ def _untold_errors(scenario: Scenario) -> list[str]:
     true, told = msgspec.to_builtins(sensors.errors), msgspec.to_builtins(sensors.tolerance)
     larger = [f"{key} = {value:g} (told {told[key]:g})" for key, value in true.items() if value > told[key]]
     found = []
-    if larger and scenario.estimator != "fan2017":
+    if larger:
         more = f" and {len(larger) - _MOST_NAMED} more" if len(larger) > _MOST_NAMED else ""
         found.append(
             f"'sensors.errors' has {', '.join(larger[:_MOST_NAMED])}{more}: sensors are further off than "
@@ -41,17 +41,16 @@ def _exact_method(scenario: Scenario) -> list[str]:
     """A method for exact sensors, on sensors that are not."""
     if scenario.estimator != "fan2017":
         return []
-    true = msgspec.to_builtins(scenario.sensor_errors)
     kinds = [
-        *(["errors of sensors"] if max(true.values()) > 0.0 else []),
-        *(["drift"] if scenario.sensor_drift.is_any else []),
+        *(["errors of sensors"] if scenario.sensors.tolerance != SensorTolerance() else []),
+        *(["drift"] if scenario.sensors.drift.is_any else []),
         *(["correlated noise"] if scenario.sensors.noise_correlation > 0.0 else []),
     ]
     if not kinds:
         return []
     return [
-        f"'estimator' = 'fan2017' knows white noise only, but this scenario has {' and '.join(kinds)}: robots will be "
-        f"off by that, and {_TOO_SURE}. 'efficient' counts all of it"
+        f"'estimator' = 'fan2017' knows white noise only, but robots are told of {' and '.join(kinds)}: they will say "
+        "nothing of the payload, as they cannot tell how far off they are. 'efficient' counts all of it in"
     ]
 
 
