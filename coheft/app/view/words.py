@@ -160,7 +160,7 @@ def legend(doubt_scale: float) -> str:
         f"red, green, blue: x, y, z of a grasp frame"
         f'<div style="height:6px"></div><b>Curves</b> of the last 30 s, in the chosen robot\'s grasp frame<br>'
         f"{_dot(ACCENT)} mass, x, xx {_dot(FORCE)} y, yy {_dot(TORQUE)} z, zz<br>"
-        f"{_dot(WAITING)} ± 3 of the robot's own std</div>"
+        f"{_dot(WAITING)} band of ± 3 std, as the robot reports it</div>"
     )
 
 
