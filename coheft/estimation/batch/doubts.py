@@ -28,7 +28,7 @@ def unsettled(team: TeamPoses, is_settled: bool) -> tuple[str, ...]:
         return ()
     return (
         "Poses were still changing when their fit was broken off. Are poses and twists those of grasp frames, and do "
-        "all clocks agree?  Did a robot let go (--from and --to choose a part)?",
+        "all clocks agree? Did a robot let go (--from and --to choose a part)?",
     )
 
 
@@ -57,7 +57,8 @@ def doubts_about(names: Sequence[str], team: TeamPoses, payload: Payload) -> tup
     if payload.deviations_off > _FAR:
         doubts.append(
             f"The mass properties are physically impossible, by {payload.deviations_off:.0f} of their standard "
-            f"deviations. Are forces and moments those on the load, in the axes of the grasp frame, and do all clocks agree? "
+            f"deviations. Are forces and moments those on the load, in the axes of the grasp frame, and do all clocks "
+            f"agree? "
             f"Did the load change (--from and --to choose a part)? Are the robots badly calibrated (--method pose "
             f"--calibrate, which needs poses)?"
         )
