@@ -17,7 +17,10 @@ from coheft.wire.scenario.schema import MAX_DURATION
 _STYLE = "font-size:13px;line-height:1.45;padding:2px 10px 4px 10px;font-variant-numeric:tabular-nums"
 _DIM = "opacity:.62"
 _STATES = {"waiting": WAITING, "running": STATUS["valid"], "paused": (251, 191, 36), "finished": ACCENT}
-_NARROW = "<style>@media (max-width: 36em) {.numbers td {font-size: 10px; padding: 0 1px}}</style>"
+_NARROW = (
+    "<style>@media (max-width: 36em) {.numbers td {font-size: 10px; padding: 0 1px} "
+    ".numbers td:nth-child(n+3) {padding-left: 5px}}</style>"
+)
 _PROBLEMS = 4
 _MOST_DECIMALS = 6
 ENDED = "the run has ended; this is how it ended"
