@@ -1,4 +1,4 @@
-"""Results in files: arrays in an ``.npz`` file, with scenario and report as JSON in it."""
+"""Files of results: arrays in an ``.npz`` file that also holds scenario and report as JSON."""
 
 from __future__ import annotations
 
