@@ -228,7 +228,7 @@ def test_the_final_table_gives_one_example_of_what_is_not_observable() -> None:
     print_report(console, report, Path("logs"))
     text = " ".join(drawn(console).split())
     assert "Not observable for r1: mass: too little motion. And 1 more;" in text
-    assert "has them all. Not observable for r3: pose of r2: move. Not converged" in text
+    assert "lists them all. Not observable for r3: pose of r2: move. Not converged" in text
 
 
 def test_the_final_table_tells_of_load_changes() -> None:
@@ -249,10 +249,10 @@ def test_what_could_not_be_noticed_or_recovered_is_not_held_against_the_robots()
         for run in ((truths, estimates), (truths, unknowing), (again, estimates))
     )
     assert [text.partition("kg. ")[2] for text in missed] == ["Not all noticed. Not all recovered."]
-    nothing = "No robot knew the load yet: nothing to notice."
+    nothing = "No robot knew the load yet, so there was nothing to notice."
     assert [text.partition("kg. ")[2] for text in unknown] == [f"{nothing} Not all recovered."]
     assert [text.partition("kg. ")[2] for text in twice] == [
-        "Not all noticed. The load changed again before all had recovered.",
+        "Not all noticed. The load changed again before all recovered.",
         "Not all noticed. All recovered after 0.0 s.",
     ]
 

@@ -1,4 +1,4 @@
-"""One agent in a process of its own: the pure core with its links.
+"""The process of one agent: the pure core with its links.
 
 ``python -m coheft.agents.process.main`` reads an ``AgentProcessConfig`` from stdin.
 """
