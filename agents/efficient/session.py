@@ -267,10 +267,12 @@ class Session:
                 return False
             self._fit(before=buffer.start, keeps_motion=True)  # wrenches may be of another load
         since, size = known.sight.likeliest_change(buffer)
-        now = known.estimate
-        if size <= 1.0 or now is None or self._surprise(buffer.start + since, now) < self._guards.worth_a_fit:
+        if size <= 1.0:
             self._unconfirmed = max(0, self._unconfirmed - 1)
             return False
+        now = known.estimate
+        if now is None or self._surprise(buffer.start + since, now) < self._guards.worth_a_fit:
+            return False  # what is unknown may explain it, but that confirms nothing
         now = self._fit(before=buffer.start + since)
         place = buffer.start + known.sight.likeliest_change(buffer)[0]
         if now.state.load is None or self._surprise(place, now) <= 1.0:
