@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from coheft.app.cli.main import EXIT_CONVERGED, EXIT_ERROR, EXIT_INTERRUPTED, EXIT_USAGE, run_command_line
+from coheft.app.cli.base import EXIT_CONVERGED, EXIT_ERROR, EXIT_INTERRUPTED, EXIT_USAGE
+from coheft.app.cli.main import run_command_line
 from coheft.app.cli.run import run
 from coheft.app.results.report import Report, RunInfo, build_report
 from coheft.errors import CoheftError, LinkError

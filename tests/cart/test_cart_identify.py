@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coheft.app.cli.main import EXIT_ERROR, run_command_line
+from coheft.app.cli.base import EXIT_ERROR
+from coheft.app.cli.main import run_command_line
 from coheft.errors import RecordingError
 from coheft.estimation.cart.contact import grasp_map
 from coheft.estimation.cart.model import CartBody, axes, forward_dynamics

@@ -17,7 +17,8 @@ from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.highlevel import AnyReader
 
-from coheft.app.cli.main import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.cli.base import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE
+from coheft.app.cli.main import run_command_line
 from coheft.app.recording.mcap_records import MAGIC
 from coheft.app.recording.reader import read_recording
 from coheft.app.recording.recover import recover

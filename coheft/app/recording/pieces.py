@@ -62,9 +62,7 @@ def pieces(content: bytes) -> Iterator[Piece | Loss]:
     """
     place = len(MAGIC)
     while place < len(content) and not _is_end(content, place):
-        found = _piece_at(content, place)
-        if found is None:
-            found = Loss(place, _next_place(content, place))
+        found = _piece_at(content, place) or Loss(place, _next_place(content, place))
         yield found
         place = found.end
 

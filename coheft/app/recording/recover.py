@@ -150,7 +150,9 @@ def _define(content: bytes, writer: Writer) -> dict[int, int]:
     header = Header("", "")
     found: dict[tuple[type[McapRecord], int], McapRecord] = {}
     for piece in pieces(content):
-        for record in _with_copied(piece.records) if isinstance(piece, Piece) else ():
+        if isinstance(piece, Loss):
+            continue
+        for record in _with_copied(piece.records):
             match record:
                 case Header():
                     header = record
