@@ -179,7 +179,10 @@ def test_a_report_that_cannot_be_written_takes_nothing_with_it(
 
     monkeypatch.setattr("coheft.app.run.launch.launch", launch)
     monkeypatch.setattr("coheft.app.run_report.folder.ReportPage", lambda _: Page())
-    assert run_command_line(["run", "ring3", "--json", str(folder / "x.json")]) == EXIT_ERROR
+    assert (
+        run_command_line(["run", "ring3", "--json", str(folder / "x.json"), "--report", str(tmp_path / "page")])
+        == EXIT_ERROR
+    )
     said = capfd.readouterr()
     assert "What each robot found out about the payload" in said.out
     assert "Report: the page" in said.out
