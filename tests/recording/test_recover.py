@@ -99,6 +99,16 @@ def test_a_file_whose_first_record_is_not_known_is_read_after_it(cut: Path, tmp_
         assert len(list(make_reader(file).iter_messages())) == saved.messages > 0
 
 
+def test_a_chunk_is_found_whose_head_is_damaged(cut: Path, tmp_path: Path) -> None:
+    content = bytearray(cut.read_bytes())
+    chunks = chunks_in(content)
+    for chunk in chunks:
+        content[chunk.start : chunk.start + 9] = bytes([0x80, *b"\xff" * 8])
+    (tmp_path / "damaged.mcap").write_bytes(content)
+    assert recover(tmp_path / "damaged.mcap", tmp_path / "saved.mcap") is not None
+    assert len(messages_in(tmp_path / "saved.mcap")) == sum(len(chunk.messages) for chunk in chunks)
+
+
 @st.composite
 def damages(draw: st.DrawFn, size: int) -> tuple[str, int, int, int]:
     """What kind, from where on, up to where, and which bit is flipped if it is one."""

@@ -126,3 +126,6 @@ def _start_by_hand(module: str, config: Path) -> int:
     from coheft.app.run.processes import run_in_foreground
 
     return run_in_foreground(module, config)
+
+
+__all__ = ["app", "run_command_line"]

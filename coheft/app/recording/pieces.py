@@ -1,7 +1,7 @@
 """The sound pieces of an MCAP file, whatever has become of the others: damage is not taken for the end.
 
-Chunks and attachments have checksums: behind damage, reading goes on at the next one whose checksum fits. Every other
-record is taken if it can be read.
+Chunks and attachments have checksums: behind damage, reading goes on at the next one whose checksum fits. Chunks tell
+their own length inside, so damage right before one does not hide it. Every other record is taken if it can be read.
 """
 
 from __future__ import annotations
@@ -23,6 +23,10 @@ from coheft.app.recording.mcap_records import DAMAGE, MAGIC
 
 _HEAD = struct.Struct("<BQ")
 """Of each record: what it is, and how long [bytes]."""
+_CHUNK_HEAD = struct.Struct("<QQQII")
+"""Begin, end, size, checksum, and the length of the compression's name."""
+_NAME_LIMIT = 16
+"""No compression has a longer name."""
 _FIRST_UNKNOWN = 0x10
 """From here on, readers skip what they do not know."""
 # A chunk or an attachment, of less than 4 GiB.
@@ -102,22 +106,51 @@ def _piece_at(content: bytes, place: int) -> Piece | None:
     if place + _HEAD.size > len(content):
         return None
     opcode, length = _HEAD.unpack(content[place : place + _HEAD.size])
-    start, end = place + _HEAD.size, place + _HEAD.size + length
-    if end > len(content) or opcode >= _FIRST_UNKNOWN:
+    end = place + _HEAD.size + length
+    found = _single(content, opcode, place, end) if opcode != Opcode.CHUNK and end <= len(content) else None
+    return found or _chunk(content, place, end if opcode == Opcode.CHUNK else None)
+
+
+def _single(content: bytes, opcode: int, place: int, end: int) -> Piece | None:
+    """A record that is no chunk."""
+    if opcode >= _FIRST_UNKNOWN:
         return None
-    body = content[start:end]
-    stream = _Strict(BytesIO(body))
     try:
-        if opcode == Opcode.CHUNK:
-            chunk = Chunk.read(stream)
-            return Piece(place, end, breakup_chunk(chunk, validate_crc=True), chunk.uncompressed_crc != 0)
         if opcode == Opcode.ATTACHMENT:
+            body = content[place + _HEAD.size : end]
             checksum = int.from_bytes(body[-4:], "little")
             is_right = checksum in (0, zlib.crc32(body[:-4]))
-            return Piece(place, end, [Attachment.read(stream)], checksum != 0) if is_right else None
+            attachment = Attachment.read(_Strict(BytesIO(body)))
+            return Piece(place, end, [attachment], checksum != 0) if is_right else None
         record = StreamReader(_Strict(BytesIO(content[place:end])), skip_magic=True, record_size_limit=None)
         return Piece(place, end, [next(record.records)])
     except (*DAMAGE, StopIteration):
+        return None
+
+
+def _chunk(content: bytes, place: int, end: int | None) -> Piece | None:
+    """A chunk whose checksum fits, even if the head before it is damaged.
+
+    Args:
+        content: Of the file.
+        place: Where it begins.
+        end: Where it ends if its head is right; None: it is not that of a chunk.
+    """
+    body = place + _HEAD.size
+    start = body + _CHUNK_HEAD.size
+    if start > len(content):
+        return None
+    *_, checksum, name = _CHUNK_HEAD.unpack(content[body:start])
+    data = start + name + 8
+    if name > _NAME_LIMIT or data > len(content):
+        return None
+    own_end = data + int.from_bytes(content[data - 8 : data], "little")
+    if own_end > len(content) or (not checksum and own_end != end):
+        return None
+    try:
+        chunk = Chunk.read(_Strict(BytesIO(content[body:own_end])))
+        return Piece(place, own_end, breakup_chunk(chunk, validate_crc=True), is_sealed=checksum != 0)
+    except DAMAGE:
         return None
 
 

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 
-from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.scene import BoxShape, Scene
 from coheft.wire.scenario.payload_surface import box
@@ -66,10 +65,16 @@ def box_edges(pose: Pose, size: Array) -> Array:
 
 def rotation_to(direction: Array) -> Array:
     """A rotation (3, 3) that turns the z axis into a direction, shape (3,)."""
-    if not direction.any():
+    length = np.linalg.norm(direction)
+    if length == 0.0:
         return np.eye(3)
-    rotation: Array = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], direction)[:3, :3]
-    return rotation
+    z = np.array([0.0, 0.0, 1.0])
+    unit = direction / length
+    axis = np.cross(z, unit)
+    sine = np.linalg.norm(axis)
+    if sine < 1e-9:
+        return np.eye(3) if unit[2] > 0.0 else np.diag([1.0, -1.0, -1.0])
+    return rotation_exp(axis / sine * np.arctan2(sine, unit[2]))
 
 
 @dataclass(frozen=True, eq=False)
