@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import compress
@@ -16,12 +15,12 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import ACCELERATION, WRENCH
 from coheft.physics_server.arms.impedance import Arms
 from coheft.physics_server.arms.torque_control import TorqueArms
+from coheft.physics_server.held import check_controls, check_held
 from coheft.physics_server.load_schedule import LoadSchedule
 from coheft.physics_server.loads import Loads
 from coheft.physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home_name
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.physics_server.sensors import READINGS, Sensors
-from coheft.wire.messages.codec import is_finite
 from coheft.wire.messages.scene import BoxShape, Scene
 from coheft.wire.messages.structs import LoadState, Measurements, PayloadTruth, Reference, Truth
 from coheft.wire.process.log import LOG
@@ -30,7 +29,7 @@ from coheft.wire.scenario.payload_surface import from_text
 from coheft.wire.scenario.schema import PHYSICS_RATE, Scenario
 from coheft.wire.scenario.section import Vector
 from coheft.wire.scenario.stability import check_stability
-from coheft.wire.scenario.strength import MAX_ANGLE, MAX_DISTANCE, SETTLING_TIME, Strength
+from coheft.wire.scenario.strength import SETTLING_TIME, Strength
 
 if TYPE_CHECKING:
     from coheft.physics_server.arms.encoders import Encoders, WristSamples
@@ -232,9 +231,10 @@ class Simulation:
         """
         problems = self._change_loads()
         controls = self._arms.controls(references)
-        self._check_controls(controls)
+        check_controls(controls, self._arms.pushed, self._names, self._now)
         readings = self._step(controls)
-        self._check_held(readings)
+        ends = (self.block + 1) * self._scenario.block_duration
+        check_held(readings.positions[-1], (readings.kinematics, readings.forces), ends)
         wrenches = self._arms.wrenches(readings.forces, readings.rotations, self._home_rotations)
         kinematics = readings.kinematics
         if not self._is_holding.all():
@@ -318,44 +318,6 @@ class Simulation:
             quaternion=position[3:],
             total_wrench=np.einsum("nij,nj->i", self._adjoints[holding], samples[holding, WRENCH]),
             samples=samples,
-        )
-
-    def _check_controls(self, controls: Array) -> None:
-        """Check what the engine would answer, in silence, by letting all arms go: one bad number.
-
-        Raises:
-            SimulationError: There is one.
-        """
-        if max(np.abs(controls).max(), np.abs(self._arms.pushed).max()) < mujoco.mjMAXVAL:
-            return
-        springs = np.abs(controls).reshape(len(controls), len(self._names), 6).max(axis=(0, 2))
-        largest = np.maximum(springs, np.abs(self._arms.pushed).max(axis=1))
-        bad = [name for name, value in zip(self._names, largest, strict=True) if not value < mujoco.mjMAXVAL]
-        raise SimulationError(
-            f"at {self._now:.3f} s references of {', '.join(bad)} hold numbers that are not finite, or not below "
-            f"{mujoco.mjMAXVAL:g}"
-        )
-
-    def _check_held(self, readings: _Readings) -> None:
-        """Check that the robots still hold the payload.
-
-        Raises:
-            SimulationError: They do not.
-        """
-        position = readings.positions[-1]
-        distance = math.dist(position[:3], PAYLOAD_HOME.translation)
-        angle = 2.0 * math.atan2(math.hypot(*position[4:]), abs(position[3]))
-        if not all(map(is_finite, (position, readings.kinematics, readings.forces))):
-            found = "its motion is no longer finite"
-        elif distance > MAX_DISTANCE or angle > MAX_ANGLE:
-            found = f"it is {distance:.1f} m away from its home and turned by {math.degrees(angle):.0f} degrees"
-        else:
-            return
-        time = (self.block + 1) * self._scenario.block_duration
-        raise SimulationError(
-            f"at {time:.3f} s the robots have lost the payload: {found}. Likely causes: references too large or too "
-            f"unlike each other, a load too heavy or too far out, or damping too strong for so light a payload at "
-            f"{PHYSICS_RATE} steps a second"
         )
 
 

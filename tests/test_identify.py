@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from coheft.app.cli.base import EXIT_NOT_CONVERGED
-from coheft.app.cli.main import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.cli.base import EXIT_CONVERGED, EXIT_ERROR, EXIT_NOT_CONVERGED, EXIT_USAGE
+from coheft.app.cli.main import run_command_line
 from coheft.app.identify.choices import Bounds, Method
 from coheft.app.identify.methods import identify
 from coheft.app.identify.report import make_report

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from coheft.app.cli.base import EXIT_NOT_CONVERGED
-from coheft.app.cli.main import EXIT_CONVERGED, EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.cli.base import EXIT_CONVERGED, EXIT_ERROR, EXIT_NOT_CONVERGED, EXIT_USAGE
+from coheft.app.cli.main import run_command_line
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.geometry.spatial import Array
 from tests.docs_blocks import blocks

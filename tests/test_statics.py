@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coheft.app.cli.base import EXIT_NOT_CONVERGED
-from coheft.app.cli.main import EXIT_ERROR, EXIT_USAGE, run_command_line
+from coheft.app.cli.base import EXIT_ERROR, EXIT_NOT_CONVERGED, EXIT_USAGE
+from coheft.app.cli.main import run_command_line
 from coheft.app.identify.inputs import read_holds
 from coheft.app.identify.methods import identify
 from coheft.errors import RecordingError

@@ -11,7 +11,6 @@ from msgspec import Meta
 from coheft.errors import ScenarioError
 from coheft.estimation.measurement import Positive
 from coheft.wire.scenario.file import complete_scenario
-from coheft.wire.scenario.former import as_now
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.section import NotNegative, Seed
 
@@ -259,16 +258,13 @@ def write_schedule(schedule: FaultSchedule, path: Path) -> None:
 
 
 def read_schedule(path: Path) -> FaultSchedule:
-    """Read a schedule, also one that a former release wrote.
+    """Read a schedule.
 
     Raises:
         ScenarioError: There is none, or it cannot be run.
     """
     try:
-        table = msgspec.json.decode(path.read_bytes())
-        if isinstance(table, dict) and isinstance(table.get("scenario"), dict):
-            table["scenario"] = as_now(table["scenario"])
-        schedule = msgspec.convert(table, FaultSchedule)
+        schedule = msgspec.json.decode(path.read_bytes(), type=FaultSchedule)
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
     except msgspec.DecodeError as error:
