@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy.typing as npt
 
-from coheft.app.identify.choices import Bounds, Method
+from coheft.app.identify.choices import Bounds, Method, Options
 from coheft.app.identify.evaluate import ARRAYS, evaluate
 from coheft.app.identify.report import IdentifyReport, make_report
 
@@ -38,7 +38,7 @@ def identify(
         cutoff: Of the low-pass filter [Hz].
         topics: Of an MCAP file or a bag: which are of which robot, ``ROBOT=TOPIC`` each.
         holds: Recording of the same load, held still in some orientations by the same robots.
-        assume: What is wrong with the recording, by the name that its verdict has: it is taken out (method ``pose``).
+        assume: What is wrong with the recording, by the name that its verdict has: it is taken out.
 
     Returns:
         What ``coheft identify --json`` writes; ``doubts`` and ``not_observable`` say what is not to be trusted.
@@ -47,17 +47,17 @@ def identify(
         RecordingError: It cannot be read, or cannot be a recording of one load; says what, and why.
         UsageError: Arguments contradict each other; it names options of the command, which are called alike.
     """
-    is_file = not isinstance(recording, Mapping)
-    recorded, found = evaluate(
-        Path(recording) if isinstance(recording, str | Path) else recording,
+    options = Options(
         method=method,
         calibrate=calibrate,
         bounds=bounds,
         from_=from_,
         to=to,
         cutoff=cutoff,
-        topics=topics,
+        topics=tuple(topics),
         holds=None if holds is None else Path(holds),
         assume=assume,
     )
-    return make_report(str(recording) if is_file else ARRAYS, recorded, found)
+    if isinstance(recording, Mapping):
+        return make_report(ARRAYS, *evaluate(recording, options))
+    return make_report(str(recording), *evaluate(Path(recording), options))

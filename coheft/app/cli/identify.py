@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -18,7 +19,7 @@ from coheft.app.cli.base import (
     app,
     check_outputs,
 )
-from coheft.app.identify.choices import Bounds, Method
+from coheft.app.identify.choices import Bounds, Method, Options
 
 
 @app.command(group=EVALUATE)
@@ -62,7 +63,7 @@ def identify(
         Of the low-pass filter [Hz]; 5 for batch, else 3; likelihood has none.
     assume:
         What is wrong with the recording, by the name that its verdict has, for instance 'offset' or 'sensor turned': it
-        is taken out, and what is left is identified (method pose).
+        is taken out, and what is left is identified.
     topics:
         Of an MCAP file or a bag: which are of which robot, as left=/left/wrench left=/left/pose right=/right/wrench
         right=/right/pose. Without it, robots are what topics' names begin with.
@@ -75,6 +76,8 @@ def identify(
     quiet:
         Show nothing but errors.
     """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: more threads only wait for each other
+
     from rich.console import Console
 
     from coheft.app.figures import make_folder
@@ -90,8 +93,7 @@ def identify(
     with gone_if_broken_off(report):
         if report is not None:
             make_folder(report)
-        recorded, found = evaluate(
-            recording,
+        options = Options(
             method=method,
             calibrate=calibrate,
             bounds=bounds,
@@ -102,6 +104,7 @@ def identify(
             topics=topics,
             holds=holds,
         )
+        recorded, found = evaluate(recording, options)
     result = make_report(str(recording), recorded, found)
     if not quiet:
         print_identification(Console(stderr=json == "-"), result)
