@@ -2,12 +2,14 @@
 
     python -m benchmarks.recordings [good|listed|unlisted] [--count N] [--first N] [--method METHOD] [--log FILE]
 
-*good*: how many are refuted (at most 1 %). *listed*: with one fault of drawn kind and size: how many are accepted with
-a number that is wrong by more than five of its standard deviations, what may be hidden counted in (at most 0.5 %), named
-rightly where the margin is above 10 (95 %), with the right robot of three and more (98 %), and within five standard
-deviations when the cause is taken out by ``--assume`` (99 %). *unlisted*: with another fault, or two: refuted (95 %).
-Every second recording is of twists and accelerations, if the fault allows. With ``--log``, what is there already is not
-tried again. Bars must be shown with other seeds than those with which anything was mended.
+*good*: how many are refuted (at most 1 %).
+*listed*: with one fault of drawn kind and size: how many are accepted with a number that is wrong by more than five of
+its standard deviations, with what may be hidden (at most 0.5 %), named rightly where the margin is above 10 (95 %), with the
+right robot of three and more (98 %), and within five standard deviations when ``--assume`` takes the cause out (99 %).
+*unlisted*: with another fault, or two: refuted (95 %).
+
+Every second recording is of twists and accelerations, if the fault allows. What a log has already is not tried again.
+Bars must be shown with other seeds than those with which anything was mended.
 """
 
 from __future__ import annotations

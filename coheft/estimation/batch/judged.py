@@ -15,6 +15,7 @@ from coheft.estimation.batch.judge.cause import Cause
 from coheft.estimation.batch.judge.evidence import Evidence
 from coheft.estimation.batch.judge.forces import judge_forces
 from coheft.estimation.batch.judge.mend import MENDABLE, mend
+from coheft.estimation.batch.judge.motions import judge_motions
 from coheft.estimation.batch.judge.poses import judge_poses
 from coheft.estimation.batch.judge.sensors import stuck_sensor
 from coheft.estimation.batch.judge.verdict import Verdict
@@ -62,9 +63,10 @@ def _judged(
     found = fit(recording)
     try:
         evidence = found.evidence or Evidence.of(recording, cutoff)
+        verdict = stuck_sensor(recording)
         if not evidence.is_seen:
-            return found, evidence
-        verdict = judge(evidence, assume)
+            return replace(found, verdict=verdict), evidence
+        verdict = verdict or judge(evidence, assume)
         if verdict.cause == Cause.UNKNOWN and recording.has("pose"):
             verdict = _inverse(recording, cutoff) or verdict
     except (ValueError, RecordingError) as error:
@@ -76,7 +78,7 @@ def _judged(
 
 
 def judge(evidence: Evidence, assumed: str | None = None) -> Verdict:
-    """Judge sensors, poses and, if poses are those of one load, forces.
+    """Judge poses, motions and, if poses are those of one load, forces.
 
     Args:
         evidence: Whose motion shows all grasps.
@@ -85,7 +87,7 @@ def judge(evidence: Evidence, assumed: str | None = None) -> Verdict:
     Raises:
         ValueError: There are too few samples, or too few per second, to tell noise from motion.
     """
-    by_motion = stuck_sensor(evidence.recording) or judge_poses(evidence)
+    by_motion = judge_poses(evidence) or judge_motions(evidence)
     if by_motion is not None:
         return by_motion
     if evidence.suspicions:

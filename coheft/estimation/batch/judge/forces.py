@@ -75,9 +75,9 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
         return _accepted(evidence, plain, found, assumed)
     mending = [one for one in sure if _mends(one, plain.excess)]
     as_assumed = [one for one in mending if one.cause == assumed]
-    if not mending or (mending[0] is not sure[0] and not as_assumed):
+    best = _confirmed(as_assumed or mending, evidence, homes) or next(iter(as_assumed or sure), None)
+    if best not in mending:
         return silent_sensor(recording, evidence.cutoff) or _unknown(found, misfit)
-    best = _confirmed(as_assumed or mending, evidence, homes)
     second = next(one for one in found if one.cause is not best.cause)
     robot, words = words_of(best, recording, misfit)
     margin = best.gain - second.gain
@@ -125,18 +125,18 @@ def _differs(misfit: WrenchMisfit) -> str:
     return f"forces differ from any rigid body's by {np.sqrt(misfit.plain.inside):.2g} times what noise explains"
 
 
-def _confirmed(suspects: Sequence[Suspect], evidence: Evidence, homes: Array) -> Suspect:
+def _confirmed(suspects: Sequence[Suspect], evidence: Evidence, homes: Array) -> Suspect | None:
     """The likeliest one without which the recording is right, also by the noise that its sensors then have.
 
     A unit that is a thousand times too small makes noise look a thousand times larger, beside which nothing else shows.
-    Of those that are nearly as likely it is the one without which robots' sensors are most alike.
+    Of those that are nearly as likely it is the one without which robots' sensors are most alike. None if there is none.
     """
     confirmed: list[tuple[int, Suspect]] = []
     for suspect in suspects[:_CONFIRMED]:
         if confirmed and suspect.gain < confirmed[0][1].gain - _CLOSE:
             break
         if suspect.cause not in MENDABLE:
-            return confirmed[0][1] if confirmed else suspect
+            break
         name = None if suspect.robot is None else evidence.recording.names[suspect.robot]
         mended = mend(evidence.recording, _verdict_of(suspect, name, homes, 1.0), evidence.poses)
         without = WrenchMisfit(evidence.but(mended))
@@ -144,7 +144,7 @@ def _confirmed(suspects: Sequence[Suspect], evidence: Evidence, homes: Array) ->
             sizes = [[np.trace(own[:3, :3]), np.trace(own[3:, 3:])] for own in without.noise]
             unlike = np.ptp(0.5 * np.log(np.array(sizes) + 1e-300), axis=0).max()
             confirmed.append((round(float(unlike)), suspect))
-    return min(confirmed, key=lambda one: one[0])[1] if confirmed else suspects[0]
+    return min(confirmed, key=lambda one: one[0])[1] if confirmed else None
 
 
 def _accepted(evidence: Evidence, plain: Fit, suspects: Sequence[Suspect], assumed: str | None) -> Verdict:

@@ -177,7 +177,7 @@ class WrenchMisfit:
         residual = (output - design @ solution).reshape(-1, 2, 3)
         misfit = self.band.misfit(residual) + float(np.sum(solution[known:] ** 2))
         own = float(solution @ (2.0 * by_output - by_noise @ solution))
-        if abs(own) < _SMALL * residual.size:  # of large ones the unknown spectrum takes care
+        if own > -_SMALL * residual.size:  # of noise that is made much larger the unknown spectrum takes care
             misfit += own
         unknowns = round(int(np.count_nonzero(shown)) * self.band.moving / len(self.band.frequency))
         excess, inside, above = self.band.excess(residual, unknowns)
