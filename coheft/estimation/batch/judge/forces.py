@@ -78,7 +78,8 @@ def judge_forces(evidence: Evidence, assumed: str | None) -> Verdict:
     best = _confirmed(as_assumed or mending, evidence, homes) or next(iter(as_assumed or sure), None)
     if best not in mending:
         return silent_sensor(recording, evidence.cutoff) or _unknown(found, misfit)
-    second = next(one for one in found if one.cause is not best.cause)
+    others = (one for one in found if one.cause is not best.cause)
+    second = next(one for one in others if one in mending or one.gain < best.gain)  # others leave more than noise
     robot, words = words_of(best, recording, misfit)
     margin = best.gain - second.gain
     mass = None if is_ambiguous(best, recording) else _mass_of(best.fit)
@@ -129,7 +130,7 @@ def _confirmed(suspects: Sequence[Suspect], evidence: Evidence, homes: Array) ->
     """The likeliest one without which the recording is right, also by the noise that its sensors then have.
 
     A unit that is a thousand times too small makes noise look a thousand times larger, beside which nothing else shows.
-    Of those that are nearly as likely it is the one without which robots' sensors are most alike. None if there is none.
+    Of those that are nearly as likely it is the one without which robots' sensors are most alike. None: there is none.
     """
     confirmed: list[tuple[int, Suspect]] = []
     for suspect in suspects[:_CONFIRMED]:

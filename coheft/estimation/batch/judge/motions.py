@@ -120,7 +120,7 @@ class _View:
     def _fit(self, columns: Array) -> tuple[Array, Array]:
         design, seen = self.white(columns), self.white(self.difference[..., None])[..., 0]
         flat = design.reshape(seen.size, -1)
-        solution = np.linalg.lstsq(flat, seen.ravel())[0]
+        solution: Array = np.linalg.lstsq(flat, seen.ravel())[0].astype(np.float64)
         return solution, (seen.ravel() - flat @ solution).reshape(len(seen), -1, 3)
 
     def explained(self) -> Iterator[_Explained]:
