@@ -30,18 +30,18 @@ class Bounds:
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How a recording is evaluated; ``coheft identify`` and ``coheft.identify`` call them alike.
+    """How to evaluate a recording; ``coheft identify`` and ``coheft.identify`` use the same names.
 
     Attributes:
-        method: ``batch``, ``instruments``, ``pose``, ``likelihood`` or ``static``; without it, what suits best.
-        calibrate: The robots are not well calibrated; what is wrong with them is estimated as well (method ``pose``).
-        bounds: With ``calibrate``: how wrong they may be.
-        from_: Leave out what was before [s].
-        to: Leave out what came after [s].
-        cutoff: Of the low-pass filter [Hz].
-        topics: Of an MCAP file or a bag: which are of which robot, ``ROBOT=TOPIC`` each.
-        holds: Recording of the same load, held still in some orientations by the same robots.
-        assume: What is wrong with the recording, by the name that its verdict has: it is taken out.
+        method: By default the best one that the recording allows.
+        calibrate: Whether to estimate calibration errors of the robots as well (method ``pose``).
+        bounds: With ``calibrate``: bounds of the calibration errors.
+        from_: Ignore everything before this time [s].
+        to: Ignore everything after this time [s].
+        cutoff: Cutoff of the low-pass filter [Hz].
+        topics: Topics of each robot in an MCAP file or a bag, as ``ROBOT=TOPIC``.
+        holds: Recording of the same load held still in several orientations by the same robots.
+        assume: Correct the recording for this fault first, named as in the verdict.
     """
 
     method: Method | None = None
