@@ -4,8 +4,8 @@
 
 *good*: how many are refuted (at most 1 %).
 *listed*: with one fault of drawn kind and size: how many are accepted with a number that is wrong by more than five of
-its standard deviations, with what may be hidden (at most 0.5 %), named rightly where the margin is above 10 (95 %), with
-the right robot of three and more (98 %), and within five standard deviations when ``--assume`` takes the cause out (99 %).
+its standard deviations, with what may be hidden (at most 0.5 %), named rightly where the margin is above 10 (95 %),
+with the right robot of three and more (98 %), and within five standard deviations with ``--assume`` (99 %).
 *unlisted*: with another fault, or two: refuted (95 %).
 
 Every second recording is of twists and accelerations, if the fault allows. What a log has already is not tried again.

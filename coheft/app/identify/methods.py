@@ -17,6 +17,8 @@ from coheft.estimation.batch.recording import Recording
 from coheft.estimation.batch.signals import CUTOFF, PAPER_CUTOFF
 from coheft.estimation.batch.statics import Statics
 
+_BEST = Options()
+
 
 def suitable(recording: Recording) -> Method:
     """The best method for what was recorded."""
@@ -44,8 +46,8 @@ def part_of(recording: Recording, start: float | None, end: float | None) -> Rec
     return recording.between(float(time[0] if start is None else start), float(time[-1] if end is None else end))
 
 
-def identify(recording: Recording, options: Options, statics: Statics | None = None) -> Identification:
-    """Identify the load.
+def identify(recording: Recording, options: Options = _BEST, statics: Statics | None = None) -> Identification:
+    """Identify the load, and judge the recording.
 
     Args:
         recording: What was recorded.
@@ -60,7 +62,7 @@ def identify(recording: Recording, options: Options, statics: Statics | None = N
     _check(method, options, statics)
 
     def fit(recorded: Recording) -> Identification:
-        return _fit(recorded, method, options, statics)
+        return fitted(recorded, method, options, statics)
 
     try:
         if method == "static":
@@ -86,8 +88,10 @@ def _check(method: Method, options: Options, statics: Statics | None) -> None:
         raise UsageError(f"--method {method} has no filter: leave --cutoff out, or choose another method")
 
 
-def _fit(recording: Recording, method: Method, options: Options, statics: Statics | None) -> Identification:
-    """Identify the load by a method."""
+def fitted(
+    recording: Recording, method: Method, options: Options = _BEST, statics: Statics | None = None
+) -> Identification:
+    """Identify the load by a method, and believe the recording; arguments and errors as of ``identify``."""
     match method:
         case "batch":
             return identify_batch(recording, options.cutoff or PAPER_CUTOFF, statics)
