@@ -95,6 +95,13 @@ def miscalibrated() -> Recording:
     return record_sphere(scenario_of("d", "calibration", 4))
 
 
+def test_what_calibration_leaves_is_judged(miscalibrated: Recording) -> None:
+    short = miscalibrated.between(0.0, 60.0)
+    good = identify(short, Options(calibrate=True))
+    assert good.verdict is not None
+    assert good.doubts == ()
+
+
 def test_calibration_is_estimated_along_and_told(miscalibrated: Recording) -> None:
     found = identify(miscalibrated, Options(method="pose", calibrate=True))
     assert honest(miscalibrated, found)

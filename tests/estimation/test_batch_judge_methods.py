@@ -82,17 +82,6 @@ def test_poses_with_twists_beside_them_are_judged(team: Team, of_twists: Recordi
     assert (verdict.cause, verdict.robot) == ("offset", "r2")
 
 
-def test_what_is_calibrated_is_judged_by_what_it_leaves() -> None:
-    recording = held_recording(4)
-    found = identify(recording, Options(calibrate=True))
-    assert found.verdict is not None
-    assert found.doubts == ()
-    beyond = with_wrench(recording, "r2", wrench_of(recording, "r2") + OFFSET)
-    verdict = identify(beyond, Options(calibrate=True)).verdict
-    assert verdict is not None
-    assert verdict.is_refuted
-
-
 def test_what_is_too_short_to_be_judged_is_said() -> None:
     team = draw_team(SEED)
     short = recorded(team, "white", by_twists=True).between(0.0, 4.5)
