@@ -26,6 +26,8 @@ _REWEIGHTINGS = 3
 _ROUNDING = 1e-11
 _SMALL = 0.1
 """Share of the residuals' mean square up to which noise in columns is corrected for in the likelihood."""
+_LEVEL_UNSURE = 0.3
+"""By how much the power of noise, which is measured in a band, may be off: two standard deviations."""
 _NOTICED = 0.2
 """In its noise's deviations: what is uncertain changes nothing if it does less to the wrench."""
 BODY_NUMBERS = 10
@@ -178,7 +180,7 @@ class WrenchMisfit:
         misfit = self.band.misfit(residual) + float(np.sum(solution[known:] ** 2))
         own = float(solution @ (2.0 * by_output - by_noise @ solution))
         if own > -_SMALL * residual.size:  # of noise that is made much larger the unknown spectrum takes care
-            misfit += own
+            misfit += own + _LEVEL_UNSURE * abs(own)
         unknowns = round(int(np.count_nonzero(shown)) * self.band.moving / len(self.band.frequency))
         excess, inside, above = self.band.excess(residual, unknowns)
         covariance = (inverse / np.outer(size, size))[:known, :known]
