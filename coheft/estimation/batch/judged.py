@@ -17,7 +17,7 @@ from coheft.estimation.batch.judge.forces import judge_forces
 from coheft.estimation.batch.judge.mend import MENDABLE, mend
 from coheft.estimation.batch.judge.motions import judge_motions
 from coheft.estimation.batch.judge.poses import judge_poses
-from coheft.estimation.batch.judge.sensors import stuck_sensor
+from coheft.estimation.batch.judge.sensors import stuck_motion, stuck_sensor
 from coheft.estimation.batch.judge.verdict import Verdict
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording
@@ -63,7 +63,7 @@ def _judged(
     found = fit(recording)
     try:
         evidence = found.evidence or Evidence.of(recording, cutoff)
-        verdict = stuck_sensor(recording)
+        verdict = stuck_motion(recording)
         if not evidence.is_seen:
             return replace(found, verdict=verdict), evidence
         verdict = verdict or judge(evidence, assume)
@@ -87,7 +87,7 @@ def judge(evidence: Evidence, assumed: str | None = None) -> Verdict:
     Raises:
         ValueError: There are too few samples, or too few per second, to tell noise from motion.
     """
-    by_motion = judge_poses(evidence) or judge_motions(evidence)
+    by_motion = stuck_sensor(evidence.recording) or judge_poses(evidence) or judge_motions(evidence)
     if by_motion is not None:
         return by_motion
     if evidence.suspicions:

@@ -22,10 +22,17 @@ def stuck_sensor(recording: Recording) -> Verdict | None:
     Moments may be zero all the time: a hand in a gimbal has none. Encoders of a robot that stands still repeat
     themselves, but not while another robot moves.
     """
-    found = _stuck_wrench(recording) or _stuck_motion(recording)
-    if found is None:
-        return None
-    name, what, start, seconds = found
+    found = _stuck_wrench(recording)
+    return stuck_motion(recording) if found is None else _stuck(*found)
+
+
+def stuck_motion(recording: Recording) -> Verdict | None:
+    """A robot whose motion repeats itself while another one moves."""
+    found = _stuck_motion(recording)
+    return None if found is None else _stuck(*found)
+
+
+def _stuck(name: str, what: str, start: float, seconds: float) -> Verdict:
     return _dead(
         name,
         start,
