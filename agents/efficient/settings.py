@@ -58,6 +58,8 @@ class Guards:
             sensor that comes and goes, and rows may be of both.
         mass: Probability that the mass seems to be another one by chance, where a sensor may be off instead.
         drifting: A load that changes again so soon drifts [s].
+        lead: By so much the log ratio of what has changed leads, or it is not told: a slip, or another load or sensor.
+        telling_apart: After so long without that it counts as another load [s].
         undecided: After so long without an answer the load is believed to have changed [s]: a fault is over by then.
         waiting: Rows are missing when none of the whole team has come for so long, and the time on the way [s].
         confirming: A robot that contradicted the team, or itself, is believed again after so long without that [s].
@@ -86,6 +88,8 @@ class Guards:
     calm: float = 1.0
     mass: float = 1e-6
     drifting: float = 3.0
+    lead: float = 12.0
+    telling_apart: float = 1.2
     undecided: float = 4.0
     waiting: float = 0.15
     confirming: float = 0.1

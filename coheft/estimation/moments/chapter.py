@@ -21,7 +21,7 @@ from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate, Look
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidence
-from coheft.estimation.moments.moments import SeenMoments, seen_moments, wrench_moments
+from coheft.estimation.moments.moments import Moments, SeenMoments, seen_moments, wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.unknowns import Indices, State, Unknowns
 
@@ -146,6 +146,12 @@ class Chapter:
         derivatives, load = MotionDerivatives.at(body), _load(body)
         by_motion = motion_evidence(body, derivatives, moments.motion)
         return by_motion + wrench_evidence(body, derivatives, moments.wrench, load)
+
+    def evidence_of(self, body: BodyModel, rows: Moments, only_wrenches: bool = False) -> Evidence:
+        """What moments of rows with the present load say at a state with a load."""
+        derivatives, seen = MotionDerivatives.at(body), seen_moments(body, rows, rows)
+        by_wrench = wrench_evidence(body, derivatives, seen.wrench, _load(body))
+        return by_wrench if only_wrenches else by_wrench + motion_evidence(body, derivatives, seen.motion)
 
     def end_of_load(self, estimate: Estimate, guess: Guess, place: int, keeps_poses: bool) -> None:
         """From this place on the load is another one. What wrenches said of poses counts on only if these are known."""
