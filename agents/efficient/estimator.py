@@ -38,7 +38,7 @@ class EfficientEstimator:
         self._config, self._gossip, self._guards = config, gossip, Guards()
         self._team: Team | None = None
         self._belief = Belief("poses", False, None, {})
-        self._believed: tuple[Estimate, Stage] | None = None
+        self._believed: tuple[Estimate, Stage, int, int] | None = None
         self._former_changes: tuple[LoadChangeNotice, ...] = ()
         self._former_slips: tuple[SlipNotice, ...] = ()
 
@@ -84,7 +84,7 @@ class EfficientEstimator:
             return ("the team's measurements have just begun",)
         if team.session.suspect is not None:
             return (f"the sensors of {team.names[team.session.suspect]} contradict the motion of the team",)
-        if session.suspected is not None:
+        if session.is_suspected:
             return ("either the load has changed or a grasp has slipped",)
         if not team.session.is_confirmed:
             return ("what was known before is being confirmed by new measurements",)
@@ -102,9 +102,10 @@ class EfficientEstimator:
         """See ``Estimator.belief``."""
         team = self._team
         if team is not None and team.session.estimate is not None:
-            now = (team.session.estimate, team.session.stage)
+            session, estimate = team.session, team.session.estimate
+            now = (estimate, session.stage, len(session.certain_changes), len(session.slips))
             if now != self._believed:
-                self._belief, self._believed = self._said(team, team.session.estimate), now
+                self._belief, self._believed = self._said(team, estimate), now
             self._belief = replace(self._belief, learned_block=team.newest)
             if team.session.total_wrench is not None:
                 to_own = team.session.estimate.state.poses[team.own].inverse().adjoint()
@@ -141,7 +142,7 @@ class EfficientEstimator:
         start, times = self._config.start_of, team.times
         new = (
             LoadChangeNotice(start(noticed + 1), start(times.first_block(first)))
-            for noticed, (first, _) in zip(team.noticed, team.session.changes, strict=True)
+            for noticed, (first, _) in zip(team.noticed, team.session.certain_changes, strict=False)
         )
         return (*self._former_changes, *new)
 

@@ -6,6 +6,7 @@ fit = likeliest state given the moments of all rows and the prior of chapters be
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -13,16 +14,14 @@ from coheft.agents.efficient.row_times import MANY
 from coheft.agents.efficient.settings import Guards
 from coheft.agents.efficient.sight import Sight
 from coheft.estimation.geometry.spatial import Array, Pose
-from coheft.estimation.moments.body import MOTION_SIZE
 from coheft.estimation.moments.chapter import Chapter, Prior
 from coheft.estimation.moments.fit import Estimate, Look, fitted
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
-from coheft.estimation.moments.moments import RowMoments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.start import first_load, first_poses, poses_by_motion
-from coheft.estimation.moments.suspects import SLIP, LogRatios, log_ratios, slip_step
-from coheft.estimation.moments.unknowns import Flags, State
+from coheft.estimation.moments.suspects import SLIP
+from coheft.estimation.moments.unknowns import Flags, State, Unknowns
 from coheft.estimation.moments.untold import Untold, untold_error
 
 _PAGES_IN_MEMORY, _KEPT_ON_PAGE = 8, 2
@@ -107,11 +106,9 @@ class Knowledge:
         if self.estimate is not None:
             self._know(self.estimate)
 
-    def take_back(self, number: int) -> list[tuple[int, Array]]:
-        """Rows with larger numbers count no longer; returns them with their numbers."""
-        taken = self.buffer.take_back(number)
-        self._next_fit -= len(taken)
-        return taken
+    def take_back(self, number: int) -> None:
+        """Rows with larger numbers count no longer."""
+        self._next_fit -= self.buffer.take_back(number)
 
     def fit(self, before: int | None = None, keeps_motion: bool = False) -> Estimate:
         """Fit all unknowns to all rows, or to those before a place, and to chapters before; see ``Chapter.look``."""
@@ -150,37 +147,31 @@ class Knowledge:
             self._know(fitted(state, chapter.look(), chapter.said_before, self._guess, self._settings, self._anchor))
         self._next_fit = least
 
-    def log_ratios(self, now: Estimate, rows: Array) -> LogRatios:
-        """What may have changed with these rows (n, X), that ``now`` is not of."""
-        newest = self._chapter.evidence_of(now.body, RowMoments.of(rows))
-        return log_ratios(now.body, newest, self.covariance_now(now), self._guess)
+    def before(self, place: int) -> tuple[Estimate, Prior]:
+        """What rows before a place tell, as an estimate and as a prior; this one stays what it is."""
+        assert self.estimate is not None
+        chapter, look = self._chapter, self._chapter.look(place)
+        found = fitted(self.estimate.state, look, chapter.said_before, self._guess, self._settings, self._anchor)
+        return found, chapter.summed_up(found, self._guess, look)
 
-    def log_ratio_of_slip(self, now: Estimate, rows: Array, robot: int) -> float:
-        """Likewise of one slip, by wrenches alone."""
-        body = now.body
-        wrenches = self._chapter.evidence_of(body, RowMoments.of(rows), only_wrenches=True)
-        return float(log_ratios(body, wrenches, self.covariance_now(now), self._guess).slips[robot])
+    def slipped(self, prior: Prior, robot: int, rows: Iterable[tuple[int, Array]], sight: Sight) -> Knowledge:
+        """What is known from such a prior and rows with their numbers, if a grasp has slipped in between.
 
-    def residuals_if_slipped(self, now: Estimate, rows: Array, robot: int) -> Array:
-        """Of motion sensors, in standard deviations, shape (n, N, 12), if a grasp is where rows (n, X) say."""
-        body = now.body
-        newest = self._chapter.evidence_of(body, RowMoments.of(rows))
-        step = slip_step(body, newest, self.covariance_now(now), robot)
-        slipped = self._settings.body(now.state.moved(step, body.unknowns, np.inf))
-        seen = slipped.residuals(rows, rows @ slipped.see[:MOTION_SIZE].T) - self.sight.excess
-        return seen.reshape(len(rows), self._count, -1)
-
-    def loosen_grasp(self, now: Estimate, robot: int, place: int) -> None:
-        """From this place on a grasp is elsewhere, and all else stays what it is."""
-        chapter = self._chapter
-        self._sight_before = self.sight
-        chapter.end(now, self._guess, place)
-        assert chapter.prior is not None  # it is what has ended
-        chapter.prior = chapter.prior.loosened(now.body.unknowns.poses[robot], np.diag(np.square(SLIP)))
-        if robot == self._anchor:
-            self._anchor = (robot + 1) % self._count
-        self._rows_before = 0
-        self.fit()
+        Args:
+            prior: Of before.
+            robot: Whose grasp is elsewhere; all else stays what it is.
+            rows: After the slip.
+            sight: From before.
+        """
+        own = Unknowns(self._count, self._settings.errors).poses[robot]
+        loosened = prior.loosened(own, np.diag(np.square(SLIP)))
+        anchor = (robot + 1) % self._count if robot == self._anchor else self._anchor
+        found = Knowledge(self._count, anchor, self._settings, self._guards, loosened)
+        found._sight_before = sight
+        for number, row in rows:
+            found.buffer.add(number, row)
+        found.fit()
+        return found
 
     def covariance_now(self, now: Estimate) -> Array:
         """Of an estimate, and of what has drifted among the rows that are kept."""

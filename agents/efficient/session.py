@@ -2,6 +2,7 @@
 
 row -> does its motion contradict the team?   drop it, and those that came with the contradiction
     -> is its wrench a surprise, or is it this robot's turn?   look -> fit to older rows -> look again -> new load
+    -> since either: does another grasp explain all rows best?   go on from before, with that grasp elsewhere
     -> 15 % more rows than at the last fit?   fit -> do all rows fit? could it be a sensor instead of a load?
 """
 
@@ -15,7 +16,7 @@ from coheft.agents.efficient.judge import Outcome, Verdict, judge
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.monitor import Monitor
 from coheft.agents.efficient.settings import Guards
-from coheft.agents.efficient.slips import LEAST, Disbelieved, Slip, cause_of
+from coheft.agents.efficient.slips import Slip, Suspicion
 from coheft.agents.efficient.stages import TRANSITIONS, Event, Stage
 from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.moments.body import FORCING_SIZE
@@ -50,8 +51,6 @@ class Session:
         stage: What it knows of the load.
         changes: Of the load: number of its first row, and of the row at which that was noticed.
         slips: Of grasps.
-        suspected: Number of the row at which something was found to have changed, while it is not known what; else
-            None.
         suspect: Place of a robot whose motion sensors contradict the others at present, or None.
         verdict: On the last fit.
         untold: An error of a sensor that was told to be zero, but that rows ask for; None if they ask for none.
@@ -79,26 +78,23 @@ class Session:
         self.stage = Stage.GATHERING
         self.changes: list[tuple[int, int]] = []
         self.slips: list[Slip] = []
+        self._suspicion: Suspicion | None = None
         self.verdict = Verdict(Outcome.FITS)
         self.total_wrench: Array | None = None
         self.untold: Untold | None = None
         self._untold_rows = self._untold_until = 0  # with which it was found, and with which it is over
-        self._most_undecided = rows(guards.telling_apart)
-        self._untold_lasts = rows(guards.untold_lasts)
+        self._most_suspected, self._untold_lasts = rows(guards.telling_apart), rows(guards.untold_lasts)
         self._loads = list[Array]()  # theta before each change
         self._told_of = self._newest = -1  # the newest change that another robot has told of; the newest row
-        self._begin(prior)
+        self._begin(Knowledge(count, anchor, settings, guards, prior))
         if prior is not None:
             self.stage, self._unconfirmed = TRANSITIONS[self.stage, Event.FITTED], self._confirming
 
-    def _begin(self, prior: Prior | None = None) -> None:
-        """All that rows have shown is forgotten but for the prior; changes of the load that were noticed stay known."""
-        self._known = Knowledge(self._count, self._anchor, self._settings, self._guards, prior)
+    def _begin(self, known: Knowledge) -> None:
+        """Go on from what is known, and from nothing else; changes that were noticed stay known."""
+        self._known = known
         self._monitor = Monitor(self._count, self._guards)
         self.suspect: int | None = None
-        self.suspected: int | None = None
-        self._suspected_since = -1  # number of the first row after the newest change that was not known at once
-        self._disbelieved = Disbelieved()
         self._load_before: KnownLoad | None = None  # before the oldest change that may still be a sensor's fault
         self._surprises, self._look_until, self._pause = 0, -1, -1
         self._unconfirmed = 0  # so many rows must still fit what was known
@@ -116,7 +112,7 @@ class Session:
         """All that is known, for another team of which this robot is part; None if there is nothing to rely upon."""
         if self.stage is Stage.ESTIMATING and self._known.buffer.count and not self._look_for_change(self._newest):
             self._fit_and_judge()  # the newest rows have to be judged as well
-        is_relied_upon = self.stage is Stage.ESTIMATING and self.untold is None and self.suspected is None
+        is_relied_upon = self.stage is Stage.ESTIMATING and self.untold is None and not self.is_suspected
         return self._known.prior() if is_relied_upon else None
 
     def claimable(self, estimate: Estimate) -> Estimate:
@@ -145,8 +141,19 @@ class Session:
 
     @property
     def news_at(self) -> int:
-        """Number of the first row after the newest change of whatever kind, known or not; -1 if there was none."""
-        return max(self.changed_at, self.slips[-1].first if self.slips else -1, self._suspected_since)
+        """Number of the first row after the newest change of whatever kind, -1 if there was none."""
+        return max(self.changed_at, self.slips[-1].first if self.slips else -1)
+
+    @property
+    def is_suspected(self) -> bool:
+        """Whether the load seems to have changed, but a grasp may have slipped instead."""
+        return self._suspicion is not None and self._suspicion.is_load
+
+    @property
+    def certain_changes(self) -> list[tuple[int, int]]:
+        """Changes of the load that may not be slips instead."""
+        suspicion = self._suspicion
+        return self.changes if suspicion is None else self.changes[: suspicion.changes]
 
     @property
     def is_confirmed(self) -> bool:
@@ -160,6 +167,12 @@ class Session:
 
     def take(self, number: int, row: Array) -> None:
         """One more row of the whole team, shape (24 N + 1,) or (48 N + 1,); any may be missing or late."""
+        self._take(number, row)
+        if self._suspicion is not None:
+            self._suspicion.add(number, row)
+            self._tell_apart(self._suspicion)
+
+    def _take(self, number: int, row: Array) -> None:
         known, buffer, guards = self._known, self._known.buffer, self._guards
         if number > self._newest + 1 + self._waits:
             self._unconfirmed = self._confirming
@@ -171,8 +184,6 @@ class Session:
             if number == self._newest:
                 self.total_wrench = look.view[FORCING_SIZE:]
             if not self._is_believed(number, look.motion):
-                self._disbelieved.add([(number, row)])
-                self._look_for_slip(number)
                 return
             place, has_moved = buffer.add(number, row)
             buffer.views[place] = look.view
@@ -183,7 +194,6 @@ class Session:
                 self._surprises = self._surprises + 1 if look.wrench @ look.wrench > guards.largest_surprise else 0
                 is_own_turn = number % self._turn == self._own * self._turn // self._count
                 is_urgent = self._surprises >= 2 or number <= self._look_until or not self.is_confirmed
-                is_urgent = is_urgent or self.suspected is not None
                 if (is_urgent or is_own_turn) and self._look_for_change(number):
                     return
         if known.is_fit_due and not self._look_for_change(number):
@@ -207,37 +217,19 @@ class Session:
             if self.suspect is None or number > self._contradicted_at + self._confirming:
                 self._doubted_at = number
             if self.suspect is None:
-                self._disbelieved.add(self._known.take_back(number - found.rows))
+                numbers = self._known.buffer.numbers[: self._known.buffer.count]
+                self._suspect(int(np.searchsorted(numbers, number - found.rows, side="right")), is_load=False)
+                self._known.take_back(number - found.rows)
             self.suspect, self._contradicted_at = found.robot, number
             self._monitor.forget()
             if number - self._doubted_at > self._lasting:
                 self._start_over()
             return False
-        if number - self._contradicted_at >= self._confirming and self._disbelieved:  # it is over
-            self._disbelieved = Disbelieved()
-            if self.suspect is not None:
-                self.suspect, self._unconfirmed = None, self._confirming
+        if self.suspect is not None and number - self._contradicted_at >= self._confirming:
+            self.suspect, self._unconfirmed = None, self._confirming
+            if not self.is_suspected:
+                self._suspicion = None
         return self.suspect is None
-
-    def _look_for_slip(self, number: int) -> None:
-        """Whether a grasp has slipped with the rows that are not believed."""
-        known, now = self._known, self._known.estimate
-        found = self._disbelieved.slip(known, self._guards) if self.stage is Stage.ESTIMATING else None
-        if found is not None and now is not None:
-            robot, ((first, _), *rows) = found  # the first row is of before and after
-            self.slips.append(Slip(robot, first, self._doubted_at, number))
-            for each, row in rows:
-                known.buffer.add(each, row)
-            self._begin_slip(robot, known.buffer.count - len(rows), now)
-
-    def _begin_slip(self, robot: int, place: int, now: Estimate) -> None:
-        """From this place on a grasp is elsewhere, and what is known has to be confirmed."""
-        self._known.loosen_grasp(now, robot, place)
-        self._monitor.forget()
-        self._disbelieved = Disbelieved()
-        self.suspect, self.suspected, self._unconfirmed = None, None, self._confirming
-        self._surprises, self._look_until = 0, -1
-        self._next_untold = self._known.first_untold
 
     def _fit(self, before: int | None = None, keeps_motion: bool = False) -> Estimate:
         """See ``Knowledge.fit``; innovations count from now on."""
@@ -292,14 +284,37 @@ class Session:
 
     def _start_over(self) -> None:
         self.stage = TRANSITIONS[self.stage, Event.STARTED_OVER]
-        self._begin()
+        self._begin(Knowledge(self._count, self._anchor, self._settings, self._guards))
+
+    # --- grasps that slip ---
+
+    def _suspect(self, place: int, is_load: bool) -> None:
+        """From this place on the load seems to be another one, or motions contradict each other: or it was a slip."""
+        if self._suspicion is None and self.stage is Stage.ESTIMATING and not self._known.misses_poses:
+            place = max(place, self._known.buffer.start)
+            self._suspicion = Suspicion(self._known, place, self._newest, len(self.changes), is_load)
+
+    def _tell_apart(self, suspicion: Suspicion) -> None:
+        """What has changed: go on as if no grasp could slip, or from before the slip."""
+        cause, is_late = suspicion.cause(self._guards), self._newest - suspicion.noticed >= self._most_suspected
+        if cause is not None and cause.robot is not None:
+            known = suspicion.known_if_slipped(self._known, cause, self._guards, self._settings.has_offset)
+            if known is not None:
+                self.slips.append(Slip(cause.robot, cause.first, suspicion.noticed, self._newest))
+                self.stage, self._suspicion = TRANSITIONS[self.stage, Event.SLIPPED], None
+                del self.changes[suspicion.changes :], self._loads[suspicion.changes :]
+                self._begin(known)
+                self._unconfirmed = self._confirming
+                return
+        if is_late or (suspicion.is_load and cause is not None and cause.robot is None):
+            self._suspicion = None
 
     # --- changes of the load ---
 
     def _look_for_change(self, number: int) -> bool:
         """Whether the load has changed: what looks like it must still do so against a fit to older rows only."""
         if self.stage is Stage.GATHERING or number < self._pause:
-            return self.suspected is not None
+            return False
         known, buffer = self._known, self._known.buffer
         if known.misses_poses and not self.is_confirmed:
             if buffer.count < known.least:  # so few rows do not find them
@@ -308,42 +323,20 @@ class Session:
         since, size = known.sight.likeliest_change(buffer)
         now = known.estimate
         if size <= 1.0 or now is None or self._surprise(buffer.start + since, now) < self._guards.worth_a_fit:
-            self._unconfirmed, self.suspected = max(0, self._unconfirmed - 1), None
+            self._unconfirmed = max(0, self._unconfirmed - 1)
             return False
         now = self._fit(before=buffer.start + since)
         place = buffer.start + known.sight.likeliest_change(buffer)[0]
         if now.state.load is None or self._surprise(place, now) <= 1.0:
-            self._pause, self.suspected = number + buffer.count - place, None  # until there are twice as many rows
+            self._pause = number + buffer.count - place  # until there are twice as many rows
             self._fit()
             return False
-        noticed = number if self.suspected is None else self.suspected
-        if self.stage is Stage.ESTIMATING and not now.misses_poses:
-            is_soon = number < noticed + LEAST
-            cause = None if is_soon else cause_of(known, now, place, self._guards, self._most_undecided)
-            if cause is None:
-                wait = LEAST if is_soon else max(1, (buffer.count - place) // 4)
-                if self.suspected is None:
-                    self._suspected_since = int(buffer.numbers[place])
-                self._pause, self.suspected = number + wait, noticed
-                return True
-            if cause.robot is not None:
-                now = self._fit(before=cause.place)
-                self.slips.append(Slip(cause.robot, int(buffer.numbers[cause.place]), noticed, number))
-                self._begin_slip(cause.robot, cause.place, now)
-                return True
-        return self._change_load(place, noticed)
-
-    def _change_load(self, place: int, noticed: int) -> bool:
-        """The load is another one from this place on, or from where it was suspected to be."""
-        buffer = self._known.buffer
-        if self.suspected is not None:
-            since = int(np.searchsorted(buffer.numbers[: buffer.count], self._suspected_since))
-            place = min(place, max(buffer.start + 1, since))
-        place, now = self._with_changes_before(place, self._fit(before=place))
+        place, now = self._with_changes_before(place, now)
         load = now.state.load
         assert load is not None
+        self._suspect(place, is_load=True)
         self._loads.append(load[THETA])
-        self.changes.append((int(buffer.numbers[place]), noticed))
+        self.changes.append((int(buffer.numbers[place]), number))
         if self._load_before is None:
             theta = now.body.unknowns.theta
             self._load_before = KnownLoad(load, now.covariance[theta, theta])
@@ -375,4 +368,4 @@ class Session:
         self._monitor.forget()
         self.stage = TRANSITIONS[self.stage, event]
         self._surprises, self._look_until = 0, -1
-        self._forgot_at, self._unconfirmed, self.suspected = self._newest, 0, None
+        self._forgot_at, self._unconfirmed = self._newest, 0

@@ -1,32 +1,34 @@
 """A grasp that slips: told from a load that changes, and from sensors that are off.
 
 A small slip looks like another load at first, as torques come about another point; a large one contradicts the motion
-of the team. Either way the log ratios of all that may have changed decide, see ``coheft.estimation.moments.suspects``.
+of the team. Either way what is done about these goes on as if no grasp could slip. Beside it, all rows since then are
+compared with what was known before, by the log ratios of ``coheft.estimation.moments.suspects``. Only a slip that
+leads, and with which all rows fit, takes the place of what has been found meanwhile.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from bisect import bisect_left
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from coheft.agents.efficient.judge import Outcome, judge
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards
 from coheft.estimation.geometry.spatial import Array
-from coheft.estimation.moments.fit import Estimate
-from coheft.estimation.moments.misfit import worst_misfit
+from coheft.estimation.moments.chapter import evidence_of
+from coheft.estimation.moments.moments import RowMoments, seen_moments
+from coheft.estimation.moments.suspects import LogRatios, log_ratios
 
 _SUDDEN = 2
 """Rows at the change itself are not looked at: slopes miss what jumps within a row."""
-LEAST = 5
-"""Rows after something was noticed from which causes are told apart: when it came is known by then."""
-_LEAST_DISBELIEVED, _GROWTH = 4, 1.4
-"""Rows that are not believed from which a slip is looked for, and in which steps again."""
-_BEFORE = range(-30, 0, 5)
-"""A slip may have come so many rows before the moment at which the load seems to have changed."""
-_FRESH = 5
-"""But with so many of the newest rows at least."""
+_LEAST, _GROWTH = 5, 1.5
+"""Rows from which causes are told apart first, and in which steps again: when it came is known by then."""
+_BEFORE, _STEP = 30, 8
+"""It may have come so many rows before it was noticed; moments are tried in such steps."""
 
 
 class Slip(NamedTuple):
@@ -36,7 +38,7 @@ class Slip(NamedTuple):
         robot: Whose; its place in the team.
         first: Number of the first row after it.
         noticed: Number of the row at which something was found to have changed.
-        named: Number of the row at which it was told from another load.
+        named: Number of the row at which it was told from all else.
     """
 
     robot: int
@@ -50,76 +52,88 @@ class Cause(NamedTuple):
 
     Attributes:
         robot: The one whose grasp has slipped, None if it is the load or a sensor.
-        place: Of the first row after the change.
+        first: Number of the first row after the change.
     """
 
     robot: int | None
-    place: int
+    first: int
 
 
-def cause_of(known: Knowledge, now: Estimate, place: int, guards: Guards, most: int) -> Cause | None:
-    """What has changed, None while that cannot be told.
+class Suspicion:
+    """That something has changed, with what was known before, and all rows since.
 
     Args:
-        known: With all rows.
-        now: A fit to rows before ``place``.
-        place: Of the row with which the load seems to have changed.
-        guards: Thresholds.
-        most: From so many rows on it is the load, or a sensor, if no slip leads.
+        known: With all rows so far.
+        place: Of the first row after the change, as far as is known.
+        noticed: Number of the row at which it was noticed.
+        changes: Of the load that were known before.
+        is_load: Whether it looks like another load; if not, motions contradict each other.
+
+    Attributes:
+        noticed: Likewise.
+        changes: Likewise.
+        is_load: Likewise.
     """
-    buffer = known.buffer
-    rows = buffer.count - place
-    if rows < LEAST:
-        return None
-    starts = {place} | {place + each for each in _BEFORE if buffer.start < place + each <= buffer.count - _FRESH}
-    other, robot, slip, at = -np.inf, 0, -np.inf, place
-    for start in sorted(starts):
-        window = [buffer.rows[start:place], buffer.rows[max(start, place + _SUDDEN) : buffer.count]]
-        found = known.log_ratios(now, np.concatenate(window))
-        other, best = max(other, found.load, found.sensor), int(found.slips.argmax())
-        if found.slips[best] > slip:
-            robot, slip, at = best, float(found.slips[best]), start
-    if slip > other + guards.lead:
-        return Cause(robot, at)
-    return Cause(None, place) if other > slip + guards.lead or rows >= most else None
 
+    def __init__(self, known: Knowledge, place: int, noticed: int, changes: int, is_load: bool) -> None:
+        buffer = known.buffer
+        begin = max(place - _BEFORE, (buffer.start + place) // 2)
+        self._now, self._prior = known.before(begin)
+        self._covariance = known.covariance_now(self._now)
+        self._sight = known.sight
+        numbers = buffer.numbers[begin : buffer.count].tolist()
+        self._rows = dict(zip(numbers, buffer.window(begin).copy(), strict=True))
+        self._first = numbers[place - begin] if place < buffer.count else noticed
+        self._next, self._tried = _LEAST, dict[tuple[int, int], LogRatios]()
+        self.noticed, self.changes, self.is_load = noticed, changes, is_load
 
-class Disbelieved:
-    """Rows that contradict what is known, since they began to, and whether a slip explains them."""
+    def add(self, number: int, row: Array) -> None:
+        """Take in a row, the first one as well as any other."""
+        self._rows[number] = row
 
-    def __init__(self) -> None:
-        self._rows = list[tuple[int, Array]]()
-        self._next = _LEAST_DISBELIEVED
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def add(self, rows: Iterable[tuple[int, Array]]) -> None:
-        """Take in rows with their numbers."""
-        self._rows += rows
-
-    def slip(self, known: Knowledge, guards: Guards) -> tuple[int, list[tuple[int, Array]]] | None:
-        """The robot whose grasp has slipped, and these rows in order; None if none has, or it was asked just before."""
-        now = known.estimate
-        if len(self) < self._next or now is None or now.misses_poses:
+    def cause(self, guards: Guards) -> Cause | None:
+        """What has changed; None while that cannot be told, or if rows are hardly more than the last time."""
+        numbers = sorted(self._rows)
+        place = bisect_left(numbers, self._first)
+        if len(numbers) - place < self._next:
             return None
-        self._next = round(_GROWTH * len(self))
-        rows = sorted(self._rows, key=lambda each: each[0])
-        robot = slip_in(known, now, np.array([row for _, row in rows[1:]]), guards)
-        return None if robot is None else (robot, rows)
+        self._next = math.ceil(_GROWTH * (len(numbers) - place))
+        rows = np.array([self._rows[number] for number in numbers])
+        load, _ = self._likeliest(rows, place, lambda found: found.load)
+        sensor, _ = self._likeliest(rows, place, lambda found: found.sensor)
+        slip, first = self._likeliest(rows, place, lambda found: float(found.slips.max()))
+        if slip > max(load, sensor) + guards.lead:
+            return Cause(int(self._ratios(rows, first).slips.argmax()), numbers[first])
+        return Cause(None, self._first) if max(load, sensor) > slip + guards.lead else None
 
+    def _likeliest(self, rows: Array, place: int, ratio: Callable[[LogRatios], float]) -> tuple[float, int]:
+        """The largest log ratio wherever the change may have been, and at which place: first roughly, then exactly."""
 
-def slip_in(known: Knowledge, now: Estimate, rows: Array, guards: Guards) -> int | None:
-    """The robot whose grasp has slipped with rows (n, X) that contradict the motion before, None if none has.
+        def at(start: int) -> float:
+            return ratio(self._ratios(rows, start))
 
-    A slip shows in motion and wrenches alike, and with the grasp elsewhere rows do fit; motion sensors that are off do
-    not move wrenches.
-    """
-    found = known.log_ratios(now, rows)
-    robot = int(found.slips.argmax())
-    if found.slips[robot] < max(found.load, found.sensor) + guards.lead:
-        return None
-    if known.log_ratio_of_slip(now, rows, robot) < guards.lead:
-        return None
-    worst = worst_misfit(known.residuals_if_slipped(now, rows, robot))
-    return None if worst is None or worst.chi_square > guards.largest_motion_misfit else robot
+        last, step = len(rows) - _LEAST, _STEP
+        best = max({place, *range(last, -1, -step)}, key=at)
+        while step > 1:
+            step = (step + 1) // 2
+            best = max({best, max(best - step, 0), min(best + step, last)}, key=at)
+        return at(best), best
+
+    def _ratios(self, rows: Array, start: int) -> LogRatios:
+        """If the first of these rows after the change is that at a place."""
+        key = len(rows), start
+        if key not in self._tried:
+            body, moments = self._now.body, RowMoments.of(rows[start + _SUDDEN :])
+            newest = evidence_of(body, seen_moments(body, moments, moments))
+            self._tried[key] = log_ratios(body, newest, self._covariance, self._prior.guess)
+        return self._tried[key]
+
+    def known_if_slipped(self, known: Knowledge, cause: Cause, guards: Guards, has_offset: bool) -> Knowledge | None:
+        """What is known if this grasp has slipped; None if rows do not fit that, motions and wrenches alike."""
+        assert cause.robot is not None
+        numbers = [number for number in sorted(self._rows) if number >= cause.first][_SUDDEN:]
+        rows = [(number, self._rows[number]) for number in numbers]
+        found = known.slipped(self._prior, cause.robot, rows, self._sight)
+        assert found.estimate is not None
+        verdict = judge(found.estimate, found.sight, found.buffer, guards, None, has_offset)
+        return found if verdict.outcome is Outcome.FITS else None

@@ -73,7 +73,7 @@ class Team:
         self.start, self.newest, self._index = start, start - 1, start
         self.noticed: list[int] = []
         self.noticed_slips: list[tuple[int, int]] = []
-        self._unclear_since: int | None = None  # block since which something is not as it was, and it is not known what
+        self._unclear_since: int | None = None  # block since which it is not known what has changed
 
     def begin(self, prior: Prior, anchor: int, newcomers: Sequence[str] = ()) -> None:
         """Go on from what is known, which robots that are new in the team are told when they are first heard of."""
@@ -120,10 +120,14 @@ class Team:
                 self.session.take(number, row)
                 self._taken.add(number)
                 self.newest = max(self.newest, self.times.last_block(number))
-        session, noticed = self.session, index if self._unclear_since is None else self._unclear_since
-        self.noticed += [noticed] * (len(session.changes) - len(self.noticed))
-        self.noticed_slips += [(noticed, index)] * (len(session.slips) - len(self.noticed_slips))
-        self._unclear_since = None if session.suspected is None and session.suspect is None else noticed
+        session = self.session
+        if self._unclear_since is None:
+            self._unclear_since = index
+        del self.noticed[len(session.changes) :]
+        self.noticed += [index] * (len(session.changes) - len(self.noticed))
+        self.noticed_slips += [(self._unclear_since, index)] * (len(session.slips) - len(self.noticed_slips))
+        if session.suspect is None and not session.is_suspected:
+            self._unclear_since = None
         oldest = self.times.begun_from(index - self._waits)
         while self._next in self._taken or self._next < oldest:
             self._taken.discard(self._next)

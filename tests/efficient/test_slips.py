@@ -42,7 +42,7 @@ def fed(rows: Array, guards: Guards | None = None) -> Session:
 
 
 def is_valid(found: Session) -> bool:
-    is_clear = found.suspect is None and found.suspected is None
+    is_clear = found.suspect is None and not found.is_suspected
     return found.stage is Stage.ESTIMATING and is_clear and found.is_confirmed
 
 
@@ -106,20 +106,15 @@ def test_from_the_suspicion_to_the_verdict_nothing_is_valid() -> None:
     assert valid[-1] == len(rows) - 1
 
 
-def test_without_a_lead_it_would_be_called_a_load() -> None:
+def test_what_cannot_be_told_apart_counts_as_another_load_after_a_while() -> None:
     rows, _ = slipped(10.0, 0.0, 2, 2)
-    hasty = fed(rows, replace(Guards(), lead=0.0))
-    assert hasty.changes
-    assert not hasty.slips
-
-
-def test_after_a_while_what_cannot_be_told_counts_as_another_load() -> None:
-    rows, _ = slipped(10.0, 0.0, 2, 2)
-    doubting = replace(Guards(), lead=1e9)
+    doubting = replace(Guards(), mistaken=1e-300)
     told = fed(rows, doubting)
-    assert told.changes
+    assert told.certain_changes
     assert told.slips == []
-    assert fed(rows, replace(doubting, telling_apart=1e9)).suspected is not None
+    waiting = fed(rows, replace(doubting, telling_apart=1e9))
+    assert waiting.is_suspected
+    assert waiting.certain_changes == []
 
 
 @pytest.mark.parametrize("column", [A.start, V.start, W.start, FORCE.start, TORQUE.start])

@@ -21,7 +21,7 @@ from coheft.estimation.moments.evidence import Evidence
 from coheft.estimation.moments.fit import Estimate, Look
 from coheft.estimation.moments.fit_settings import FitSettings, Guess
 from coheft.estimation.moments.likelihood import motion_evidence, wrench_evidence
-from coheft.estimation.moments.moments import Moments, SeenMoments, seen_moments, wrench_moments
+from coheft.estimation.moments.moments import SeenMoments, seen_moments, wrench_moments
 from coheft.estimation.moments.row_buffer import RowBuffer
 from coheft.estimation.moments.unknowns import Indices, State, Unknowns
 
@@ -141,18 +141,6 @@ class Chapter:
                 of_all = of_load if is_only_load else of_all - newest
         return lambda body: seen_moments(body, of_all, of_load)
 
-    def evidence(self, body: BodyModel, moments: SeenMoments) -> Evidence:
-        """What moments say at a state with a load."""
-        derivatives, load = MotionDerivatives.at(body), _load(body)
-        by_motion = motion_evidence(body, derivatives, moments.motion)
-        return by_motion + wrench_evidence(body, derivatives, moments.wrench, load)
-
-    def evidence_of(self, body: BodyModel, rows: Moments, only_wrenches: bool = False) -> Evidence:
-        """What moments of rows with the present load say at a state with a load."""
-        derivatives, seen = MotionDerivatives.at(body), seen_moments(body, rows, rows)
-        by_wrench = wrench_evidence(body, derivatives, seen.wrench, _load(body))
-        return by_wrench if only_wrenches else by_wrench + motion_evidence(body, derivatives, seen.motion)
-
     def end_of_load(self, estimate: Estimate, guess: Guess, place: int, keeps_poses: bool) -> None:
         """From this place on the load is another one. What wrenches said of poses counts on only if these are known."""
         of_load, body = self.buffer.begin_load(place), estimate.body
@@ -167,14 +155,14 @@ class Chapter:
     def end(self, estimate: Estimate, guess: Guess, place: int) -> None:
         """All rows before this place, and what was expected of sensors' errors, become part of the prior."""
         of_all, of_load = self.buffer.begin_chapter(place)
-        evidence = self.evidence(estimate.body, seen_moments(estimate.body, of_all, of_load))
+        evidence = evidence_of(estimate.body, seen_moments(estimate.body, of_all, of_load))
         if self.prior is None or not self.prior.has_expectations:
             evidence += self._settings.expected(estimate.body)
         self._become(estimate, guess, evidence, True)
 
-    def summed_up(self, estimate: Estimate, guess: Guess) -> Prior:
-        """All that is known, for another robot or another team."""
-        evidence = self.evidence(estimate.body, self.look()(estimate.body))
+    def summed_up(self, estimate: Estimate, guess: Guess, look: Look | None = None) -> Prior:
+        """All that is known, or that can be seen with such a look, for another robot or another team."""
+        evidence = evidence_of(estimate.body, (self.look() if look is None else look)(estimate.body))
         if self.prior is not None:
             evidence += self.prior.at(estimate.body)
         return Prior(estimate.state, guess, evidence, self.prior is not None and self.prior.has_expectations)
@@ -184,6 +172,13 @@ class Chapter:
             evidence += self.prior.at(estimate.body)
             has_expectations = has_expectations or self.prior.has_expectations
         self.prior = Prior(estimate.state, guess, evidence, has_expectations)
+
+
+def evidence_of(body: BodyModel, moments: SeenMoments) -> Evidence:
+    """What moments say at a state with a load."""
+    derivatives, load = MotionDerivatives.at(body), _load(body)
+    by_motion = motion_evidence(body, derivatives, moments.motion)
+    return by_motion + wrench_evidence(body, derivatives, moments.wrench, load)
 
 
 def _load(body: BodyModel) -> Array:

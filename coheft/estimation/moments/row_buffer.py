@@ -130,12 +130,12 @@ class RowBuffer:
         if self._former is not None:
             self._former = ProjectedMoments.seen_from(body, self._former)
 
-    def take_back(self, number: int) -> list[tuple[int, Array]]:
-        """Rows with larger numbers are taken out again, as if they had never come; returns them with their numbers."""
+    def take_back(self, number: int) -> int:
+        """Rows with larger numbers are taken out again, as if they had never come; returns how many were."""
         self._sum_up()
         first = int(np.searchsorted(self.numbers[: self.count], number, side="right"))
         first = max(first, self.start)
-        taken = list(zip(self.numbers[first : self.count].tolist(), self.rows[first : self.count].copy(), strict=True))
+        taken = self.count - first
         if first < self._summed:
             self._load = self._load - self.moments_of(self.rows[first : self._summed])
             self._summed = first

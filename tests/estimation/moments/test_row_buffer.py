@@ -102,7 +102,7 @@ def test_moments_are_sums_over_rows_whatever_happens(operations: list[tuple[str,
                 np.testing.assert_allclose(one.matrix, gram(list(map(row, other))), atol=1e-9)
         elif what == "back":
             number = newest - round(6 * share)
-            assert len(buffer.take_back(number)) == naive.take_back(number)
+            assert buffer.take_back(number) == naive.take_back(number)
             come_back = range(max(number + 1, 0), newest + 1)
             missing = sorted({*missing, *(each for each in come_back if each not in naive.kept)})
             if not naive.load:  # then no row of a former load comes any more
