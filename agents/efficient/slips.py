@@ -18,17 +18,20 @@ import numpy as np
 from coheft.agents.efficient.judge import Outcome, judge
 from coheft.agents.efficient.knowledge import Knowledge
 from coheft.agents.efficient.settings import Guards
-from coheft.estimation.geometry.spatial import Array
+from coheft.estimation.geometry.spatial import Array, Pose
+from coheft.estimation.moments.body import FORCING, load_operator, residual_covariance
 from coheft.estimation.moments.chapter import evidence_of
+from coheft.estimation.moments.fit import Estimate
 from coheft.estimation.moments.moments import RowMoments, seen_moments
+from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.suspects import LogRatios, log_ratios
 
 _SUDDEN = 2
-"""Rows at the change itself are not looked at: slopes miss what jumps within a row."""
+"""So many rows at the change itself are not looked at: slopes miss what jumps within a row."""
 _LEAST, _GROWTH = 5, 1.5
 """Rows from which causes are told apart first, and in which steps again: when it came is known by then."""
 _BEFORE, _STEP = 30, 8
-"""It may have come so many rows before it was noticed; moments are tried in such steps."""
+"""It may have come so many rows before it was noticed; rows are tried as the first one in such steps."""
 
 
 class Slip(NamedTuple):
@@ -84,7 +87,7 @@ class Suspicion:
         numbers = buffer.numbers[begin : buffer.count].tolist()
         self._rows = dict(zip(numbers, buffer.window(begin).copy(), strict=True))
         self._first = numbers[place - begin] if place < buffer.count else noticed
-        self._next, self._tried = _LEAST, dict[tuple[int, int], LogRatios]()
+        self._next, self._tried = _LEAST, dict[int, LogRatios]()
         self.noticed, self.changes, self.is_load = noticed, changes, is_load
 
     def add(self, number: int, row: Array) -> None:
@@ -93,7 +96,7 @@ class Suspicion:
 
     def cause(self, guards: Guards) -> Cause | None:
         """What has changed; None while that cannot be told, or if rows are hardly more than the last time."""
-        numbers = sorted(self._rows)
+        numbers, self._tried = sorted(self._rows), {}
         place = bisect_left(numbers, self._first)
         if len(numbers) - place < self._next:
             return None
@@ -121,19 +124,43 @@ class Suspicion:
 
     def _ratios(self, rows: Array, start: int) -> LogRatios:
         """If the first of these rows after the change is that at a place."""
-        key = len(rows), start
-        if key not in self._tried:
+        if start not in self._tried:
             body, moments = self._now.body, RowMoments.of(rows[start + _SUDDEN :])
             newest = evidence_of(body, seen_moments(body, moments, moments))
-            self._tried[key] = log_ratios(body, newest, self._covariance, self._prior.guess)
-        return self._tried[key]
+            self._tried[start] = log_ratios(body, newest, self._covariance, self._prior.guess)
+        return self._tried[start]
 
     def known_if_slipped(self, known: Knowledge, cause: Cause, guards: Guards, has_offset: bool) -> Knowledge | None:
-        """What is known if this grasp has slipped; None if rows do not fit that, motions and wrenches alike."""
+        """What is known if this grasp has slipped; None if rows do not bear it out.
+
+        With the grasp elsewhere all rows have to fit, and they have to be likelier than if only the robot's motion
+        sensors had been knocked, which moves what these read in the same way, but not the wrench.
+        """
         assert cause.robot is not None
         numbers = [number for number in sorted(self._rows) if number >= cause.first][_SUDDEN:]
         rows = [(number, self._rows[number]) for number in numbers]
         found = known.slipped(self._prior, cause.robot, rows, self._sight)
-        assert found.estimate is not None
-        verdict = judge(found.estimate, found.sight, found.buffer, guards, None, has_offset)
+        estimate = found.estimate
+        assert estimate is not None
+        before = self._now.state.poses[cause.robot]
+        if _log_ratio_to_knock(estimate, cause.robot, before, np.array([row for _, row in rows])) < guards.lead:
+            return None
+        verdict = judge(estimate, found.sight, found.buffer, guards, None, has_offset)
         return found if verdict.outcome is Outcome.FITS else None
+
+
+def _log_ratio_to_knock(estimate: Estimate, robot: int, before: Pose, rows: Array) -> float:
+    """How much likelier the wrenches of rows (n, X) are than if the grasp were where it was before, as a logarithm."""
+    body, load = estimate.body, estimate.state.load
+    assert load is not None
+    root = np.linalg.cholesky(residual_covariance(body, load))
+    needed, per_robot = (
+        load_operator(load) @ body.see[FORCING],
+        body.wrench[:, :-1].reshape(6, -1, body.count, ROW_SIZE),
+    )
+    to_before = before.adjoint() @ estimate.state.poses[robot].inverse().adjoint()
+    knocked, moved = body.wrench.copy(), per_robot.copy()
+    moved[:, :, robot] = np.tensordot(to_before, per_robot[:, :, robot], 1)
+    knocked[:, :-1] = moved.reshape(6, -1)
+    of_slip, of_knock = (np.linalg.solve(root, (each - needed) @ rows.T) for each in (body.wrench, knocked))
+    return 0.5 * float(np.square(of_knock).sum() - np.square(of_slip).sum())

@@ -124,6 +124,15 @@ def test_a_sensor_that_is_off_is_no_slip(column: int) -> None:
     assert fed(rows).slips == []
 
 
+def test_motion_sensors_that_are_knocked_are_no_slip() -> None:
+    """What they read is that of a grasp elsewhere; wrenches are not."""
+    rows, _ = slipped(0.0, 2.0, 1, 1)
+    for column in (FORCE, TORQUE):
+        own = slice(ROW_SIZE + column.start, ROW_SIZE + column.stop)
+        rows[BEFORE:, own] = made_up_rows(AFTER, first=BEFORE)[:, own]
+    assert fed(rows).slips == []
+
+
 def test_of_two_slips_each_is_named() -> None:
     rows, poses = slipped(20.0, 1.0, 1, 1)
     again = list(poses)
