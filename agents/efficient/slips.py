@@ -26,12 +26,10 @@ from coheft.estimation.moments.moments import RowMoments, seen_moments
 from coheft.estimation.moments.rows import ROW_SIZE
 from coheft.estimation.moments.suspects import LogRatios, log_ratios
 
-_SUDDEN = 2
-"""So many rows at the change itself are not looked at: slopes miss what jumps within a row."""
 _LEAST, _GROWTH = 5, 1.5
 """Rows from which causes are told apart first, and in which steps again: when it came is known by then."""
 _BEFORE, _STEP = 30, 8
-"""It may have come so many rows before it was noticed; rows are tried as the first one in such steps."""
+"""It may have come so many rows before it was noticed. Which row was the first is sought in such steps, then finer."""
 
 
 class Slip(NamedTuple):
@@ -125,7 +123,7 @@ class Suspicion:
     def _ratios(self, rows: Array, start: int) -> LogRatios:
         """If the first of these rows after the change is that at a place."""
         if start not in self._tried:
-            body, moments = self._now.body, RowMoments.of(rows[start + _SUDDEN :])
+            body, moments = self._now.body, RowMoments.of(rows[start:])
             newest = evidence_of(body, seen_moments(body, moments, moments))
             self._tried[start] = log_ratios(body, newest, self._covariance, self._prior.guess)
         return self._tried[start]
@@ -137,7 +135,7 @@ class Suspicion:
         sensors had been knocked, which moves what these read in the same way, but not the wrench.
         """
         assert cause.robot is not None
-        numbers = [number for number in sorted(self._rows) if number >= cause.first][_SUDDEN:]
+        numbers = [number for number in sorted(self._rows) if number >= cause.first]
         rows = [(number, self._rows[number]) for number in numbers]
         found = known.slipped(self._prior, cause.robot, rows, self._sight)
         estimate = found.estimate

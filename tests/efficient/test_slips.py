@@ -53,7 +53,7 @@ def largest_error(found: Session, poses: tuple[Pose, ...]) -> float:
     deviations = np.sqrt(found.estimate.covariance.diagonal())
     anchor = int(np.argmin(deviations[unknowns.poses].max(axis=1)))
     to_state = state.poses[anchor] @ poses[anchor].inverse()
-    errors = []
+    errors = list[float]()
     for robot, pose in enumerate(poses):
         true, own = to_state @ pose, unknowns.poses[robot]
         error = [
@@ -104,6 +104,12 @@ def test_from_the_suspicion_to_the_verdict_nothing_is_valid() -> None:
     assert slip.noticed < slip.named
     assert not {*range(slip.noticed, slip.named + 1)} & {*valid}
     assert valid[-1] == len(rows) - 1
+
+
+def test_a_cause_is_not_told_before_it_leads() -> None:
+    rows, _ = slipped(10.0, 0.0, 2, 2)
+    assert fed(rows, replace(Guards(), mistaken=1.0)).slips[0].robot != 2
+    assert fed(rows).slips[0].robot == 2
 
 
 def test_what_cannot_be_told_apart_counts_as_another_load_after_a_while() -> None:
