@@ -61,7 +61,7 @@ class Knowledge:
         pages = [memory / _PAGES_IN_MEMORY] if memory is not None else []
         pages += [min(_LONGEST_PAGE_OF_DRIFT, settings.steady)] if settings.drift.is_any else []
         self._page = max(4, round(min(pages) / settings.period)) if pages else 0
-        self.buffer = RowBuffer(size, count > _EXACT_UP_TO)
+        self.buffer = RowBuffer(size, not self.is_exact)
         self._chapter = Chapter(self.buffer, settings, prior)
         self.estimate: Estimate | None = None
         self._sight_before: Sight | None = None  # when the last chapter ended
@@ -75,6 +75,11 @@ class Knowledge:
     def misses_poses(self) -> bool:
         """Whether the pose of a robot is not known."""
         return self.estimate is None or self.estimate.misses_poses
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether moments are kept exactly, in which case fits are fast enough to look for what is rare as well."""
+        return self._count <= _EXACT_UP_TO
 
     @property
     def is_fit_due(self) -> bool:
@@ -95,7 +100,7 @@ class Knowledge:
 
     def untold_error(self) -> Untold | None:
         """An error of a sensor that was told to be zero, but that rows ask for; large teams do not look for any."""
-        if self.estimate is None or self._count > _EXACT_UP_TO:
+        if self.estimate is None or not self.is_exact:
             return None
         return untold_error(
             self.estimate, self._guess, self._chapter, self._settings, self._anchor, self._guards.untold

@@ -290,9 +290,11 @@ class Session:
 
     def _suspect(self, place: int, is_load: bool) -> None:
         """From this place on the load seems to be another one, or motions contradict each other: or it was a slip."""
-        if self._suspicion is None and self.stage is Stage.ESTIMATING and not self._known.misses_poses:
-            place = max(place, self._known.buffer.start)
-            self._suspicion = Suspicion(self._known, place, self._newest, len(self.changes), is_load)
+        known = self._known
+        is_known = self.stage is Stage.ESTIMATING and not known.misses_poses
+        if self._suspicion is None and is_known and known.is_exact:
+            place = max(place, known.buffer.start)
+            self._suspicion = Suspicion(known, place, self._newest, len(self.changes), is_load)
 
     def _tell_apart(self, suspicion: Suspicion) -> None:
         """What has changed: go on as if no grasp could slip, or from before the slip."""
