@@ -88,6 +88,12 @@ class Sight:
         motion = self._body.residuals(rows, seen[:, WRENCH_SIZE:]) - self.excess
         return seen[:, None, :WRENCH_SIZE], motion.reshape(len(rows), -1, KINEMATICS_SIZE)
 
+    def gram(self, buffer: RowBuffer) -> Array:
+        """Sum of squared views of all rows of the load, shape (19, 19)."""
+        views = buffer.views[buffer.start : buffer.count]
+        result: Array = self._older + views.T @ views
+        return result
+
     def likeliest_change(self, buffer: RowBuffer, before: int | None = None) -> tuple[int, float]:
         """The first look, at all rows or those before a place, see ``coheft.estimation.moments.change``."""
         views = buffer.views[buffer.start : buffer.count if before is None else before]
