@@ -106,8 +106,8 @@ class Exchange:
             self.changed_at = message.changed_at
         labels, rows = message.labels.astype(np.int64), message.rows
         ages = block - self._times.last_block(labels[:, 1])
-        is_known = (0 <= labels[:, 0]) & (labels[:, 0] < self._count) & (labels[:, 1] >= 0)
-        heard = np.flatnonzero(is_known & (0 < ages) & (ages < self._window))
+        is_known = (labels[:, 0] >= 0) & (labels[:, 0] < self._count) & (labels[:, 1] >= 0)
+        heard = np.flatnonzero(is_known & (ages > 0) & (ages < self._window))
         robots, numbers = labels[heard].T
         places = numbers % len(self._numbers)
         is_new = self._numbers[places, robots] < numbers
