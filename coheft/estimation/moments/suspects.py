@@ -68,17 +68,9 @@ class _White(NamedTuple):
         return max(self._log_ratio(share * directions) for share in _SHARES)
 
     def _log_ratio(self, directions: Array) -> float:
-        matrix, along = self._solvable(directions)
-        return 0.5 * float(along @ np.linalg.solve(matrix, along) - np.linalg.slogdet(matrix)[1])
-
-    def likeliest(self, directions: Array) -> Array:
-        """By how much they have, shape (u,)."""
-        step: Array = directions @ np.linalg.solve(*self._solvable(directions))
-        return step
-
-    def _solvable(self, directions: Array) -> tuple[Array, Array]:
         moved = self.by_change @ directions
-        return np.eye(directions.shape[1]) + moved.T @ moved, moved.T @ self.score
+        matrix, along = np.eye(directions.shape[1]) + moved.T @ moved, moved.T @ self.score
+        return 0.5 * float(along @ np.linalg.solve(matrix, along) - np.linalg.slogdet(matrix)[1])
 
 
 def log_ratios(body: BodyModel, newest: Evidence, covariance: Array, guess: Guess) -> LogRatios:
@@ -101,9 +93,3 @@ def log_ratios(body: BodyModel, newest: Evidence, covariance: Array, guess: Gues
         np.array([white.log_ratio(every[:, own] * SLIP) for own in unknowns.poses]),
         max(map(white.log_ratio, excess)),
     )
-
-
-def slip_step(body: BodyModel, newest: Evidence, covariance: Array, robot: int) -> Array:
-    """By how much a grasp has slipped most likely, if it has: a step of all unknowns, shape (u,)."""
-    directions = np.eye(body.unknowns.size)[:, body.unknowns.poses[robot]] * SLIP
-    return _White.of(body, newest, covariance).likeliest(directions)
