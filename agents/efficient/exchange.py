@@ -1,4 +1,4 @@
-"""Rows of all robots, handed on from neighbour to neighbour: a robot that hears a row for the first time tells it on.
+"""Flooding of rows: a robot forwards each row that it receives for the first time to its neighbours.
 
     after d hops a row is d blocks old; each row is told twice, so that a single lost message does no harm
 
@@ -31,7 +31,7 @@ _TEAMS = 2**32
 
 @dataclass(frozen=True, eq=False)
 class RowMessage:
-    """What a robot tells its neighbours after a block.
+    """Message of a robot to its neighbours after a block.
 
     Attributes:
         team: Number of the team that it takes part in, see ``Gossip.membership``.
@@ -64,7 +64,7 @@ class RowMessage:
 
 
 class Exchange:
-    """One robot's table of rows that are under way.
+    """One robot's table of rows in transit.
 
     Args:
         team: Number of the team.
@@ -99,7 +99,7 @@ class Exchange:
             self._news.append((np.array([[self._own, number]], dtype=np.int32), rounded[None]))
 
     def hear(self, message: RowMessage, block: int) -> None:
-        """Take in what a neighbour told before this block."""
+        """Process a neighbour's message from before this block."""
         if message.team != self.team or message.rows.shape[1] != self._rows.shape[2]:
             return
         if self.changed_at < message.changed_at < self._times.begun_from(block):
@@ -130,7 +130,7 @@ class Exchange:
         return RowMessage(self.team, changed_at, np.concatenate(labels), np.concatenate(rows))
 
     def complete(self, number: int) -> Array | None:
-        """The team's row of this number: of all robots, the constant 1, and rates if there are any.
+        """The team's row of this number: the rows of all robots, the constant 1, and rates if there are any.
 
         Returns:
             Shape (24 N + 1,) or (48 N + 1,); None while a robot's is missing.

@@ -1,4 +1,4 @@
-"""After a fit: whether all rows fit, and whether a sensor could not explain the wrenches as well as a load.
+"""Tests after a fit: whether all rows fit, and whether a faulty sensor would explain the wrenches as well as a load.
 
 rows fit if no stretch of residuals and not the sum of their squares is larger than noise makes it
 """
@@ -40,7 +40,7 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """An outcome, the robot and sensor that would explain it if it is undecided, and the robot that stands out."""
+    """An outcome; if it is undecided, the robot and sensor that would explain it; and the robot that stands out."""
 
     outcome: Outcome
     rival: tuple[int | None, str] | None = None

@@ -1,4 +1,4 @@
-"""How one robot's blocks of samples become rows: several of each, or one of several.
+"""Division of one robot's blocks of samples into rows: several per block, or one for several blocks.
 
 row n holds the samples from n L up to (n + 1) L,    L = samples of a row; with rates it is a sample earlier
 """
@@ -49,7 +49,7 @@ class RowTimes:
         return -(-self.row // self.block)
 
     def begun_from(self, block: int) -> int:
-        """Number of the first row that begins with this block or later."""
+        """Number of the first row that starts with this block or later."""
         return -(-block * self.block // self.row)
 
     def complete(self, block: int) -> int:

@@ -1,4 +1,4 @@
-"""How rows look with one estimate: each becomes 13 numbers of the motion, the total wrench, and all residuals.
+"""Rows evaluated at one estimate: 13 numbers of the motion, the total wrench, and all residuals for each.
 
 (motion[FORCING], wrench, whitened residual of the wrench, motion) = matrix @ row,    r_i = y_i - predict_i @ motion
 """
@@ -25,7 +25,7 @@ _ROWS_BEFORE = 100
 
 
 class Look(NamedTuple):
-    """A row as it is seen.
+    """An evaluated row.
 
     Attributes:
         view: ``(motion[FORCING], wrench)``, shape (19,).
