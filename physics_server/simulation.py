@@ -15,6 +15,7 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.estimation.measurement import ACCELERATION, WRENCH
 from coheft.physics_server.arms.impedance import Arms
 from coheft.physics_server.arms.torque_control import TorqueArms
+from coheft.physics_server.grasps import Grasps
 from coheft.physics_server.held import check_controls, check_held
 from coheft.physics_server.load_schedule import LoadSchedule
 from coheft.physics_server.loads import Loads
@@ -103,7 +104,6 @@ class Simulation:
         check_stability(scenario, grasps, scenario.name)
         names = scenario.robot_names
         self._scenario = scenario
-        self._grasps = grasps
         self._names = names
         self.scene = Scene(
             robots=list(names),
@@ -120,13 +120,13 @@ class Simulation:
         errors = SensorErrors.drawn(scenario, len(names))
         self.model = build_model(scenario, grasps, errors)
         self.data = mujoco.MjData(self.model)
+        self._grasps = Grasps(names, grasps, self.model)
         arms = TorqueArms if scenario.robots.arms == "seven-joint" else Arms
         self._arms = arms(scenario, names, grasps, self.model, self.data)
         self._settle()
         homes = [self.model.site(home_name(name)).id for name in names]
         self._home_rotations = self.data.site_xmat[homes].reshape(-1, 3, 3)
         self._home_positions = self.data.site_xpos[homes].copy()
-        self._adjoints = np.array([grasp.adjoint() for grasp in grasps])
         self._is_holding = np.ones(len(names), dtype=np.bool_)
         # What the sensors of an arm read that waits at its home, (w, v, a) of each robot.
         self._at_rest = np.zeros((len(names), READINGS))
@@ -177,7 +177,7 @@ class Simulation:
         Raises:
             LoadError: There can be no such load, or no slot is free, or the robots cannot hold it up.
         """
-        holding = list(compress(self._grasps, self._is_holding))
+        holding = list(compress(self._grasps.poses, self._is_holding))
         load = self._loads.put(mass, position, size, leak, Strength.of(holding, self._scenario.robots))
         self._loads_since = self._now
         return load
@@ -230,6 +230,7 @@ class Simulation:
             SimulationError: A reference cannot be followed, or the payload ran away: the simulation is over.
         """
         problems = self._change_loads()
+        self._let_grasps_slip()
         controls = self._arms.controls(references)
         check_controls(controls, self._arms.pushed, self._names, self._now)
         readings = self._step(controls)
@@ -253,7 +254,7 @@ class Simulation:
         if self._encoders is None:
             return None
         rotations = self._home_rotations.swapaxes(-1, -2) @ readings.rotations
-        from_body = np.einsum("nji,nj->ni", self.scene.rotations, self.scene.translations)
+        from_body = np.array([-pose.inverse().translation for pose in self._grasps.poses])
         positions = readings.positions[:, None, :3] + np.einsum("bnij,nj->bni", readings.rotations, from_body)
         return self._encoders.measure(
             positions=np.einsum("nji,bnj->bni", self._home_rotations, positions - self._home_positions),
@@ -273,6 +274,11 @@ class Simulation:
             except LoadError as error:
                 problems.append(f"the load change at {change.at} s was skipped: {error}")
         return tuple(problems)
+
+    def _let_grasps_slip(self) -> None:
+        for slip in self._schedule.slips(self.block):
+            self._grasps.slip(slip.robot, slip.pose())
+            self._arms.move_grasp(slip.robot, self._grasps.poses[self._names.index(slip.robot)])
 
     def _step(self, controls: Array) -> _Readings:
         """Step the engine through one block, controls of shape (steps, 6 N)."""
@@ -301,7 +307,7 @@ class Simulation:
             positions,
             kinematics.reshape(samples, count, READINGS),
             forces,
-            rotations.reshape(samples, 1, 3, 3) @ self.scene.rotations,
+            rotations.reshape(samples, 1, 3, 3) @ self._grasps.rotations,
         )
 
     def _truth(self, position: Array, samples: Array) -> Truth:
@@ -316,8 +322,9 @@ class Simulation:
             loads_since=self._loads_since,
             position=position[:3],
             quaternion=position[3:],
-            total_wrench=np.einsum("nij,nj->i", self._adjoints[holding], samples[holding, WRENCH]),
+            total_wrench=np.einsum("nij,nj->i", self._grasps.adjoints[holding], samples[holding, WRENCH]),
             samples=samples,
+            slipped=self._grasps.slipped,
         )
 
 
