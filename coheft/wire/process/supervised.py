@@ -14,7 +14,7 @@ from typing import NoReturn, TypeVar
 
 import msgspec
 
-from coheft.errors import CoheftError, PluginError
+from coheft.errors import CoheftError, PluginError, ScenarioError
 from coheft.wire.data.replace import remove_parts
 from coheft.wire.process.log import LOG, log_to_stderr
 from coheft.wire.process.memory import give_back_memory
@@ -50,7 +50,7 @@ def supervised_main(kind: type[C], run: Callable[[C], None]) -> NoReturn:
     log_to_stderr()
     try:
         config = msgspec.json.decode(sys.stdin.buffer.readline(), type=kind)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, ScenarioError) as error:
         LOG.error("expected %s as one line of JSON on stdin: %s", kind.__name__, error)
         sys.exit(UNUSABLE)
     log_to_stderr(getattr(config, "log_level", "info"))
