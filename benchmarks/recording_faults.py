@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from benchmarks.drawn_recordings import Team, between, direction, draw_team, recorded, with_record
+from coheft.estimation.batch.judge.mend import pose_of, wrench_of
 from coheft.estimation.batch.pose_conventions import inverse_poses
 from coheft.estimation.batch.recording import Recording, RobotRecord
 from coheft.estimation.batch.signals import without_jumps
@@ -36,16 +37,6 @@ class Faulty:
     robot: str | None
 
 
-def _pose(robot: RobotRecord) -> Array:
-    assert robot.pose is not None
-    return robot.pose
-
-
-def _wrench(robot: RobotRecord) -> Array:
-    assert robot.wrench is not None
-    return robot.wrench
-
-
 def _both(rotation: Rotation, wrench: Array) -> Array:
     return np.hstack([rotation.apply(wrench[:, :3]), rotation.apply(wrench[:, 3:])])
 
@@ -65,8 +56,8 @@ def _late(robot: RobotRecord, delay: float, channels: Sequence[str]) -> dict[str
 def _slipped(robot: RobotRecord, when: float, shift: Array, turn: Array) -> dict[str, Array]:
     on = (robot.time >= when)[:, None]
     step, by = on * shift, Rotation.from_rotvec(on * turn)
-    own, wrench = Rotation.from_quat(_pose(robot)[:, 3:]), _wrench(robot)
-    pose = np.hstack([_pose(robot)[:, :3] + own.apply(step), (own * by).as_quat()])
+    own, wrench = Rotation.from_quat(pose_of(robot)[:, 3:]), wrench_of(robot)
+    pose = np.hstack([pose_of(robot)[:, :3] + own.apply(step), (own * by).as_quat()])
     moment = wrench[:, 3:] - np.cross(step, wrench[:, :3])
     return {"pose": pose, "wrench": _both(by.inv(), np.hstack([wrench[:, :3], moment]))}
 
@@ -124,12 +115,12 @@ def _with(
         return changed
 
     def to_wrench(change: Callable[[Array], Array]) -> Change:
-        return lambda robot: {"wrench": change(_wrench(robot))}
+        return lambda robot: {"wrench": change(wrench_of(robot))}
 
     def turned_home(turn: Rotation) -> Change:
         return lambda robot: {
             "pose": np.hstack(
-                [turn.apply(_pose(robot)[:, :3]), (turn * Rotation.from_quat(_pose(robot)[:, 3:])).as_quat()]
+                [turn.apply(pose_of(robot)[:, :3]), (turn * Rotation.from_quat(pose_of(robot)[:, 3:])).as_quat()]
             )
         }
 
@@ -158,7 +149,7 @@ def _with(
             return team, to_wrench(lambda wrench: wrench * unit), ("moment scale",)
         case "base axes":
             return (
-                before(lambda r: {"wrench": _both(Rotation.from_quat(_pose(r)[:, 3:]), _wrench(r))}),
+                before(lambda r: {"wrench": _both(Rotation.from_quat(pose_of(r)[:, 3:]), wrench_of(r))}),
                 None,
                 ("base axes",),
             )
@@ -181,7 +172,7 @@ def _with(
                 weight = load.mass / len(names) * down
                 centre = own_pose.rotation.T @ (load.com - own_pose.translation)
                 own = np.hstack([weight, np.cross(centre, weight)])
-                changed = with_record(changed, name, wrench=_wrench(team.records[name]) + own)
+                changed = with_record(changed, name, wrench=wrench_of(team.records[name]) + own)
             return changed, None, ("weight compensated",)
         case "slip":
             shift, turn_by = between(rng, 5e-4, 0.02) * direction(rng), between(rng, 1e-3, 0.05) * direction(rng)
@@ -198,9 +189,9 @@ def _with(
         case "load change":
             return team, None, ("load change",)
         case "inverse":
-            return team, lambda robot: {"pose": inverse_poses(_pose(robot))}, ("inverse poses",)
+            return team, lambda robot: {"pose": inverse_poses(pose_of(robot))}, ("inverse poses",)
         case "quaternions":
-            return team, lambda robot: {"pose": _pose(robot)[:, [0, 1, 2, 6, 3, 4, 5]]}, ()
+            return team, lambda robot: {"pose": pose_of(robot)[:, [0, 1, 2, 6, 3, 4, 5]]}, ()
         case "dead":
             return team, to_wrench(lambda w: 0.0 * w + 1e-3 * rng.normal(size=w.shape)), ("sensor dead",)
         case "frozen":
@@ -226,12 +217,14 @@ def _with(
         case "clock rate":
             drifting = sign * between(rng, 3e-4, 5e-3)
             return (
-                before(lambda r: {"wrench": CubicSpline(r.time, _wrench(r))(np.clip(r.time * (1 + drifting), 0, end))}),
+                before(
+                    lambda r: {"wrench": CubicSpline(r.time, wrench_of(r))(np.clip(r.time * (1 + drifting), 0, end))}
+                ),
                 None,
                 (),
             )
         case "length scale":
             ruler = 1.0 + sign * between(rng, 0.005, 0.05)
-            return before(lambda r: {"pose": _pose(r) * np.repeat([ruler, 1.0], [3, 4])}), None, ()
+            return before(lambda r: {"pose": pose_of(r) * np.repeat([ruler, 1.0], [3, 4])}), None, ()
         case _:
             raise ValueError(f"expected one of {LISTED + UNLISTED}, found {kind!r}")

@@ -13,7 +13,8 @@ from coheft.app.results.record import SILENT, EstimatorUse, Record
 from coheft.app.results.report import build_report
 from coheft.app.run.pairing import REMEMBERED
 from coheft.app.terminal.final_table import sentences
-from coheft.wire.messages.structs import LoadChangeNotice, SlipNotice, SlippedGrasp
+from coheft.wire.messages.scene import SlippedGrasp
+from coheft.wire.messages.structs import LoadChangeNotice, SlipNotice
 from tests.synthetic_run import BLOCK, HEAVY, INFO, LIGHT, ROBOTS, SCENE, changing_run, estimate, recorded, truth
 
 

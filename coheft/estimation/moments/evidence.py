@@ -133,9 +133,8 @@ class Evidence:
         values, vectors = np.linalg.eigh(covariance)
         root = vectors[:, values > 0.0] * np.sqrt(values[values > 0.0])
         size, changed = len(self.score), root.shape[1]
-        before = np.hstack(
-            [np.eye(size), -np.eye(size)[:, places] @ root]
-        )  # the old value is the new one less the step
+        # The old value is the new one less the step.
+        before = np.hstack([np.eye(size), -np.eye(size)[:, places] @ root])
         both = Evidence(
             before.T @ self.score, *(before.T @ each @ before for each in (self.information, self.noise, self.doubt))
         )

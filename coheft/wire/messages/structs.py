@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from coheft.wire.former_names import keep_present
+from coheft.wire.messages.scene import SlippedGrasp
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -356,18 +357,6 @@ class LoadState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     position: tuple[float, float, float]
     size: tuple[float, float, float]
     leak: float = 0.0
-
-
-class SlippedGrasp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where a robot holds the payload since its grasp has slipped.
-
-    Attributes:
-        rotation: Of its ``F_i`` in the payload's frame, (3, 3).
-        translation: Of the same, (3,) [m].
-    """
-
-    rotation: np.ndarray[Any, Any]
-    translation: np.ndarray[Any, Any]
 
 
 class Truth(Message, frozen=True):
