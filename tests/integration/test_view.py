@@ -45,10 +45,10 @@ REBOUND = "rebound.example"
 """A name of an attacker's that has come to lead to this machine."""
 BUTTONS = (
     "Drop 3 kg",
-    "Take it away",
+    "Take a load away",
     "Pause",
     "Stop the run",
-    "Restart with this estimator",
+    "Restart with efficient",
     "Kill the chosen robot's agent",
 )
 AGAIN = "Run it again"
@@ -139,6 +139,11 @@ def choose(page: Any, option: str) -> None:
     page.locator(f"[role=option][value='{option}']").first.evaluate("option => option.click()")
 
 
+def button_appears(page: Any, label: str) -> None:
+    """The view has heard what was chosen. A browser sends only the last of several messages within 50 ms."""
+    wait_for(lambda: page.get_by_role("button", name=label, exact=True).count(), f"the button '{label}'")
+
+
 def port_of(url: str) -> int:
     return int(url.split("/")[2].rpartition(":")[2])
 
@@ -194,7 +199,8 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
         wait_for(lambda: [load.id for load in status(folder).loads] == [1, 2], "another load")
         wait_for(lambda: "#1 of 3.0 kg · #2 of 3.0 kg" in text_of(page), "the loads to be shown, though paused")
         choose(page, "fan2017")
-        click(page, "Restart with this estimator")
+        button_appears(page, "Restart with fan2017")
+        click(page, "Restart with fan2017")
         wait_for(lambda: status(folder).estimator == "fan2017", "the other estimator to be chosen")
         before = run_file(folder).pids["r1"]
         click(page, "Kill the chosen robot's agent")
@@ -204,7 +210,8 @@ def test_what_is_clicked_happens_and_the_last_picture_has_the_numbers_of_the_rep
 
         click(page, "Resume")
         choose(page, "#2")
-        click(page, "Take it away")
+        button_appears(page, "Take #2 away")
+        click(page, "Take #2 away")
         wait_for(lambda: [load.id for load in status(folder).loads] == [1], "the chosen load to be gone")
         wait_for(lambda: "choose one" in inputs(page), "nothing to be chosen in its place")
         wait_for(lambda: "r2 is silent" in text_of(page), "the cut to be noticed")

@@ -30,6 +30,7 @@ from coheft.wire.messages.requests import (
 )
 
 _NOTE_SECONDS = 6.0
+_TAKE_AWAY = "Take a load away"
 _MASSES = (0.1, 10.0, 0.1, 3.0)
 """Least, most, step and first choice [kg]."""
 
@@ -70,7 +71,7 @@ class Controls:
         self._where = gui.add_html("")
         self._drop = gui.add_button(f"Drop {first:g} kg", icon=viser.Icon.DOWNLOAD, color="yellow")
         self._loads = LoadChoice(gui)
-        self._remove = gui.add_button("Take it away", icon=viser.Icon.UPLOAD, disabled=True)
+        self._remove = gui.add_button(_TAKE_AWAY, icon=viser.Icon.UPLOAD, disabled=True)
         self._buttons += [self._drop, self._remove]
         self._tell_place()
 
@@ -84,6 +85,10 @@ class Controls:
             size = _edge(self._mass.value)
             request = InjectRequest(mass=float(self._mass.value), position=self._place, size=(size, size, size))
             self._ask(event, request, f"dropped {request.mass:g} kg")
+
+        @self._loads.dropdown.on_update
+        def _(_: object) -> None:
+            self._tell_what_is_taken()
 
         @self._remove.on_click
         def _(event: Any) -> None:
@@ -101,7 +106,7 @@ class Controls:
         status = self._model.status
         choice = gui.add_dropdown("Estimator", status.estimators, initial_value=status.estimator)
         begin_anew = gui.add_button(
-            "Restart with this estimator",
+            f"Restart with {status.estimator}",
             icon=viser.Icon.REFRESH,
             hint="All robots discard their estimates and use this estimator from the next block on",
         )
@@ -116,6 +121,10 @@ class Controls:
         @stop.on_click
         def _(event: Any) -> None:
             self._ask(event, StopRequest(), "stopped; the terminal that started the run shows its report")
+
+        @choice.on_update
+        def _(_: object) -> None:
+            begin_anew.label = f"Restart with {choice.value}"
 
         @begin_anew.on_click
         def _(event: Any) -> None:
@@ -175,6 +184,14 @@ class Controls:
         self._loads.show(loads)
         if self._remove.disabled != (not loads):
             self._remove.disabled = not loads
+        self._tell_what_is_taken()
+
+    def _tell_what_is_taken(self) -> None:
+        """Name on the button the load that a click takes: a browser's list can be ahead of what has arrived here."""
+        chosen = self._loads.dropdown.value
+        label = f"Take {chosen} away" if chosen.startswith("#") else _TAKE_AWAY
+        if self._remove.label != label:
+            self._remove.label = label
 
     def _settle_place(self) -> None:
         """Let the load lie on top of the place that was clicked, whatever its size."""
