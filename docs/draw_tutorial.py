@@ -14,7 +14,7 @@ from coheft.consensus.graph import build_graph, laplacian
 from coheft.consensus.schedule import finite_time
 from coheft.estimation.geometry.spatial import Array, rotation_exp
 from coheft.estimation.measurement import WRENCH
-from coheft.wire.messages.structs import Truth
+from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.schema import Scenario
 
