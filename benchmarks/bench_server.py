@@ -20,7 +20,8 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.physics_server import server
 from coheft.physics_server.simulation import BlockResult, Simulation
 from coheft.wire.config import ServerConfig
-from coheft.wire.messages.structs import LoadState, Measurements, Message, Reference
+from coheft.wire.messages.structs import Measurements, Message, Reference
+from coheft.wire.messages.truth import LoadState
 from coheft.wire.process.supervised import supervised_main
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.transport.robot_link import RobotLink

@@ -1,36 +1,33 @@
-"""A team that does nothing but say as many bytes: Zenoh sessions and two loops, none of the product's processes.
-
-``python -m benchmarks.raw_team`` reads one line of JSON from stdin, a ``RawServer`` or a ``RawAgent``. The server then
-reads a number of seconds per line, runs so long in lockstep, and answers with a line: blocks and seconds. Both end with
-stdin.
-"""
+"""A team that does nothing but say as many bytes: Zenoh sessions and two loops, none of the product's processes."""
 
 from __future__ import annotations
 
+import multiprocessing
 import os
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from queue import SimpleQueue
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from typing import Any
 
-import msgspec
 import psutil
 import zenoh
 
 from benchmarks.paced_team import Turn
 from coheft.app.run.plan import Plan
 from coheft.errors import LinkError
-from coheft.wire.config import Neighbour
+from coheft.wire.config import AgentProcessConfig
 from coheft.wire.transport.sessions import open_session
 
 _POLL = 0.01
+_SPAWN = multiprocessing.get_context("spawn")
 
 
-class Sizes(msgspec.Struct, frozen=True):
+@dataclass(frozen=True)
+class Sizes:
     """Of the messages of one block [B]: measurements, to each neighbour, and the answer."""
 
     measurements: int
@@ -38,31 +35,12 @@ class Sizes(msgspec.Struct, frozen=True):
     reference: int
 
 
-class RawServer(msgspec.Struct, frozen=True, tag=True):
-    """The server: where each robot dials in, and how many blocks it may be ahead."""
-
-    run: str
-    robots: dict[str, str]
-    lookahead: int
-    sizes: Sizes
-
-
-class RawAgent(msgspec.Struct, frozen=True, tag=True):
-    """An agent: its name, and its links as in ``AgentProcessConfig``."""
-
-    run: str
-    name: str
-    server: str
-    listen: str
-    neighbours: tuple[Neighbour, ...]
-    sizes: Sizes
-
-
 class RawTeam:
-    """Running processes by name (``server`` is one of them), see ``raw_team``."""
+    """Running processes by name (``server`` is one of them), see ``raw_team``; the server is told of turns."""
 
-    def __init__(self, processes: dict[str, subprocess.Popen[str]]) -> None:
+    def __init__(self, processes: dict[str, SpawnProcess], turns: Connection[float, tuple[int, float]]) -> None:
         self.processes = processes
+        self._turns = turns
         self._children = {name: psutil.Process(process.pid) for name, process in processes.items()}
 
     def turn(self, seconds: float) -> Turn:
@@ -71,18 +49,16 @@ class RawTeam:
         Raises:
             LinkError: The server has ended.
         """
-        server = self.processes["server"]
-        assert server.stdin is not None
-        assert server.stdout is not None
         before = self._cpu()
-        with suppress(BrokenPipeError):  # then there is no answer
-            print(seconds, file=server.stdin, flush=True)
-        answer = server.stdout.readline().split()
-        if not answer:
-            raise LinkError(f"the server has ended, with status {server.wait()}: what it said is above")
-        blocks, wall = answer
+        try:
+            self._turns.send(seconds)
+            blocks, wall = self._turns.recv()
+        except (EOFError, OSError) as error:
+            server = self.processes["server"]
+            server.join()
+            raise LinkError(f"the server has ended, with status {server.exitcode}: what it said is above") from error
         cpu = {name: now - before[name] for name, now in self._cpu().items()}
-        return Turn(first=0, blocks=int(blocks), wall=float(wall), cpu=cpu)
+        return Turn(first=0, blocks=blocks, wall=wall, cpu=cpu)
 
     def _cpu(self) -> dict[str, float]:
         times = {name: child.cpu_times() for name, child in self._children.items()}
@@ -92,34 +68,36 @@ class RawTeam:
 @contextmanager
 def raw_team(plan: Plan, sizes: Sizes) -> Iterator[RawTeam]:
     """Start one with the links of a plan."""
-    lookahead = plan.server.scenario.lookahead
-    configs = {
-        name: RawAgent(plan.run, name, agent.server, agent.listen, agent.neighbours, sizes)
-        for name, agent in plan.agents.items()
-    }
     with ExitStack() as stack:
 
-        def start(config: RawServer | RawAgent) -> subprocess.Popen[str]:
-            child = subprocess.Popen(
-                [sys.executable, "-m", "benchmarks.raw_team"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                text=True,
-                start_new_session=True,
-            )
-            stack.callback(_end, child)
-            assert child.stdin is not None
-            print(msgspec.json.encode(config).decode(), file=child.stdin, flush=True)
+        def start(run: Callable[..., None], *arguments: object) -> SpawnProcess:
+            child = _SPAWN.Process(target=_alone, args=(run, *arguments), daemon=True)
+            child.start()
+            stack.callback(child.join)
+            stack.callback(child.kill)
             return child
 
-        server = start(RawServer(plan.run, plan.server.robots, lookahead, sizes))
-        yield RawTeam({"server": server, **{name: start(config) for name, config in configs.items()}})
+        ours, theirs = _SPAWN.Pipe()
+        lookahead = plan.server.scenario.lookahead
+        processes = {"server": start(_run_server, plan.run, plan.server.robots, lookahead, sizes, theirs)}
+        theirs.close()  # or its end would not be noticed
+        processes |= {name: start(_run_agent, config, sizes) for name, config in plan.agents.items()}
+        yield RawTeam(processes, ours)
 
 
-def _end(child: subprocess.Popen[str]) -> None:
-    """Kill a process, and wait until it is gone."""
-    with suppress(BrokenPipeError), child:  # it may not have read all
-        child.kill()
+def _alone(run: Callable[..., None], *arguments: object) -> None:
+    """Run a part, in a session of its own as the product's, as long as whoever has started it is there."""
+    os.setsid()
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    threading.Thread(target=_leave_with, args=(parent.sentinel,), daemon=True).start()
+    with ExitStack() as stack:
+        run(stack, *arguments)
+
+
+def _leave_with(sentinel: int) -> None:
+    multiprocessing.connection.wait([sentinel])
+    os._exit(0)
 
 
 class _Link:
@@ -148,21 +126,29 @@ class _Link:
         self._heard.recv().payload.to_bytes()
 
 
-def _run_server(config: RawServer, turns: SimpleQueue[float], stack: ExitStack) -> None:
+def _run_server(
+    stack: ExitStack,
+    run: str,
+    robots: dict[str, str],
+    lookahead: int,
+    sizes: Sizes,
+    turns: Connection[tuple[int, float], float],
+) -> None:
+    """Run for as many seconds as it is told, each time, and answer with blocks and seconds."""
     links = [
-        _Link(stack.enter_context(open_session([endpoint])), f"{config.run}/down/{name}", f"{config.run}/up/{name}")
-        for name, endpoint in config.robots.items()
+        _Link(stack.enter_context(open_session([endpoint])), f"{run}/down/{name}", f"{run}/up/{name}")
+        for name, endpoint in robots.items()
     ]
     for link in links:
         link.wait()
         link.hear()
-    data = bytes(config.sizes.measurements)
+    data = bytes(sizes.measurements)
     while True:
-        seconds = turns.get()
+        seconds = turns.recv()
         began, sent, answered = time.monotonic(), 0, 0
         while answered < sent or time.monotonic() < began + seconds:
             is_over = time.monotonic() >= began + seconds
-            if not is_over and sent < answered + config.lookahead:
+            if not is_over and sent < answered + lookahead:
                 for link in links:
                     link.say(data)
                 sent += 1
@@ -170,24 +156,23 @@ def _run_server(config: RawServer, turns: SimpleQueue[float], stack: ExitStack) 
             for link in links:
                 link.hear()
             answered += 1
-        print(sent, time.monotonic() - began, flush=True)
+        turns.send((sent, time.monotonic() - began))
 
 
-def _run_agent(config: RawAgent, stack: ExitStack) -> None:
-    def key(name: str) -> str:
-        return f"{config.run}/agent/{name}"
-
+def _run_agent(stack: ExitStack, config: AgentProcessConfig, sizes: Sizes) -> None:
+    """Answer the server, block after block."""
+    run, own = config.run, config.agent.name
     server_session = stack.enter_context(open_session(connect=[config.server]))
-    server = _Link(server_session, f"{config.run}/up/{config.name}", f"{config.run}/down/{config.name}")
+    server = _Link(server_session, f"{run}/up/{own}", f"{run}/down/{own}")
     dialled_in = stack.enter_context(open_session([config.listen]))
     all_links: list[_Link] = []
     for other in config.neighbours:
         session = dialled_in if other.endpoint is None else stack.enter_context(open_session(connect=[other.endpoint]))
-        all_links.append(_Link(session, f"{key(config.name)}/{other.name}", f"{key(other.name)}/{config.name}"))
+        all_links.append(_Link(session, f"{run}/agent/{own}/{other.name}", f"{run}/agent/{other.name}/{own}"))
     for link in [server, *all_links]:
         link.wait()
     server.say(b"ready")
-    message, reference = bytes(config.sizes.message), bytes(config.sizes.reference)
+    message, reference = bytes(sizes.message), bytes(sizes.reference)
     is_first = True
     while True:
         server.hear()
@@ -197,26 +182,3 @@ def _run_agent(config: RawAgent, stack: ExitStack) -> None:
             link.say(message)
         server.say(reference)
         is_first = False
-
-
-def main() -> None:
-    """Run what stdin says, until its end."""
-    config = msgspec.json.decode(sys.stdin.readline(), type=RawServer | RawAgent)
-    turns: SimpleQueue[float] = SimpleQueue()
-    threading.Thread(target=_read_turns, args=(turns,), daemon=True).start()
-    with ExitStack() as stack:
-        if isinstance(config, RawServer):
-            _run_server(config, turns, stack)
-        else:
-            _run_agent(config, stack)
-
-
-def _read_turns(turns: SimpleQueue[float]) -> None:
-    """Hand on how long the server shall run, each time; leave at once when stdin ends."""
-    for line in sys.stdin:
-        turns.put(float(line))
-    os._exit(0)
-
-
-if __name__ == "__main__":
-    main()

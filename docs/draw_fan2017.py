@@ -19,7 +19,7 @@ from coheft.app.run.inprocess import TeamInProcess, measured
 from coheft.consensus.graph import Neighbours
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
 from coheft.estimation.rigid_body.mass_properties import Inertia, pack_symmetric, unpack_symmetric
-from coheft.wire.messages.structs import Truth
+from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.schema import Scenario
 

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
+import numpy.typing as npt
 from drawing import FAINT, INK, ROBOTS, SOFT, save
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 
-from coheft.app.results.judge import Judge
-from coheft.app.run.inprocess import run_in_process
+import coheft
 from coheft.consensus.graph import build_graph, laplacian
 from coheft.consensus.schedule import finite_time
 from coheft.estimation.geometry.spatial import Array, rotation_exp
 from coheft.estimation.measurement import WRENCH
-from coheft.physics_server.simulation import Simulation
-from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, Truth
-from coheft.wire.scenario.file import load_scenario
+from coheft.wire.messages.truth import Truth
+from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.schema import Scenario
 
 _AXES = ("#d43b3b", "#2f9e44", "#2f6fde")
@@ -29,60 +24,32 @@ _TELLING = {"r1": np.array([0.09, -0.11]), "r4": np.array([0.14, 0.12])}
 """Two robots that say where the centre of mass is, and where the words stand."""
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
-    """What was true in a run, and what every robot believed."""
-
-    scenario: Scenario
-    scene: Scene
-    truths: Sequence[Truth]
-    estimates: dict[str, list[Estimate]]
-
-    @property
-    def change(self) -> float:
-        """When the load changes [s]."""
-        return self.scenario.load_changes[0].at
-
-    def weighed(self, robot: str) -> list[Estimate]:
-        """The robot's estimates that have everything in them."""
-        return [e for e in self.estimates[robot] if e.payload is not None and e.payload.tensor is not None]
-
-
-def run(scenario: Scenario) -> Run:
-    """Run it in this process."""
-    truths: list[Truth] = []
-    estimates: dict[str, list[Estimate]] = {name: [] for name in scenario.robot_names}
-    for record in run_in_process(scenario):
-        truths.append(record.truth)
-        for name, estimate in record.estimates.items():
-            estimates[name].append(estimate)
-    return Run(scenario, Simulation(scenario).scene, truths, estimates)
-
-
 def main() -> None:
     """Draw all of them."""
-    found = run(load_scenario("ring6"))
-    _draw_frames(found)
-    _draw_mass(found)
-    _draw_sums(found)
-    _draw_deviations(found)
+    simulation = coheft.simulate("ring6")
+    simulation.run_until(15.0)
+    assert simulation.truth is not None
+    _draw_sums(simulation.scenario, simulation.truth)
+    simulation.run_until(simulation.scenario.duration)
+    result = simulation.result()
+    _draw_frames(result)
+    _draw_mass(result)
+    _draw_deviations(result)
 
 
-def _draw_frames(found: Run) -> None:
+def _draw_frames(result: coheft.Result) -> None:
     """The load from above, two of its grasp frames, and the centre of mass as these two robots see it."""
+    scenario = result.scenario
     figure = Figure(figsize=(8.0, 4.93))
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_aspect("equal")
     axes.axis("off")
-    for box, colour in zip(found.scenario.payload.boxes, ("#e9edf1", "#d3dae2", "#d3dae2"), strict=True):
+    for box, colour in zip(scenario.payload.boxes, ("#e9edf1", "#d3dae2", "#d3dae2"), strict=True):
         _draw_box(axes, np.array(box.size), np.array(box.position), np.array(box.rotation_deg), colour)
-    com = np.asarray(found.truths[0].payload.com)
-    judge = Judge(found.scene, found.truths[:1])
-    for k, (name, origin, rotation) in enumerate(
-        zip(found.scene.robots, found.scene.translations, found.scene.rotations, strict=True)
-    ):
-        place = _TELLING.get(name)
-        _draw_triad(axes, origin, rotation, 0.08 if place is None else 0.14)
+    com = scenario.payload.inertia().com
+    for k, (name, grasp) in enumerate(zip(scenario.robot_names, place_grasps(scenario), strict=True)):
+        place, origin = _TELLING.get(name), grasp.translation
+        _draw_triad(axes, origin, grasp.rotation, 0.08 if place is None else 0.14)
         axes.add_patch(Circle(origin[:2], 0.016, color=ROBOTS[k], zorder=6))
         text = {"color": ROBOTS[k], "va": "center", "fontsize": 11}
         if place is None:
@@ -94,7 +61,7 @@ def _draw_frames(found: Run) -> None:
                 origin[:2], com[:2], arrowstyle="-|>", mutation_scale=13, shrinkB=10, color=ROBOTS[k], linewidth=1.6
             )
         )
-        x, y, z = 1e3 * judge.payload(name, 0).com
+        x, y, z = 1e3 * result.robots[name].com.truth[0]
         said = f"{name} says it is at\n({x:.0f}, {y:.0f}, {z:.0f}) mm"
         axes.text(*(origin[:2] + place), said, ha="left", linespacing=1.4, **text)
     _draw_com(axes, com)
@@ -131,36 +98,38 @@ def _draw_com(axes: Axes, com: Array) -> None:
         axes.add_patch(Polygon([com[:2], *arc], facecolor=colour, edgecolor=_TRUTH, linewidth=1.0, zorder=8))
 
 
-def _draw_mass(found: Run) -> None:
+def _draw_mass(result: coheft.Result) -> None:
     """All robots' masses over the run, and the second around the change."""
+    scenario, change = result.scenario, result.load_changes[0].at_s
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     whole, close = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
-    times = [truth.time for truth in found.truths]
-    masses = [truth.payload.mass for truth in found.truths]
+    before, after = result.robots["r1"].mass.truth[[0, -1]].tolist()
     for axes in (whole, close):
+        times, masses = [0.0, change, change, scenario.duration], [before, before, after, after]
         axes.plot(times, masses, color=_TRUTH, linewidth=1.3, linestyle=(0, (5, 3)), label="true", zorder=2)
-        for k, name in enumerate(found.scene.robots):
-            estimates = [e for e in found.weighed(name) if axes is whole or abs(e.time - found.change) < 1.2]
-            given = [e.payload.mass for e in estimates if e.payload]
+        for k, (name, robot) in enumerate(result.robots.items()):
+            shown = _knows_all(robot) & ((axes is whole) | (np.abs(robot.time - change) < 1.2))
+            time, given = robot.time[shown], robot.mass.estimate[shown]
             if axes is whole:  # one upon the other, the later ones thinner: all can be seen
-                axes.plot([e.time for e in estimates], given, color=ROBOTS[k], label=name, linewidth=6.0 - 0.9 * k)
+                axes.plot(time, given, color=ROBOTS[k], label=name, linewidth=6.0 - 0.9 * k)
             else:  # beside each other
-                shifted = [e.time + 0.009 * (k - 2.5) for e in estimates]
-                filled = [ROBOTS[k] if e.status == "valid" else "white" for e in estimates]
-                axes.scatter(shifted, given, 14, filled, edgecolors=ROBOTS[k], linewidths=0.9, zorder=3)
+                filled = np.where(robot.valid[shown], ROBOTS[k], "white")
+                axes.scatter(
+                    time + 0.009 * (k - 2.5), given, 14, filled, edgecolors=ROBOTS[k], linewidths=0.9, zorder=3
+                )
         axes.set_xlabel("time, s")
     whole.set_ylabel("mass, kg")
     whole.set_title("What six robots believe")
-    whole.set_xlim(0.0, found.scenario.duration)
-    low, high = min(masses) - 0.6, max(masses) + 0.9
+    whole.set_xlim(0.0, scenario.duration)
+    low, high = before - 0.6, after + 0.9
     whole.set_ylim(low, high)
-    start = min(found.weighed(name)[0].time for name in found.scene.robots)
+    start = min(robot.time[_knows_all(robot)][0] for robot in result.robots.values())
     whole.axvspan(0.0, start, color="#f3f5f7", zorder=0)
-    whole.text(0.5 * start, 0.5 * (low + high), "finding each other", rotation=90, ha="center", va="center", color=SOFT)
+    whole.text(start + 0.3, 0.5 * (low + high), "finding each other", rotation=90, va="center", color=SOFT)
     whole.annotate(
         "3 kg are dropped",
-        (found.change, 11.5),
-        (found.change - 1.2, 11.5),
+        (change, 11.5),
+        (change - 1.2, 11.5),
         ha="right",
         va="center",
         color=INK,
@@ -169,32 +138,33 @@ def _draw_mass(found: Run) -> None:
     legend = whole.legend(ncols=7, loc="upper left", frameon=False, fontsize=8.5, handlelength=1.1, columnspacing=0.9)
     for line in legend.get_lines():
         line.set_linewidth(2.5)
-    close.set_xlim(found.change - 0.4, found.change + 1.0)
+    close.set_xlim(change - 0.4, change + 1.0)
     close.set_ylim(low, high)
     close.set_title("The second in which it happens")
-    noticed = max(e.load_changes[-1].noticed_at for name in found.scene.robots for e in found.estimates[name][-1:])
+    noticed = max(robot.noticed[-1] for robot in result.robots.values())
     close.axvline(noticed, color=SOFT, linewidth=1.0)
-    close.text(noticed + 0.03, low + 0.25, f"noticed after {noticed - found.change:.1f} s", color=SOFT, va="center")
+    close.text(noticed + 0.03, low + 0.25, f"noticed after {noticed - change:.1f} s", color=SOFT, va="center")
     close.text(noticed + 0.16, low + 0.9, "hollow: stale", color=SOFT, va="center")
     save(figure, "tutorial-mass.svg")
 
 
-def _draw_sums(found: Run) -> None:
+def _knows_all(robot: coheft.RobotResult) -> npt.NDArray[np.bool_]:
+    """Which of a robot's estimates have everything in them, shape (n,)."""
+    return np.isfinite(robot.inertia.estimate[:, 0, 0])
+
+
+def _draw_sums(scenario: Scenario, moment: Truth) -> None:
     """How the share that each robot carries becomes the total that every robot knows."""
-    moment = next(truth for truth in found.truths if truth.time >= 15.0)
-    judge = Judge(found.scene, [moment])
-    forces = []
-    for name, wrench in zip(found.scene.robots, moment.samples[:, WRENCH], strict=True):
-        carried = judge.pose_payload_in(name, -1).inverse().adjoint() @ wrench
-        forces.append(carried[2])
+    wrenches = zip(place_grasps(scenario), moment.samples[:, WRENCH], strict=True)
+    forces = [(grasp.adjoint() @ wrench)[2] for grasp, wrench in wrenches]
     values = len(forces) * np.array(forces)
-    graph = build_graph(found.scenario.graph, found.scene.robots)
+    graph = build_graph(scenario.graph, scenario.robot_names)
     rounds = [values]
     for gain in _gains(graph):
         rounds.append(rounds[-1] - gain * laplacian(graph) @ rounds[-1])
     figure = Figure(figsize=(7.0, 3.5), layout="constrained")
     axes = figure.subplots()
-    for k, name in enumerate(found.scene.robots):
+    for k, name in enumerate(scenario.robot_names):
         course = [value[k] for value in rounds]
         axes.plot(course, color=ROBOTS[k], marker="o", markersize=6, linewidth=1.8, label=name)
     total = float(np.sum(forces))
@@ -218,25 +188,20 @@ def _gains(graph: dict[str, tuple[str, ...]]) -> list[float]:
     return [1.0 / float(value) for value in distinct[::-1]]
 
 
-def _draw_deviations(found: Run) -> None:
+def _draw_deviations(result: coheft.Result) -> None:
     """Errors of one robot, and what it expects them to be."""
-    name = found.scene.robots[0]
-    judge = Judge(found.scene, found.truths)
-    estimates = found.weighed(name)
-    times = np.array([e.time for e in estimates])
-    errors, deviations = [], []
-    for e in estimates:
-        truth = judge.payload(name, e.block)
-        assert e.payload is not None
-        assert e.payload.com is not None
-        errors.append([1e3 * (e.payload.mass - truth.mass), *(1e3 * (e.payload.com - truth.com))])
-        deviations.append(1e3 * np.sqrt(np.diagonal(e.payload.covariance)[:4]))
+    change, robot = result.load_changes[0].at_s, result.robots["r1"]
+    known = _knows_all(robot)
+    times = robot.time[known]
     figure = Figure(figsize=(9.0, 3.5), layout="constrained")
-    titles = (("mass", "error of the mass, g", 0), ("centre of mass, x", "error, mm", 1))
-    for axes, (title, label, k) in zip(figure.subplots(1, 2), titles, strict=True):
-        error, own = np.array(errors)[:, k], np.array(deviations)[:, k]
+    drawn = (
+        ("mass", "error of the mass, g", robot.mass.error, robot.mass.std),
+        ("centre of mass, x", "error, mm", robot.com.error[:, 0], robot.com.std[:, 0]),
+    )
+    for axes, (title, label, errors, deviations) in zip(figure.subplots(1, 2), drawn, strict=True):
+        error, own = 1e3 * errors[known], 1e3 * deviations[known]
         for before in (True, False):
-            part = (times < found.change) if before else (times > found.change + 0.35)
+            part = (times < change) if before else (times > change + 0.35)
             bands = ((3.0, "#dfeaf4", "3 std"), (1.0, "#bcd5ea", "1 std"))
             for width, colour, band in bands:
                 axes.fill_between(
@@ -246,17 +211,17 @@ def _draw_deviations(found: Run) -> None:
             axes.plot(times[part], error[part], color=ROBOTS[0], linewidth=1.4, label="error" if before else None)
         reach = 3.4 * np.interp(6.0, times, own)
         axes.set_ylim(-reach, reach)
-        axes.set_xlim(4.0, found.scenario.duration)
+        axes.set_xlim(4.0, result.scenario.duration)
         axes.axhline(0.0, color=FAINT, linewidth=1.0, zorder=1)
-        axes.axvline(found.change, color=SOFT, linewidth=1.0, linestyle=(0, (2, 2)))
-        axes.set_title(f"{name}: {title}")
+        axes.axvline(change, color=SOFT, linewidth=1.0, linestyle=(0, (2, 2)))
+        axes.set_title(f"r1: {title}")
         axes.set_ylabel(label)
         axes.set_xlabel("time, s")
         axes.set_axisbelow(True)
     figure.axes[0].legend(
         loc="lower right", bbox_to_anchor=(1.02, 0.99), frameon=False, ncols=3, fontsize=9, handlelength=1.4
     )
-    figure.axes[1].text(found.change + 0.5, -0.92 * figure.axes[1].get_ylim()[1], "load changes", color=SOFT)
+    figure.axes[1].text(change + 0.5, -0.92 * figure.axes[1].get_ylim()[1], "load changes", color=SOFT)
     save(figure, "tutorial-std.svg")
 
 

@@ -1,4 +1,4 @@
-"""Writes docs/scenarios.md, the reference of all keys of a scenario, from the scenario's own types and docstrings.
+"""Writes the reference of all keys of a scenario in docs/scenarios.md, from the scenario's own types and docstrings.
 
 To be run again after a change of ``coheft/wire/scenario/schema.py``; a test tells when that was forgotten.
 """
@@ -20,38 +20,13 @@ from coheft.wire.scenario.section import NAME_IN_WORDS
 
 PAGE = Path(__file__).with_name("scenarios.md")
 
-_INTRODUCTION = """# Scenarios
-
-A scenario is a TOML file that describes a payload, robots, their links and sensors, and changes of the load. `coheft
-run my.toml` runs it; `coheft scenarios` lists the shipped ones, in the folder `configs`. This example has two robots,
-and a load that is dropped after five seconds:
-
-```toml
-name = "two"
-duration = 12.0
-payload.boxes = [{ mass = 6.0, size = [0.8, 0.3, 0.1] }]
-robots.grasps = [{ position = [-0.4, 0.0, 0.0] }, { position = [0.4, 0.0, 0.0], rotation_deg = [0, 0, 180] }]
-graph.kind = "line"
-
-[[load_changes]]
-at = 5.0
-mass = 1.0
-position = [0.1, 0.0, 0.1]
-```
-
-Rotations are rotation vectors. Keys that are not required can be left out. Unknown keys and values out of range are
-errors, which name the key, what was found, and what is allowed.
-
-Single values can be changed on the command line:
-`coheft run ring3 --set sensors.noise_scale=2 --set load_changes[0].at=8`.
-
-This page is generated from the code by `python docs/scenario_reference.py`.
-"""
+_MARK = "<!-- All that follows is written by docs/scenario_reference.py -->\n"
 
 
 def page() -> str:
-    """The whole page, in Markdown."""
-    return "\n".join([_INTRODUCTION, *(_section(place, section) for place, section in _sections("", Scenario))])
+    """The whole page, in Markdown: what is written by hand up to the mark, and then the reference."""
+    by_hand, mark, _ = PAGE.read_text().partition(_MARK)
+    return "\n".join([by_hand + mark, *(_section(place, section) for place, section in _sections("", Scenario))])
 
 
 def _sections(place: str, section: type[msgspec.Struct]) -> Iterator[tuple[str, type[msgspec.Struct]]]:

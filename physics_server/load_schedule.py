@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from coheft.wire.scenario.borders import first_border
-from coheft.wire.scenario.checks import check_loads
+from coheft.wire.scenario.change_checks import check_loads
 from coheft.wire.scenario.schema import LoadChange, Scenario, Slip
 
 

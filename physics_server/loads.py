@@ -12,7 +12,7 @@ import numpy as np
 from coheft.errors import LoadError
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_from_quaternion
 from coheft.estimation.rigid_body.mass_properties import Inertia, combined
-from coheft.wire.messages.structs import LoadState
+from coheft.wire.messages.truth import LoadState
 from coheft.wire.scenario.payload import MassProperties
 from coheft.wire.scenario.payload_extent import Extent, corners
 from coheft.wire.scenario.section import Vector

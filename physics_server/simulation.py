@@ -23,7 +23,8 @@ from coheft.physics_server.scene import PAYLOAD, PAYLOAD_HOME, build_model, home
 from coheft.physics_server.sensor_errors import SensorErrors
 from coheft.physics_server.sensors import READINGS, Sensors
 from coheft.wire.messages.scene import BoxShape, Scene
-from coheft.wire.messages.structs import LoadState, Measurements, PayloadTruth, Reference, Truth
+from coheft.wire.messages.structs import Measurements, Reference
+from coheft.wire.messages.truth import LoadState, PayloadTruth, Truth
 from coheft.wire.process.log import LOG
 from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.payload_surface import from_text

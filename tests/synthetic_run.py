@@ -12,15 +12,8 @@ from coheft.app.results.report import RunInfo
 from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rotation
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import (
-    Estimate,
-    LoadChangeNotice,
-    LoadState,
-    PayloadEstimate,
-    PayloadTruth,
-    PoseEstimate,
-    Truth,
-)
+from coheft.wire.messages.structs import Estimate, LoadChangeNotice, PayloadEstimate, PoseEstimate
+from coheft.wire.messages.truth import LoadState, PayloadTruth, Truth
 
 BLOCK = 0.02
 ROBOTS = ["r1", "r2", "r3"]

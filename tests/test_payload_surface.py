@@ -11,7 +11,7 @@ import trimesh
 from coheft.errors import ScenarioError
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.scenario.file import load_scenario, parse_scenario
-from coheft.wire.scenario.payload_surface import MOST, box, capsule, coarse, cylinder, from_text, to_text
+from coheft.wire.scenario.payload_surface import MOST, coarse, from_text, to_text
 
 SCENARIO = """
 name = "own"
@@ -32,12 +32,19 @@ def shown(payload: str, folder: Path) -> np.ndarray:
     return Simulation(scenario).scene.triangles
 
 
-def test_primitives_enclose_what_they_should() -> None:
-    assert volume(box(np.array([0.1, 0.2, 0.3]))) == pytest.approx(8 * 0.1 * 0.2 * 0.3)
-    assert volume(cylinder(0.1, 0.3)) == pytest.approx(np.pi * 0.1**2 * 0.6, rel=0.05)
-    assert volume(capsule(0.1, 0.0)) == pytest.approx(4.0 / 3.0 * np.pi * 0.1**3, rel=0.1)
-    low, high = (pick(capsule(0.1, 0.3), axis=(0, 1)) for pick in (np.min, np.max))
-    np.testing.assert_allclose([low, high], [[-0.1, -0.1, -0.4], [0.1, 0.1, 0.4]], atol=1e-12)
+def test_shapes_enclose_what_they_should(tmp_path: Path) -> None:
+    shapes = {
+        'type="box" size="0.1 0.2 0.3"': 8 * 0.1 * 0.2 * 0.3,
+        'type="cylinder" size="0.1 0.3"': np.pi * 0.1**2 * 0.6,
+        'type="capsule" size="0.1 0.3"': np.pi * 0.1**2 * 0.6 + 4.0 / 3.0 * np.pi * 0.1**3,
+        'type="ellipsoid" size="0.1 0.2 0.3"': 4.0 / 3.0 * np.pi * 0.1 * 0.2 * 0.3,
+    }
+    for shape, expected in shapes.items():
+        (tmp_path / "own.xml").write_text(f"<mujoco><worldbody><body><geom {shape}/></body></worldbody></mujoco>")
+        triangles = shown('mjcf = "own.xml"', tmp_path)
+        assert volume(triangles) == pytest.approx(expected, rel=0.1)
+        low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+        np.testing.assert_allclose(low, -high, atol=1e-6)
 
 
 def test_a_fine_surface_becomes_coarse_and_keeps_its_shape() -> None:
@@ -77,7 +84,8 @@ def test_the_crate_is_shown() -> None:
 
 
 def test_text_that_is_no_surface_is_refused() -> None:
-    np.testing.assert_allclose(from_text(to_text(box(np.ones(3)))), box(np.ones(3)))
+    box = trimesh.creation.box((2.0, 2.0, 2.0)).triangles
+    np.testing.assert_allclose(from_text(to_text(box)), box)
     for text in ("no", "AAAA", to_text(np.full((1, 3, 3), np.nan))):
         with pytest.raises(ScenarioError, match=r"payload.surface.*leave it out"):
             load_scenario("ring3", [f"payload.surface='{text}'"])

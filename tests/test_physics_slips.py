@@ -11,7 +11,7 @@ from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.measurement import GYRO, VELOCITY
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.scenario.checks import check_slips
+from coheft.wire.scenario.change_checks import check_slips
 from coheft.wire.scenario.schema import Slip
 from tests.physics_run import excitation, run, scenario
 

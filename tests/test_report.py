@@ -12,7 +12,7 @@ from coheft.app.results.judge import Verdict
 from coheft.app.results.report import build_report
 from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia
-from coheft.wire.messages.structs import Truth
+from coheft.wire.messages.truth import Truth
 from tests.synthetic_run import (
     BLOCK,
     GRASPS,

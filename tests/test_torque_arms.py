@@ -17,7 +17,7 @@ from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.physics_server.arms.model import hand_name
 from coheft.physics_server.scene import home_name
 from coheft.physics_server.simulation import Simulation
-from coheft.wire.messages.structs import Truth
+from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.checks import check_scenario
 from coheft.wire.scenario.file import load_scenario
 from coheft.wire.scenario.grasps import place_grasps

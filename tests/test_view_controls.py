@@ -7,7 +7,7 @@ import pytest
 from coheft.app.run.hosts import free_ports
 from coheft.app.view import words
 from coheft.errors import CoheftError
-from coheft.wire.messages.structs import LoadState
+from coheft.wire.messages.truth import LoadState
 
 pytest.importorskip("viser", reason="the view needs viser: install 'coheft[view]'")
 

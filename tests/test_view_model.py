@@ -14,7 +14,8 @@ from coheft.app.view.model import ViewModel
 from coheft.app.view.timeline import Timeline
 from coheft.app.view.traces import WINDOW
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import LoadChangeNotice, LoadState, Problem
+from coheft.wire.messages.structs import LoadChangeNotice, Problem
+from coheft.wire.messages.truth import LoadState
 from tests.synthetic_run import BLOCK, HEAVY, LIGHT, ROBOTS, SCENE, STD, changing_run, estimate, truth
 
 STATUS = Status(

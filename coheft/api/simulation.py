@@ -15,7 +15,8 @@ from coheft.app.results.report import RunInfo, build_report
 from coheft.app.run.heard import News
 from coheft.app.run.inprocess import TeamInProcess, measured
 from coheft.errors import CoheftError
-from coheft.wire.messages.structs import Estimate, Truth
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.section import Vector
 

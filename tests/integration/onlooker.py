@@ -9,7 +9,8 @@ from pathlib import Path
 import msgspec
 
 from coheft.app.run.folder import RUN_FILE, RunFile
-from coheft.wire.messages.structs import Estimate, Truth
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.truth import Truth
 from coheft.wire.transport.inbox import Inbox, Received
 from coheft.wire.transport.planes import guard_observer
 from coheft.wire.transport.security import credentials_in

@@ -8,18 +8,16 @@ import subprocess
 import sys
 from pathlib import Path
 
-import msgspec
 import psutil
 import pytest
 
 from benchmarks.long_run import Life
 from benchmarks.paced_team import paced_team
-from benchmarks.raw_team import RawServer, Sizes, raw_team
+from benchmarks.raw_team import Sizes, raw_team
 from benchmarks.replay import BLOCKS, record
 from benchmarks.scenarios import team_scenario
 from benchmarks.startup import Run
 from coheft.app.run.folder import find_run
-from coheft.app.run.hosts import free_ports
 from coheft.app.run.plan import make_plan
 from coheft.errors import LinkError
 from tests.waiting import LIMIT, wait_until
@@ -36,10 +34,19 @@ def test_the_death_of_the_raw_server_is_told_and_nobody_is_left_behind() -> None
     assert not any(psutil.pid_exists(process.pid) for process in team.processes.values())
 
 
-def test_the_raw_server_ends_with_its_stdin_whatever_it_waits_for() -> None:
-    config = RawServer("run", {"r1": f"tcp/127.0.0.1:{free_ports(1)[0]}"}, 4, SIZES)
-    line = msgspec.json.encode(config).decode() + "\n"
-    subprocess.run([sys.executable, "-m", "benchmarks.raw_team"], input=line, text=True, timeout=LIMIT, check=True)
+def test_no_raw_process_outlives_whoever_started_it() -> None:
+    start = (
+        "import sys, time; from tests.integration.test_benchmark_processes import *\n"
+        "with raw_team(make_plan(team_scenario(3)), SIZES) as team:\n"
+        "    print(*(process.pid for process in team.processes.values()), flush=True)\n"
+        "    time.sleep(1000)"
+    )
+    with subprocess.Popen([sys.executable, "-c", start], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        pids = [int(pid) for pid in parent.stdout.readline().split()]
+        parent.kill()
+    assert len(pids) == 4
+    wait_until(lambda: not any(map(psutil.pid_exists, pids)), "the end of all processes")
 
 
 def test_bare_agents_say_again_what_real_ones_said(tmp_path: Path) -> None:

@@ -17,17 +17,8 @@ from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.codec import encode
 from coheft.wire.messages.frame import PROTOCOL_VERSION
 from coheft.wire.messages.requests import InjectRequest, PauseRequest, RemoveRequest, Status, StatusRequest, StopRequest
-from coheft.wire.messages.structs import (
-    Estimate,
-    LinkState,
-    LoadState,
-    Message,
-    NeighbourMessage,
-    Problem,
-    Ready,
-    Reference,
-    Truth,
-)
+from coheft.wire.messages.structs import Estimate, LinkState, Message, NeighbourMessage, Problem, Ready, Reference
+from coheft.wire.messages.truth import LoadState, Truth
 from coheft.wire.process.supervised import TERMINATED
 from coheft.wire.transport.inbox import Inbox, Received
 from coheft.wire.transport.sessions import Keys, Sender, open_session

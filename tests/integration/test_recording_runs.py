@@ -18,7 +18,8 @@ from coheft.app.cli.main import run_command_line
 from coheft.app.recording.reader import read_recording
 from coheft.app.recording.recover import Saved, recover
 from coheft.errors import RecordingError
-from coheft.wire.messages.structs import Estimate, Truth
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.truth import Truth
 from tests.integration.command_line import Run
 from tests.waiting import wait_until
 

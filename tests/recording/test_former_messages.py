@@ -13,7 +13,8 @@ from coheft.app.recording.raw import from_raw
 from coheft.errors import MessageError
 from coheft.wire.messages.codec import decode
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Estimate, Truth
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.truth import Truth
 
 FORMER = {
     topic: base64.b64decode(text)

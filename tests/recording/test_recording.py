@@ -31,7 +31,8 @@ from coheft.app.run.heard import News
 from coheft.errors import RecordingError
 from coheft.estimation.geometry.spatial import Pose, rotation_exp
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
-from coheft.wire.messages.structs import Estimate, Truth
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.schema import Scenario
 from tests import synthetic_run
 from tests.recording.runs import BEGIN, SCENARIO, mistaken_for, news_of_a_run, record, same

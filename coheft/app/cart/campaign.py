@@ -4,51 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from coheft.app.cart.inprocess import CartRun, run_in_process
 from coheft.app.cart.judge import CartReport, judge, tracking_errors
-from coheft.app.cart.table_one import table_one
 from coheft.app.run.parallel import side_by_side, workers
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.cart.scenario import CartScenario
 
 
-@dataclass(frozen=True)
-class Case:
-    """One run to be done.
-
-    Attributes:
-        test: Number in Table I.
-        seed: Of the noise.
-        learns: With the estimator, or without.
-        pushers: How many.
-        friction_guess: See ``table_one``.
-        turning_friction: See ``table_one``.
-        noise_factor: See ``CartScenario``.
-    """
+class Case(NamedTuple):
+    """One run to be done: the number of its test in Table I, and what to run."""
 
     test: int
-    seed: int
-    learns: bool = True
-    pushers: int = 1
-    friction_guess: float | None = None
-    turning_friction: float = 1.0
-    noise_factor: float = 1.0
-
-    @property
-    def scenario(self) -> CartScenario:
-        """What to run."""
-        return table_one(
-            self.test,
-            seed=self.seed,
-            learns=self.learns,
-            pushers=self.pushers,
-            friction_guess=self.friction_guess,
-            turning_friction=self.turning_friction,
-            noise_factor=self.noise_factor,
-        )
+    scenario: CartScenario
 
 
 @dataclass(frozen=True, eq=False)

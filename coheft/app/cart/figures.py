@@ -24,7 +24,7 @@ def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
     learned: dict[int, Outcome] = {}
     fixed: dict[int, Outcome] = {}
     for outcome in outcomes:
-        (learned if outcome.case.learns else fixed).setdefault(outcome.case.test, outcome)
+        (learned if outcome.case.scenario.learns else fixed).setdefault(outcome.case.test, outcome)
     quiet = [learned[test] for test in QUIET_TESTS if test in learned]
     rest = [outcome for test, outcome in learned.items() if test not in QUIET_TESTS]
     paths = [_draw_tracking(learned, fixed, folder / "fig4-tracking.png")]

@@ -94,7 +94,7 @@ def cart(
     from coheft.app.cart.inprocess import run_in_process
     from coheft.app.cart.launch import run_in_processes
     from coheft.app.cart.table import CartStudy, missed
-    from coheft.app.cart.table_one import TESTS
+    from coheft.app.cart.table_one import TESTS, table_one
     from coheft.app.cart.terminal import print_study
     from coheft.app.figures import make_folder
     from coheft.app.results.report import write_report
@@ -108,9 +108,12 @@ def cart(
         raise UsageError("--jobs is for runs side by side, but with --processes they come one after the other")
     check_outputs(json=json, figures=figures)
     chosen = TESTS if all_tests or test is None else (test,)
-    case = partial(Case, friction_guess=friction_guess, turning_friction=turning_friction, noise_factor=noise_factor)
-    cases = [case(number, seed, pushers=pushers) for number in chosen for seed in range(first_seed, first_seed + seeds)]
-    cases += [case(number, first_seed, learns=False) for number in chosen]
+    of_test = partial(
+        table_one, friction_guess=friction_guess, turning_friction=turning_friction, noise_factor=noise_factor
+    )
+    chosen_seeds = range(first_seed, first_seed + seeds)
+    cases = [Case(number, of_test(number, seed=seed, pushers=pushers)) for number in chosen for seed in chosen_seeds]
+    cases += [Case(number, of_test(number, seed=first_seed, learns=False)) for number in chosen]
     console = Console(stderr=json == "-")
     with gone_if_broken_off(figures), show_progress(console, "runs", len(cases), quiet=quiet) as told:
         if figures is not None:

@@ -15,7 +15,8 @@ from coheft.consensus.graph import build_graph
 from coheft.estimation.measurement import MeasurementBlock
 from coheft.physics_server.simulation import Simulation
 from coheft.wire.config import agent_config
-from coheft.wire.messages.structs import Reference, Truth
+from coheft.wire.messages.structs import Reference
+from coheft.wire.messages.truth import Truth
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from coheft.estimation.batch.recording import Recording, Truth, check_recording
 from coheft.estimation.geometry.spatial import Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.data.common_times import align
-from coheft.wire.messages.structs import Truth as TruthMessage
+from coheft.wire.messages.truth import Truth as TruthMessage
 from coheft.wire.process.log import LOG
 from coheft.wire.scenario.schema import Scenario
 

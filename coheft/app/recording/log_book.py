@@ -8,7 +8,8 @@ from typing import NamedTuple
 from coheft.app.recording import ros
 from coheft.app.results.states import State
 from coheft.app.run.heard import News
-from coheft.wire.messages.structs import Estimate, LoadState, Truth
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.truth import LoadState, Truth
 from coheft.wire.transport.planes import SERVER
 
 

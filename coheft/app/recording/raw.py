@@ -5,7 +5,8 @@ from __future__ import annotations
 from coheft.wire.messages.codec import decode, encode
 from coheft.wire.messages.former_frame import decode_former, is_former
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Estimate, Message, Problem, Truth
+from coheft.wire.messages.structs import Estimate, Message, Problem
+from coheft.wire.messages.truth import Truth
 
 STATUS = "/coheft/status"
 KINDS: dict[str, type[Message]] = {

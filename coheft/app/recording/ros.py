@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -38,41 +39,16 @@ class MarkedBox:
     colour: tuple[float, float, float, float]
 
 
-def _type(name: str) -> Any:
-    package, _, kind = name.partition("/")
-    return _STORE.types[f"{package}/msg/{kind}"]
+_PACKAGES = frozenset(
+    ["builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "rcl_interfaces", "rosgraph_msgs"]
+    + ["sensor_msgs", "std_msgs", "tf2_msgs", "visualization_msgs"]
+)
+_msg: Any = SimpleNamespace(
+    **{name.split("/")[-1]: kind for name, kind in _STORE.types.items() if name.split("/")[0] in _PACKAGES}
+)
+"""All types of messages in these packages, by their own names, which are all different."""
 
-
-_Time = _type("builtin_interfaces/Time")
-_Duration = _type("builtin_interfaces/Duration")
-_Header = _type("std_msgs/Header")
-_Float64 = _type("std_msgs/Float64")
-_Layout = _type("std_msgs/MultiArrayLayout")
-_UInt8MultiArray = _type("std_msgs/UInt8MultiArray")
-_Vector3 = _type("geometry_msgs/Vector3")
-_Point = _type("geometry_msgs/Point")
-_Quaternion = _type("geometry_msgs/Quaternion")
-_Wrench, _WrenchStamped = _type("geometry_msgs/Wrench"), _type("geometry_msgs/WrenchStamped")
-_Twist, _TwistStamped = _type("geometry_msgs/Twist"), _type("geometry_msgs/TwistStamped")
-_Accel, _AccelStamped = _type("geometry_msgs/Accel"), _type("geometry_msgs/AccelStamped")
-_Inertia, _InertiaStamped = _type("geometry_msgs/Inertia"), _type("geometry_msgs/InertiaStamped")
-_Pose, _PoseStamped = _type("geometry_msgs/Pose"), _type("geometry_msgs/PoseStamped")
-_PoseWithCovariance = _type("geometry_msgs/PoseWithCovariance")
-_PoseWithCovarianceStamped = _type("geometry_msgs/PoseWithCovarianceStamped")
-_Transform, _TransformStamped = _type("geometry_msgs/Transform"), _type("geometry_msgs/TransformStamped")
-_TFMessage = _type("tf2_msgs/TFMessage")
-_KeyValue = _type("diagnostic_msgs/KeyValue")
-_DiagnosticStatus = _type("diagnostic_msgs/DiagnosticStatus")
-_DiagnosticArray = _type("diagnostic_msgs/DiagnosticArray")
-_Log = _type("rcl_interfaces/Log")
-_Clock = _type("rosgraph_msgs/Clock")
-_ColorRGBA = _type("std_msgs/ColorRGBA")
-_CompressedImage = _type("sensor_msgs/CompressedImage")
-_MeshFile = _type("visualization_msgs/MeshFile")
-_Marker = _type("visualization_msgs/Marker")
-_MarkerArray = _type("visualization_msgs/MarkerArray")
-
-BYTES_TYPE = str(_UInt8MultiArray.__msgtype__)
+BYTES_TYPE = str(_msg.UInt8MultiArray.__msgtype__)
 
 
 def to_cdr(message: RosMessage) -> bytes | memoryview:
@@ -107,7 +83,7 @@ def type_hash(kind: str) -> str:
 
 def of_bytes(data: bytes) -> RosMessage:
     """Any bytes."""
-    return _UInt8MultiArray(_Layout(dim=[], data_offset=0), np.frombuffer(data, np.uint8))
+    return _msg.UInt8MultiArray(_msg.MultiArrayLayout(dim=[], data_offset=0), np.frombuffer(data, np.uint8))
 
 
 def bytes_in(cdr: bytes) -> bytes:
@@ -122,37 +98,39 @@ def bytes_in(cdr: bytes) -> bytes:
 
 def number(value: float) -> RosMessage:
     """One number."""
-    return _Float64(value)
+    return _msg.Float64(value)
 
 
 def wrench(time: int, frame: str, wrench: Array) -> RosMessage:
     """``(f, t)`` (6,) [N, N·m]."""
     force, torque = np.asarray(wrench).reshape(2, 3).tolist()
-    return _WrenchStamped(_header(time, frame), _Wrench(_Vector3(*force), _Vector3(*torque)))
+    return _msg.WrenchStamped(_header(time, frame), _msg.Wrench(_msg.Vector3(*force), _msg.Vector3(*torque)))
 
 
 def twist(time: int, frame: str, twist: Array) -> RosMessage:
     """``(w, v)`` (6,) [rad/s, m/s]."""
     angular, linear = np.asarray(twist).reshape(2, 3).tolist()
-    return _TwistStamped(_header(time, frame), _Twist(linear=_Vector3(*linear), angular=_Vector3(*angular)))
+    return _msg.TwistStamped(
+        _header(time, frame), _msg.Twist(linear=_msg.Vector3(*linear), angular=_msg.Vector3(*angular))
+    )
 
 
 def acceleration(time: int, frame: str, linear: Array) -> RosMessage:
     """Linear acceleration (3,) [m/s²]; the angular one is not known."""
-    unknown = _Vector3(np.nan, np.nan, np.nan)
-    return _AccelStamped(_header(time, frame), _Accel(linear=_Vector3(*linear.tolist()), angular=unknown))
+    unknown = _msg.Vector3(np.nan, np.nan, np.nan)
+    return _msg.AccelStamped(_header(time, frame), _msg.Accel(linear=_msg.Vector3(*linear.tolist()), angular=unknown))
 
 
 def inertia(time: int, frame: str, mass: float, com: Array | None, tensor: Array | None) -> RosMessage:
     """Mass [kg], centre of mass (3,) [m], inertia there (3, 3) [kg·m²]."""
     xx, xy, xz, yy, yz, zz = (_UNKNOWN if tensor is None else np.asarray(tensor))[np.triu_indices(3)].tolist()
-    centre = _Vector3(*(_UNKNOWN[0] if com is None else np.asarray(com)).tolist())
-    return _InertiaStamped(_header(time, frame), _Inertia(mass, centre, xx, xy, xz, yy, yz, zz))
+    centre = _msg.Vector3(*(_UNKNOWN[0] if com is None else np.asarray(com)).tolist())
+    return _msg.InertiaStamped(_header(time, frame), _msg.Inertia(mass, centre, xx, xy, xz, yy, yz, zz))
 
 
 def pose(time: int, frame: str, position: Array, quaternion: Array) -> RosMessage:
     """Position (3,) [m] and orientation (4,)."""
-    return _PoseStamped(_header(time, frame), _pose(position, quaternion))
+    return _msg.PoseStamped(_header(time, frame), _pose(position, quaternion))
 
 
 def pose_with_covariance(time: int, frame: str, pose: Pose, covariance: Array) -> RosMessage:
@@ -160,15 +138,15 @@ def pose_with_covariance(time: int, frame: str, pose: Pose, covariance: Array) -
     order = [3, 4, 5, 0, 1, 2]  # ROS: translation first
     ordered = np.ascontiguousarray(covariance[np.ix_(order, order)]).reshape(36)
     own = _pose(pose.translation, quaternion_from_rotation(pose.rotation))
-    return _PoseWithCovarianceStamped(_header(time, frame), _PoseWithCovariance(own, ordered))
+    return _msg.PoseWithCovarianceStamped(_header(time, frame), _msg.PoseWithCovariance(own, ordered))
 
 
 def transforms(time: int, frame: str, poses: Mapping[str, tuple[Array, Array]]) -> RosMessage:
     """Position (3,) [m] and orientation (4,) of frames in ``frame``, by name."""
-    return _TFMessage(
+    return _msg.TFMessage(
         [
-            _TransformStamped(
-                _header(time, frame), child, _Transform(_Vector3(*position.tolist()), _quaternion(quaternion))
+            _msg.TransformStamped(
+                _header(time, frame), child, _msg.Transform(_msg.Vector3(*position.tolist()), _quaternion(quaternion))
             )
             for child, (position, quaternion) in poses.items()
         ]
@@ -178,24 +156,24 @@ def transforms(time: int, frame: str, poses: Mapping[str, tuple[Array, Array]]) 
 def boxes(time: int, frame: str, boxes: Sequence[MarkedBox]) -> RosMessage:
     """Boxes to look at, which replace all that were there before."""
     before = _marker(time, frame, 0, MarkedBox(Pose.identity(), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)))
-    before.action = _Marker.DELETEALL
-    return _MarkerArray([before, *(_marker(time, frame, number, box) for number, box in enumerate(boxes))])
+    before.action = _msg.Marker.DELETEALL
+    return _msg.MarkerArray([before, *(_marker(time, frame, number, box) for number, box in enumerate(boxes))])
 
 
 def diagnostics(time: int, name: str, level: int, text: str, values: Iterable[tuple[str, object]]) -> RosMessage:
     """How somebody is."""
-    pairs = [_KeyValue(key, str(value)) for key, value in values]
-    return _DiagnosticArray(_header(time, ""), [_DiagnosticStatus(level, name, text, name, pairs)])
+    pairs = [_msg.KeyValue(key, str(value)) for key, value in values]
+    return _msg.DiagnosticArray(_header(time, ""), [_msg.DiagnosticStatus(level, name, text, name, pairs)])
 
 
 def log(time: int, name: str, level: int, text: str) -> RosMessage:
     """A line of somebody's log."""
-    return _Log(stamp=_stamp(time), level=level, name=name, msg=text, file="", function="", line=0)
+    return _msg.Log(stamp=_stamp(time), level=level, name=name, msg=text, file="", function="", line=0)
 
 
 def clock(time: int) -> RosMessage:
     """What time it is."""
-    return _Clock(_stamp(time))
+    return _msg.Clock(_stamp(time))
 
 
 def time_of(message: RosMessage) -> int:
@@ -210,43 +188,43 @@ def vector(part: RosMessage) -> Array:
 
 
 def _stamp(time: int) -> RosMessage:
-    return _Time(*divmod(time, 10**9))
+    return _msg.Time(*divmod(time, 10**9))
 
 
 def _header(time: int, frame: str) -> RosMessage:
-    return _Header(_stamp(time), frame)
+    return _msg.Header(_stamp(time), frame)
 
 
 def _pose(position: Array, quaternion: Array) -> RosMessage:
-    return _Pose(_Point(*position.tolist()), _quaternion(quaternion))
+    return _msg.Pose(_msg.Point(*position.tolist()), _quaternion(quaternion))
 
 
 def _quaternion(quaternion: Array) -> RosMessage:
     w, x, y, z = np.asarray(quaternion).tolist()
-    return _Quaternion(x, y, z, w)
+    return _msg.Quaternion(x, y, z, w)
 
 
 def _marker(time: int, frame: str, number: int, box: MarkedBox) -> RosMessage:
     """A box; most of what a marker can be is left empty."""
     nothing = np.zeros(0, np.uint8)
-    return _Marker(
+    return _msg.Marker(
         header=_header(time, frame),
         ns="",
         id=number,
-        type=_Marker.CUBE,
-        action=_Marker.ADD,
+        type=_msg.Marker.CUBE,
+        action=_msg.Marker.ADD,
         pose=_pose(box.pose.translation, quaternion_from_rotation(box.pose.rotation)),
-        scale=_Vector3(*box.size),
-        color=_ColorRGBA(*box.colour),
-        lifetime=_Duration(0, 0),
+        scale=_msg.Vector3(*box.size),
+        color=_msg.ColorRGBA(*box.colour),
+        lifetime=_msg.Duration(0, 0),
         frame_locked=True,
         points=[],
         colors=[],
         texture_resource="",
-        texture=_CompressedImage(_header(0, ""), "", nothing),
+        texture=_msg.CompressedImage(_header(0, ""), "", nothing),
         uv_coordinates=[],
         text="",
         mesh_resource="",
-        mesh_file=_MeshFile("", nothing),
+        mesh_file=_msg.MeshFile("", nothing),
         mesh_use_embedded_materials=False,
     )

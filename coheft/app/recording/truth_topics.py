@@ -9,7 +9,7 @@ from coheft.app.recording.ros import RosMessage
 from coheft.estimation.geometry.spatial import quaternion_from_rotation
 from coheft.estimation.measurement import ACCELERATION, TWIST, WRENCH
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import LoadState, Truth
+from coheft.wire.messages.truth import LoadState, Truth
 from coheft.wire.scenario.payload import Payload
 from coheft.wire.scenario.section import pose_of
 

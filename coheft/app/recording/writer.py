@@ -20,7 +20,8 @@ from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
 from coheft.app.versions import versions
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Estimate, Message, Problem, Truth
+from coheft.wire.messages.structs import Estimate, Message, Problem
+from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.schema import Scenario
 
 

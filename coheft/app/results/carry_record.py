@@ -18,7 +18,7 @@ from coheft.estimation.rigid_body.feedforward import internal_wrenches
 from coheft.physics_server.scene import PAYLOAD_HOME
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Truth
+from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.schema import Scenario
 
 SETTLING = 2.0

@@ -15,7 +15,8 @@ from coheft.app.results.states import State
 from coheft.estimation.geometry.spatial import Array, Pose, rotation_log
 from coheft.estimation.rigid_body.mass_properties import Inertia, unpack_symmetric
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, PayloadEstimate, PoseEstimate, SensorErrorEstimate, Truth
+from coheft.wire.messages.structs import Estimate, PayloadEstimate, PoseEstimate, SensorErrorEstimate
+from coheft.wire.messages.truth import Truth
 
 RECOVERED_MASS_PCT = 3.0
 RECOVERED_COM_MM = 20.0

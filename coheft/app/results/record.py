@@ -11,7 +11,8 @@ from coheft.app.results.slips import SlipRecord
 from coheft.app.run.heard import News
 from coheft.app.run.pairing import Pairing
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, Truth
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.truth import Truth
 
 SILENT = 100
 """A robot that is so many blocks behind the truth is silent: no server runs so far ahead of its robots."""

@@ -11,7 +11,8 @@ import numpy as np
 
 from coheft.app.results.judge import Judge, RobotReport
 from coheft.estimation.geometry.spatial import Array
-from coheft.wire.messages.structs import Estimate, Truth
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.truth import Truth
 
 LASTING = 1.0
 """Who has been near the truth for so long did not only pass it: it has recovered, whatever happens then [s]."""

@@ -10,7 +10,8 @@ import numpy as np
 
 from coheft.app.results.judge import Judge
 from coheft.estimation.geometry.spatial import Pose, rotation_log
-from coheft.wire.messages.structs import Estimate, Truth
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.truth import Truth
 
 _ROUNDING = 1e-9
 

@@ -16,7 +16,8 @@ from coheft.app.run.heard import News
 from coheft.app.run.observer import observe
 from coheft.wire.messages.requests import StatusRequest
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, Problem, Truth
+from coheft.wire.messages.structs import Estimate, Problem
+from coheft.wire.messages.truth import Truth
 
 NODES = ("coheft", "coheft_driver")
 """Names of bridges and drivers, which publish on the same topics."""

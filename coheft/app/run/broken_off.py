@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from coheft.app.run.follower import Follower
 from coheft.app.run.heard import News
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Truth
+from coheft.wire.messages.truth import Truth
 
 if TYPE_CHECKING:  # it takes an extra
     from coheft.app.recording.recorder import Recorder

@@ -20,7 +20,8 @@ from coheft.wire.messages.estimate_checks import (
 )
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, Message, Problem, Truth
+from coheft.wire.messages.structs import Estimate, Message, Problem
+from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.schema import MAX_DURATION
 from coheft.wire.transport.planes import SERVER
 

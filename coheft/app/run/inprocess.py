@@ -15,7 +15,8 @@ from coheft.estimation.measurement import MeasurementBlock
 from coheft.physics_server.simulation import BlockResult, Simulation
 from coheft.wire.config import agent_config
 from coheft.wire.messages.size import largest_arrays
-from coheft.wire.messages.structs import Estimate, NeighbourMessage, Reference, Truth
+from coheft.wire.messages.structs import Estimate, NeighbourMessage, Reference
+from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.schema import Scenario
 
 

@@ -15,7 +15,8 @@ from coheft.app.run.heard import News, check_news, check_status
 from coheft.errors import CoheftError, LinkError, MessageError
 from coheft.wire.messages.requests import CutLinks, LinkRequest, Refusal, Request, Status, StatusRequest
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, Message, Problem, Truth
+from coheft.wire.messages.structs import Estimate, Message, Problem
+from coheft.wire.messages.truth import Truth
 from coheft.wire.transport.inbox import Inbox, Received, Refused
 from coheft.wire.transport.planes import SERVER, guard_observer
 from coheft.wire.transport.security import Guard, credentials_in

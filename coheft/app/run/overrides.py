@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import msgspec
 
 from coheft.errors import ScenarioError
-from coheft.wire.scenario.checks import check_changes_come, check_scenario
+from coheft.wire.scenario.change_checks import check_changes_come
+from coheft.wire.scenario.checks import check_scenario
 from coheft.wire.scenario.errors import explain
 from coheft.wire.scenario.schema import LoadChange, Scenario
 

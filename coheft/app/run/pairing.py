@@ -6,7 +6,8 @@ from collections import deque
 
 from coheft.app.results.judge import Judge
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, Truth
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.truth import Truth
 
 REMEMBERED = 1000
 """An estimate may come, and its total wrench be, so many blocks after the truth that it is compared with."""

@@ -25,26 +25,24 @@ class Shown:
     Attributes:
         name: Of its picture.
         quantity: What is shown.
-        title: Above the picture.
         unit: In which it is shown.
         per_unit: How many of these make one of the quantity's own.
     """
 
     name: str
     quantity: Quantity
-    title: str
     unit: str
     per_unit: float
 
 
 _ROTATION, _TRANSLATION, _MASS, _COM, _INERTIA = QUANTITIES
-COM_SHOWN = Shown("centre-of-mass", _COM, "Centre of mass", "mm", 1e3)
+COM_SHOWN = Shown("centre-of-mass", _COM, "mm", 1e3)
 ALL_SHOWN = (
-    Shown("mass", _MASS, "Mass", "g", 1e3),
+    Shown("mass", _MASS, "g", 1e3),
     COM_SHOWN,
-    Shown("inertia", _INERTIA, "Inertia", "kg·m²", 1.0),
-    Shown("pose-rotation", _ROTATION, "Poses of the neighbours: rotation", "°", 180.0 / np.pi),
-    Shown("pose-translation", _TRANSLATION, "Poses of the neighbours: translation", "mm", 1e3),
+    Shown("inertia", _INERTIA, "kg·m²", 1.0),
+    Shown("pose-rotation", _ROTATION, "°", 180.0 / np.pi),
+    Shown("pose-translation", _TRANSLATION, "mm", 1e3),
 )
 
 

@@ -13,6 +13,7 @@ from coheft.app.results.judge import Verdict
 from coheft.app.results.report import Report
 from coheft.app.results.states import State
 from coheft.app.run_report.data import TABLES
+from coheft.app.run_report.panels import MOST_ROBOTS
 from coheft.app.run_report.pictures import Picture
 from coheft.app.run_report.scene import scene_json
 from coheft.app.run_report.series import Series
@@ -49,15 +50,6 @@ class Drawn:
         return f"data:image/png;base64,{light}", f"data:image/png;base64,{dark}"
 
 
-@dataclass(frozen=True)
-class Fact:
-    """A number worth a card: what, how much, and what to compare it with."""
-
-    title: str
-    value: str
-    note: str
-
-
 def render_page(
     scenario: Scenario, clock: str | None, series: Series, report: Report, drawn: Sequence[Drawn], data: Sequence[Path]
 ) -> str:
@@ -81,7 +73,7 @@ def render_page(
         is_good=report.converged,
         missing=robots[Verdict.NOT_CONVERGED],
         contradicted=robots[Verdict.CONTRADICTED],
-        facts=facts(report, has_pace=clock is not None),
+        poses=[pose for robot in report.robots.values() for pose in robot.poses.values()],
         sentences=sentences(report),
         headings=HEADINGS,
         rows={name: robot_rows(robot) for name, robot in report.robots.items()},
@@ -91,43 +83,17 @@ def render_page(
         boxes=series.scene.boxes,
         unseen=list(unseen_rows(series))[:_MOST_ROWS],
         unseen_left=max(0, len(list(unseen_rows(series))) - _MOST_ROWS),
-        timing=timing_rows(clock, series, report),
+        clock=clock,
+        pace=list(series.pace),
         problems=series.problems,
-        problems_left=series.problem_count - len(series.problems),
-        run=run_rows(scenario, clock, report),
+        problem_count=series.problem_count,
+        is_endless=scenario.duration >= MAX_DURATION,
+        most_robots=MOST_ROBOTS,
         versions=versions(),
         scenario_text=msgspec.json.format(msgspec.json.encode(_without_surface(scenario))).decode(),
         data=[(path.name, TABLES[path.stem]) for path in data],
         thinned=max(robot.points.every for robot in series.robots.values()),
     )
-
-
-def facts(report: Report, *, has_pace: bool = True) -> list[Fact]:
-    """The run in a few numbers: of each quantity the error of the robot that is furthest off."""
-    robots = report.robots.values()
-    poses = [pose for robot in robots for pose in robot.poses.values()]
-    found = [
-        Fact("mass", _largest((r.mass.error_pct for r in robots), "%"), "largest error of any robot"),
-        Fact("centre of mass", _largest((r.com.error_mm for r in robots), "mm"), "largest error of any robot"),
-        Fact("inertia", _largest((r.inertia.error_pct for r in robots), "%"), "largest error of any robot"),
-        Fact("neighbours, rotation", _largest((p.rotation_error_deg for p in poses), "°"), "largest error"),
-        Fact("neighbours, translation", _largest((p.translation_error_mm for p in poses), "mm"), "largest error"),
-    ]
-    for change in report.load_changes[:1]:
-        noticed = change.detected_at_s
-        found.append(
-            Fact(
-                f"load change at {change.at_s:g} s",
-                "not noticed by all" if noticed is None else f"{noticed - change.at_s:.2f} s",
-                "until the last robot had noticed",
-            )
-        )
-    return [*found, *([Fact("pace", f"{report.real_time_factor:.1f} ×", "real time")] if has_pace else [])]
-
-
-def _largest(values: Iterable[float | None], unit: str) -> str:
-    known = [value for value in values if value is not None]
-    return f"{max(known):.2g}{' ' * (unit != '°')}{unit}" if known else "not known"
 
 
 def unseen_rows(series: Series) -> Iterable[tuple[str, str, str, str, str]]:
@@ -151,55 +117,7 @@ def _kind(text: str) -> tuple[str, str]:
     return (what.partition(",")[0], why) if what else (text, "")
 
 
-def timing_rows(clock: str | None, series: Series, report: Report) -> list[tuple[str, str]]:
-    """How fast it went."""
-    refused = ("refused messages and other problems", f"{series.problem_count}")
-    if clock is None:
-        return [("simulated", f"{report.duration_s:g} s"), ("on the wall", "a recording does not tell"), refused]
-    pace = list(series.pace)
-    late = f"{report.late_blocks}" if clock == "realtime" else "none: the clock waits for all robots"
-    return [
-        ("simulated", f"{report.duration_s:g} s"),
-        ("on the wall", f"{pace[-1][1] - pace[0][1]:.1f} s, pauses included"),
-        ("real-time factor", f"{report.real_time_factor:.2f}"),
-        ("processes", f"{report.processes}"),
-        ("messages between processes", f"{report.messages_per_s:,.0f} per second"),
-        ("late blocks", late),
-        refused,
-    ]
-
-
-def run_rows(scenario: Scenario, clock: str | None, report: Report) -> list[tuple[str, str]]:
-    """What was run."""
-    sensors = scenario.sensors
-    clocks = {
-        "lockstep": "lockstep: as fast as the slowest robot",
-        "paced": "real time, or slower where robots cannot keep pace",
-        "realtime": "real time",
-    }
-    return [
-        ("scenario", scenario.name),
-        ("seed", f"{report.seed}"),
-        ("estimator", ", then ".join(_estimators(scenario, report))),
-        ("robots", f"{len(report.robots)}, linked in a {scenario.graph.kind}"),
-        ("duration", f"{report.duration_s:g} s" + _planned(scenario.duration)),
-        ("sensors", f"{sensors.rate} samples per second, in blocks of {sensors.block}"),
-        *([] if clock is None else [("clock", clocks[clock])]),
-    ]
-
-
 def _without_surface(scenario: Scenario) -> Scenario:
     """What a payload from a file looks like is no setting."""
     payload = msgspec.structs.replace(scenario.payload, surface="")
     return msgspec.structs.replace(scenario, payload=payload)
-
-
-def _planned(duration: float) -> str:
-    return ", until it was stopped" if duration >= MAX_DURATION else f" of {duration:g} s"
-
-
-def _estimators(scenario: Scenario, report: Report) -> Iterable[str]:
-    if not report.estimator_changes:
-        return [report.estimator]
-    changes = [f"{change.estimator} from {change.since_s:g} s on" for change in report.estimator_changes]
-    return [scenario.estimator, *changes]

@@ -16,7 +16,8 @@ from coheft.app.run_report.thinned import Thinned
 from coheft.estimation.geometry.spatial import Array
 from coheft.wire.messages.requests import Status
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, LoadState, Problem, Truth
+from coheft.wire.messages.structs import Estimate, Problem
+from coheft.wire.messages.truth import LoadState, Truth
 
 _POINTS = 20_000
 """Of all robots together."""

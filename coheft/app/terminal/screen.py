@@ -20,7 +20,8 @@ from coheft.app.results.states import ESTIMATORS, State
 from coheft.app.terminal.digits import seconds_of, value_and_std
 from coheft.app.terminal.wide_table import needed_width
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Estimate, Problem, Truth
+from coheft.wire.messages.structs import Estimate, Problem
+from coheft.wire.messages.truth import Truth
 from coheft.wire.scenario.schema import MAX_DURATION
 
 _LINE_EVERY = 5.0

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 
-from coheft.estimation.geometry.spatial import Array, Pose, rotation_exp
+from coheft.estimation.geometry.spatial import Array, Pose
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.scene import BoxShape, Scene
-from coheft.wire.scenario.payload_surface import box
 from coheft.wire.scenario.section import pose_of
 
 SIGMAS = 3.0
@@ -65,16 +65,10 @@ def box_edges(pose: Pose, size: Array) -> Array:
 
 def rotation_to(direction: Array) -> Array:
     """A rotation (3, 3) that turns the z axis into a direction, shape (3,)."""
-    length = np.linalg.norm(direction)
-    if length == 0.0:
+    if not direction.any():
         return np.eye(3)
-    z = np.array([0.0, 0.0, 1.0])
-    unit = direction / length
-    axis = np.cross(z, unit)
-    sine = np.linalg.norm(axis)
-    if sine < 1e-9:
-        return np.eye(3) if unit[2] > 0.0 else np.diag([1.0, -1.0, -1.0])
-    return rotation_exp(axis / sine * np.arctan2(sine, unit[2]))
+    turn: Array = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], direction)[:3, :3]  # type: ignore[no-untyped-call]
+    return turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +155,8 @@ def surface_of(scene: Scene) -> Array:
 def triangles_of(boxes: Sequence[BoxShape]) -> Array:
     """Surfaces of boxes, shape (n, 3, 3) [m]."""
     poses = [pose_of(each.position, each.rotation_deg) for each in boxes]
-    return np.concatenate([pose.apply(box(0.5 * np.array(each.size))) for pose, each in zip(poses, boxes, strict=True)])
+    shapes = [trimesh.creation.box(each.size).triangles for each in boxes]
+    return np.concatenate([pose.apply(shape) for pose, shape in zip(poses, shapes, strict=True)])
 
 
 def place_under_ray(triangles: Array, origin: Array, direction: Array) -> Array | None:

@@ -8,7 +8,7 @@ import viser
 
 from coheft.app.view import words
 from coheft.errors import CoheftError
-from coheft.wire.messages.structs import LoadState
+from coheft.wire.messages.truth import LoadState
 
 _NO_LOAD = "nothing on it"
 _CHOOSE = "choose one"

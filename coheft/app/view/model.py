@@ -13,7 +13,8 @@ from coheft.app.run.pairing import Pairing
 from coheft.app.view.traces import Trace
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Estimate, LoadState, Problem, Truth
+from coheft.wire.messages.structs import Estimate, Problem
+from coheft.wire.messages.truth import LoadState, Truth
 
 LinkHealth = Literal["up", "silent", "unknown"]
 _PROBLEMS = 100

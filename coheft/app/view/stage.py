@@ -11,6 +11,8 @@ import trimesh
 import viser
 
 from coheft.app.view import colours, words
+from coheft.app.view.arms import Arms
+from coheft.app.view.changes import Changes
 from coheft.app.view.geometry import (
     FOV,
     box_edges,
@@ -19,7 +21,6 @@ from coheft.app.view.geometry import (
     extent,
     payload_boxes,
     place_under_ray,
-    rotation_to,
     stands,
     surface_of,
     whole_team,
@@ -29,7 +30,8 @@ from coheft.estimation.geometry.spatial import Array, Pose, quaternion_from_rota
 from coheft.estimation.measurement import WRENCH
 from coheft.estimation.rigid_body.mass_properties import Inertia
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import Estimate, LoadState, Truth
+from coheft.wire.messages.structs import Estimate, PayloadEstimate
+from coheft.wire.messages.truth import LoadState, Truth
 from coheft.wire.scenario.section import Vector, pose_of
 
 _NO_LINES = np.zeros((1, 2, 3))
@@ -58,14 +60,13 @@ class Stage:
         self._translations = model.scene.translations
         self._rotations = model.scene.rotations
         self._index = {name: index for index, name in enumerate(model.scene.robots)}
-        self._stands = stands(model.scene)
         self.surface = surface_of(model.scene)
         self._loads: dict[int, tuple[LoadState, list[Any]]] = {}
         self._newton: float | None = None
-        self._drawn: dict[str, object] = {}
+        self._changes = Changes()
         self.doubt_scale = 10.0
         self._set_up(server)
-        self._add_robots(model)
+        self._arms = Arms(server.scene, model.scene)
         self._add_payload(model.scene)
         self._add_beliefs()
         self._add_network(model)
@@ -98,41 +99,6 @@ class Stage:
             section_color=(71, 85, 105),
             fade_distance=14.0 * size,
         )
-
-    def _add_robots(self, model: ViewModel) -> None:
-        size, count = self._size, len(self._stands)
-        base = trimesh.creation.cylinder(radius=0.15 * size, height=0.04 * size, sections=32)
-        joint = trimesh.creation.icosphere(subdivisions=2, radius=0.065 * size)
-        link = trimesh.creation.cylinder(radius=0.038 * size, height=1.0, sections=20)
-        upright = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
-        shoulders = np.array([stand.shoulder for stand in self._stands])
-        feet = shoulders * [1.0, 1.0, 0.0]
-        lengths = np.array([[1.0, 1.0, stand.link] for stand in self._stands])
-
-        def add(name: str, mesh: Any, positions: Array, colour: colours.Colour, scales: Array | None = None) -> Any:
-            return self._scene.add_batched_meshes_simple(
-                name,
-                mesh.vertices,
-                mesh.faces,
-                upright,
-                positions,
-                batched_scales=scales,
-                batched_colors=np.tile(np.array(colour, dtype=np.uint8), (count, 1)),
-                lod="off",
-            )
-
-        column = trimesh.creation.cylinder(radius=0.05 * size, height=1.0, sections=24)
-        heights = np.column_stack([np.ones((count, 2)), shoulders[:, 2]])
-        add("/robots/bases", base, feet + [0.0, 0.0, 0.02 * size], colours.STAND)
-        add("/robots/columns", column, (shoulders + feet) / 2.0, colours.STAND, heights)
-        add("/robots/shoulders", joint, shoulders, colours.JOINT)
-        self._elbows = add("/robots/elbows", joint, shoulders, colours.JOINT)
-        self._upper = add("/robots/upper_arms", link, shoulders, colours.ARM, lengths)
-        self._fore = add("/robots/forearms", link, shoulders, colours.ARM, lengths)
-        self._hands = add("/robots/hands", joint, shoulders, colours.WAITING, np.full((count, 3), 0.75))
-        for name, shoulder in zip(model.scene.robots, shoulders, strict=True):
-            place = shoulder - [0.0, 0.0, 0.12 * size]
-            self._scene.add_label(f"/robots/labels/{name}", name, position=place, anchor="center-center")
 
     def _add_body(self, scene: Scene) -> list[Any]:
         """The payload itself, as it looks: what can be clicked."""
@@ -206,7 +172,7 @@ class Stage:
         self._doubt.visible = self._cross.visible = self._belief_box.visible = False
 
     def _add_network(self, model: ViewModel) -> None:
-        shoulders = {name: stand.shoulder for name, stand in zip(model.scene.robots, self._stands, strict=True)}
+        shoulders = {name: stand.shoulder for name, stand in zip(model.scene.robots, stands(model.scene), strict=True)}
         self._links = {}
         for edge in model.edges:
             start, end = (shoulders[name] for name in edge)
@@ -228,30 +194,17 @@ class Stage:
             self._draw_truth(truth)
         self._draw_loads(model.loads)
         self._draw_belief(model.believed_payload(chosen), model.beliefs.get(chosen))
-        self._draw_robots(model, chosen)
+        self._arms.paint(model, chosen)
         for edge, lines in self._links.items():
             health = model.link(edge)
-            self._once(f"link {edge}", health, partial(_paint, lines, colours.LINK[health]))
-
-    def _once(self, what: str, value: object, act: Callable[[], None]) -> None:
-        """Do it if its value is another one than last time."""
-        if self._drawn.get(what, self) != value:
-            self._drawn[what] = value
-            act()
+            self._changes.once(f"link {edge}", health, partial(_paint, lines, colours.LINK[health]))
 
     def _move(self, payload: Pose) -> None:
         """Put the payload, and all arms that hold it, where they are now."""
         self._payload = payload
         self._frame.position = payload.translation
         self._frame.wxyz = quaternion_from_rotation(payload.rotation)
-        hands = payload.apply(self._translations)
-        elbows = np.array([stand.elbow(hand) for stand, hand in zip(self._stands, hands, strict=True)])
-        shoulders = np.array([stand.shoulder for stand in self._stands])
-        self._elbows.batched_positions = elbows
-        self._hands.batched_positions = hands
-        for links, starts, ends in ((self._upper, shoulders, elbows), (self._fore, elbows, hands)):
-            links.batched_positions = (starts + ends) / 2.0
-            links.batched_wxyzs = np.array([quaternion_from_rotation(rotation_to(way)) for way in ends - starts])
+        self._arms.reach(payload.apply(self._translations))
 
     def _draw_wrenches(self, truth: Truth) -> None:
         if self._newton is None:
@@ -277,7 +230,7 @@ class Stage:
             elif self._loads[number][0].mass != load.mass:
                 handles = self._loads[number][1]
                 self._loads[number] = load, handles
-                self._once(f"load {number}", words.load(load), partial(_tell, handles[1], load))
+                self._changes.once(f"load {number}", words.load(load), partial(_tell, handles[1], load))
 
     def _add_load(self, load: LoadState) -> list[Any]:
         box = self._scene.add_box(
@@ -297,7 +250,7 @@ class Stage:
             self._true_com.position = payload.com
             self._true_box.points = box_edges(*equivalent_box(Inertia(payload.mass, payload.com, payload.tensor)))
 
-        self._once("truth", known, draw)
+        self._changes.once("truth", known, draw)
 
     def _draw_belief(self, believed: Inertia | None, estimate: Estimate | None) -> None:
         for handle in (self._doubt, self._cross, self._belief_box):
@@ -306,32 +259,16 @@ class Stage:
         if believed is None or estimate is None or estimate.payload is None:
             return
         key = estimate.robot, estimate.block, self.doubt_scale
-        if self._drawn.get("belief") == key:
-            return
-        self._drawn["belief"] = key
-        rotation = self._rotations[self._index[estimate.robot]]
-        covariance = rotation @ estimate.payload.covariance[1:4, 1:4] @ rotation.T
-        pose, half = ellipsoid(believed.com, covariance)
+        self._changes.once("belief", key, partial(self._show_belief, believed, estimate.robot, estimate.payload))
+
+    def _show_belief(self, believed: Inertia, robot: str, payload: PayloadEstimate) -> None:
+        rotation = self._rotations[self._index[robot]]
+        pose, half = ellipsoid(believed.com, rotation @ payload.covariance[1:4, 1:4] @ rotation.T)
         self._doubt.position, self._doubt.wxyz = pose.translation, quaternion_from_rotation(pose.rotation)
         self._doubt.scale = tuple(np.clip(self.doubt_scale * half, 1e-4, 4.0 * self._size).tolist())
         arm = 0.08 * self._size * np.eye(3)
         self._cross.points = np.stack([believed.com - arm, believed.com + arm], axis=1)
         self._belief_box.points = box_edges(*equivalent_box(believed))
-
-    def _draw_robots(self, model: ViewModel, chosen: str) -> None:
-        names = model.scene.robots
-        beliefs = model.beliefs
-        statuses = tuple(beliefs[name].status if name in beliefs else "starting" for name in names)
-
-        def paint_hands() -> None:
-            self._hands.batched_colors = np.array([colours.STATUS[status] for status in statuses], dtype=np.uint8)
-
-        def paint_arms() -> None:
-            arms = [colours.ACCENT if name == chosen else colours.ARM for name in names]
-            self._upper.batched_colors = self._fore.batched_colors = np.array(arms, dtype=np.uint8)
-
-        self._once("hands", statuses, paint_hands)
-        self._once("chosen", chosen, paint_arms)
 
     def on_payload_click(self, act: Callable[[Array], None]) -> None:
         """Let ``act`` know of clicks onto the payload: where, (3,) in its frame [m]."""

@@ -11,7 +11,8 @@ from coheft.app.terminal.digits import decimals_for, seconds_of, std_text, value
 from coheft.app.view.colours import ACCENT, BAD, FORCE, GOOD, STATUS, TORQUE, TRUTH, WAITING, Colour, css
 from coheft.app.view.model import ViewModel
 from coheft.wire.messages.requests import Status
-from coheft.wire.messages.structs import Estimate, LoadState
+from coheft.wire.messages.structs import Estimate
+from coheft.wire.messages.truth import LoadState
 from coheft.wire.scenario.schema import MAX_DURATION
 
 _STYLE = "font-size:13px;line-height:1.45;padding:2px 10px 4px 10px;font-variant-numeric:tabular-nums"

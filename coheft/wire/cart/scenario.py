@@ -60,31 +60,51 @@ class CartLoad(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 TrajectoryName = Literal["straight", "curves", "there and back"]
 
 
-class CartScenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class CartTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What the pushers of a cart are told of a run: not how many they are, not the cart as it is.
+
+    Attributes:
+        guess: What they take the cart to be at first.
+        trajectory: Where it shall go.
+        noise: Standard deviation of measured positions and velocities, each component [m, rad, m/s, rad/s].
+        force_noise: Standard deviation of measured forces [N]; that of torques is ``arm`` times as much.
+        slides: Whether hands slide along the handle to where they push best.
+        learns: Whether the pushers correct their guess.
+        rate: Samples, messages and pushes per second; must divide ``PHYSICS_RATE``.
+        lag: Samples from a measurement to the push that answers it.
+        arm: What torque costs a hand [m], see ``coheft.estimation.cart.contact``.
+        strength: Largest effort of all hands together [N].
+        prior: How wrong the guess may be.
+        tracking: How hard errors are fought.
+    """
+
+    guess: CartGuess
+    trajectory: TrajectoryName
+    noise: float = 0.005
+    force_noise: float = 0.0
+    slides: bool = False
+    learns: bool = True
+    rate: int = 100
+    lag: int = 2
+    arm: float = 0.1
+    strength: float = 150.0
+    prior: CartPrior = CartPrior()
+    tracking: Tracking = Tracking()
+
+
+class CartScenario(CartTask, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One run with a cart.
 
     Attributes:
         name: For people.
         cart: As it is.
-        guess: As the pushers take it to be at first.
-        trajectory: Where it shall go.
-        noise: Standard deviation of measured positions and velocities, each component [m, rad, m/s, rad/s].
-        noise_factor: It is so many times what the pushers are told, who are told ``noise``.
-        force_noise: Standard deviation of measured forces [N]; that of torques is ``arm`` times as much.
-        slides: Whether hands slide along the handle to where they push best.
-        learns: Whether the pushers correct their guess.
+        noise_factor: The noise is so many times what the pushers are told.
         loads: What is put on and taken off.
         casters: Whether casters turn round, and drag meanwhile, when the cart goes the other way.
         seed: Of all noise.
         pushers: How many.
         duration: [s].
-        rate: Samples, messages and pushes per second; must divide ``PHYSICS_RATE``.
-        lag: Samples from a measurement to the push that answers it.
-        arm: What torque costs a hand [m], see ``coheft.estimation.cart.contact``.
-        strength: Largest effort of all hands together [N].
         handle: ``x`` of the handle in ``{b}`` and half its length [m].
-        prior: How wrong the guess may be.
-        tracking: How hard errors are fought.
 
     Raises:
         ScenarioError: The physics cannot sample at this rate.
@@ -92,25 +112,13 @@ class CartScenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     name: str
     cart: CartGuess
-    guess: CartGuess
-    trajectory: TrajectoryName
-    noise: float = 0.005
     noise_factor: float = 1.0
-    force_noise: float = 0.0
-    slides: bool = False
-    learns: bool = True
     loads: tuple[CartLoad, ...] = ()
     casters: bool = False
     seed: int = 1
     pushers: int = 1
     duration: float = 30.0
-    rate: int = 100
-    lag: int = 2
-    arm: float = 0.1
-    strength: float = 150.0
     handle: tuple[float, float] = (-0.25, 0.3)
-    prior: CartPrior = CartPrior()
-    tracking: Tracking = Tracking()
 
     def __post_init__(self) -> None:
         allowed = [rate for rate in range(1, PHYSICS_RATE + 1) if PHYSICS_RATE % rate == 0]

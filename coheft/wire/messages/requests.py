@@ -8,7 +8,8 @@ from msgspec.structs import force_setattr
 
 from coheft.wire.former_names import keep_present, present
 from coheft.wire.messages.scene import Scene
-from coheft.wire.messages.structs import LoadState, Message
+from coheft.wire.messages.structs import Message
+from coheft.wire.messages.truth import LoadState
 
 # --- to the server -----------------------------------------------------------------------------------------------
 

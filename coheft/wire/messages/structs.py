@@ -1,4 +1,4 @@
-"""Every message that crosses a process boundary, as msgspec structs; ``codec`` turns them into bytes."""
+"""Messages that processes of a run send, as msgspec structs; ``codec`` turns them into bytes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import msgspec
 import numpy as np
 
 from coheft.wire.former_names import keep_present
-from coheft.wire.messages.scene import SlippedGrasp
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -331,63 +330,3 @@ class Problem(Message, frozen=True):
     source: str
     text: str
     is_end: bool = False
-
-
-class PayloadTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """True mass properties in the payload's frame."""
-
-    mass: float
-    com: np.ndarray[Any, Any]
-    tensor: np.ndarray[Any, Any]
-
-
-class LoadState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A load on the payload.
-
-    Attributes:
-        id: Its number.
-        mass: What there is of it [kg]; 0 when all has leaked away.
-        position: Of its centre in the payload's frame [m].
-        size: Its edge lengths [m].
-        leak: What it loses [kg/s].
-    """
-
-    id: int
-    mass: float
-    position: tuple[float, float, float]
-    size: tuple[float, float, float]
-    leak: float = 0.0
-
-
-class Truth(Message, frozen=True):
-    """Server to observers, once per block; no agent can read it.
-
-    Attributes:
-        block: The block, all of whose samples were taken with this payload.
-        time: End of the block [s].
-        payload: True mass properties.
-        loads: Loads that lie on the payload.
-        position: Of the payload's frame in the world at the block's last sample, (3,) [m].
-        quaternion: Its orientation, scalar first, (4,).
-        total_wrench: Sum of the **measured** wrenches of the last sample, of all robots that hold it, carried with the
-            true poses to the payload's frame, (6,).
-        samples: What every robot measured last in the block, by robot in the order of the scene, (N, 15), each in its
-            own frame, columns as in ``MeasurementBlock``.
-        loads_since: Since when these loads, and no others, have lain there [s]: an observer may have missed blocks.
-            None in recordings of protocol version 5, which do not say.
-        slipped: Grasps that have slipped so far, by robot; all others are as in the scene.
-    """
-
-    code: ClassVar[int] = 22
-    in_header: ClassVar[tuple[str | None, str | None]] = ("block", None)
-
-    block: int
-    time: float
-    payload: PayloadTruth
-    loads: list[LoadState]
-    position: np.ndarray[Any, Any]
-    quaternion: np.ndarray[Any, Any]
-    total_wrench: np.ndarray[Any, Any]
-    samples: np.ndarray[Any, Any]
-    loads_since: float | None = None
-    slipped: dict[str, SlippedGrasp] = {}

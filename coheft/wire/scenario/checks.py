@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import msgspec
 import numpy as np
 
-from coheft.errors import ScenarioError, one_line
+from coheft.errors import ScenarioError
 from coheft.estimation.measurement import SensorNoise
-from coheft.wire.former_names import present
 from coheft.wire.messages.size import LARGEST, largest_message
 from coheft.wire.scenario.arm_checks import check_arms
-from coheft.wire.scenario.errors import did_you_mean
+from coheft.wire.scenario.change_checks import check_loads, check_slips
 from coheft.wire.scenario.grasps import place_grasps
 from coheft.wire.scenario.motion_checks import check_motion
 from coheft.wire.scenario.payload_extent import check_load_places
 from coheft.wire.scenario.payload_surface import from_text
-from coheft.wire.scenario.plugins import SECTIONS, Kind, available, is_available
+from coheft.wire.scenario.plugin_checks import check_plugins, leaves
 from coheft.wire.scenario.schema import Scenario
-from coheft.wire.scenario.toml_value import as_toml
 
-_KEYS: dict[Kind, str] = {"estimator": "estimator", "motion": "motion.own"}
-"""Where a scenario names which it uses."""
 _MOST_ROBOTS = 128
 """Of a team in which each robot estimates all poses: a fit takes half a second there."""
 _LEAST_NOISE = 1e-3
@@ -89,29 +84,6 @@ def check_scenario(scenario: Scenario, origin: str) -> None:
     check_arms(scenario, origin)
     check_message_size(scenario, origin)
     check_team_size(scenario, origin)
-
-
-def check_slips(scenario: Scenario, origin: str) -> None:
-    """Check that grasps that are to slip are there, and can.
-
-    Raises:
-        ScenarioError: One is not, or cannot.
-    """
-    names = scenario.robot_names
-    for number, slip in enumerate(scenario.slips):
-        key = f"{origin}: key 'slips[{number}]"
-        if slip.robot not in names:
-            raise ScenarioError(
-                f"{key}.robot': found {slip.robot!r}, expected one of the robots {', '.join(names)}."
-                f"{did_you_mean(slip.robot, list(names))}"
-            )
-        if not any((*slip.translation, *slip.rotation_deg)):
-            raise ScenarioError(f"{key}': found neither 'translation' nor 'rotation_deg', expected at least one")
-        if scenario.robots.arms == "seven-joint":
-            raise ScenarioError(
-                f"{key}': found with 'robots.arms' = 'seven-joint', expected 'springs': hands of arms with joints are "
-                f"welded to the payload"
-            )
 
 
 def check_noise(scenario: Scenario, origin: str) -> None:
@@ -183,7 +155,7 @@ def check_choices(scenario: Scenario, origin: str) -> None:
     Raises:
         ScenarioError: They are not, or it is not.
     """
-    for place, value in _leaves(msgspec.to_builtins(scenario)):
+    for place, value in leaves(msgspec.to_builtins(scenario)):
         if isinstance(value, float) and not math.isfinite(value):
             raise ScenarioError(f"{origin}: key '{place}': expected a finite number; found {value!r}")
     payload, robots = scenario.payload, scenario.robots
@@ -208,60 +180,6 @@ def check_choices(scenario: Scenario, origin: str) -> None:
             f"{origin}: key 'robots.sites': found {', '.join(robots.sites)}, but only a model has sites: expected "
             f"'payload.mjcf', or 'robots.grasps' instead"
         )
-
-
-def check_plugins(scenario: Scenario, origin: str) -> None:
-    """Check that estimator and motion are there, and that settings are of something that is.
-
-    Raises:
-        ScenarioError: One is not.
-    """
-    chosen = {"estimator": scenario.estimator, "motion": scenario.motion.own}
-    for kind, key in _KEYS.items():
-        name = chosen[kind]
-        if name is not None and not is_available(kind, name):
-            there = available(kind)
-            raise ScenarioError(
-                f"{origin}: key '{key}': found {name!r}, expected one of: {', '.join(there) or 'none'}."
-                f"{did_you_mean(name, there)} Your own must be installed first, see docs/own.md"
-            )
-    for name, table in scenario.settings.items():
-        if present(name) in SECTIONS and name != scenario.motion.own:
-            raise ScenarioError(
-                f"{origin}: key 'settings.{name}': these tables are for estimators and motions of your own; settings "
-                f"of '{name}' go under [{SECTIONS[present(name)]}]"
-            )
-        if not (is_available("estimator", name) or is_available("motion", name)):
-            there = [*available("estimator"), *available("motion")]
-            raise ScenarioError(
-                f"{origin}: key 'settings.{one_line(name)}': there is no such estimator or motion."
-                f"{did_you_mean(name, there)} There are: {', '.join(there)}"
-            )
-        for place, value in _leaves(table, f"settings.{name}"):
-            if not isinstance(value, bool | float | str) and not (isinstance(value, int) and abs(value) < 2**63):
-                raise ScenarioError(
-                    f"{origin}: key '{place}': expected a number of 64 bits, text, true or false; found "
-                    f"{as_toml(value)}"
-                )
-
-
-def check_settings_used(scenario: Scenario, origin: str) -> None:
-    """Check that no settings are of what the scenario does not use.
-
-    A run with another estimator than its scenario says may well leave some out.
-
-    Raises:
-        ScenarioError: Some are.
-    """
-    motion = scenario.motion.own
-    for name in scenario.settings:
-        if name not in (scenario.estimator, motion):
-            keys = [f'{key} = "{name}"' for kind, key in _KEYS.items() if is_available(kind, name)]
-            own_motion = "no motion of your own" if motion is None else f"the motion '{motion}'"
-            raise ScenarioError(
-                f"{origin}: key 'settings.{name}': found settings of what this scenario does not use: its estimator is "
-                f"'{scenario.estimator}', and it names {own_motion}. Leave them out, or add {' or '.join(keys)}"
-            )
 
 
 def _check_one_of(section: msgspec.Struct, keys: tuple[str, ...], place: str, origin: str) -> None:
@@ -303,61 +221,3 @@ def check_team_size(scenario: Scenario, origin: str) -> None:
             f"{_MOST_ROBOTS}: there each robot finds the poses of all; memory grows as N², fits as N³ "
             f"(docs/wide.md). With 'fan2017' it finds those of its neighbours only"
         )
-
-
-def check_loads(scenario: Scenario, origin: str) -> None:
-    """Check that the load changes can be made one after the other.
-
-    Raises:
-        ScenarioError: One needs a slot or a load that there will not be.
-    """
-    loads: list[int] = []
-    total = 0
-    slots = scenario.payload.load_slots
-    for number, change in sorted(enumerate(scenario.load_changes), key=lambda numbered: numbered[1].at):
-        if change.remove is None:
-            total += 1
-            loads.append(total)
-        elif change.remove in loads:
-            loads.remove(change.remove)
-        else:
-            raise ScenarioError(
-                f"{origin}: key 'load_changes[{number}].remove': found {change.remove} at {change.at} s, expected one "
-                f"of the loads that will be there then: {loads or 'none'}"
-            )
-        if len(loads) > slots:
-            raise ScenarioError(
-                f"{origin}: key 'load_changes[{number}]': found {len(loads)} loads at a time from {change.at} s on, "
-                f"but 'payload.load_slots' is {slots}"
-            )
-
-
-def check_changes_come(scenario: Scenario, origin: str) -> None:
-    """Check that no change of the load or of a grasp is to come after the end of the run.
-
-    A run that is made shorter than its scenario says may well leave some out.
-
-    Raises:
-        ScenarioError: One would never come.
-    """
-    last = (scenario.blocks - 1) * scenario.block_duration
-    changes = [("load_changes", number, change.at) for number, change in enumerate(scenario.load_changes)]
-    changes += [("slips", number, slip.at) for number, slip in enumerate(scenario.slips)]
-    for key, number, at in changes:
-        if at > last:
-            raise ScenarioError(
-                f"{origin}: key '{key}[{number}].at': found {at} s, expected at most {last:g} s, when "
-                f"the last block of the run begins, 'duration' = {scenario.duration} s"
-            )
-
-
-def _leaves(value: object, place: str = "") -> Iterator[tuple[str, object]]:
-    """All values in nested builtins, with their keys."""
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _leaves(inner, f"{place}.{key}".lstrip("."))
-    elif isinstance(value, list | tuple):
-        for index, inner in enumerate(value):
-            yield from _leaves(inner, f"{place}[{index}]")
-    else:
-        yield place, value

@@ -16,10 +16,12 @@ import msgspec
 
 from coheft.errors import ScenarioError
 from coheft.wire.former_names import rename_sections
-from coheft.wire.scenario.checks import check_changes_come, check_choices, check_scenario, check_settings_used
+from coheft.wire.scenario.change_checks import check_changes_come
+from coheft.wire.scenario.checks import check_choices, check_scenario
 from coheft.wire.scenario.errors import did_you_mean, explain
 from coheft.wire.scenario.payload_extent import check_places
 from coheft.wire.scenario.payload_file import read_files
+from coheft.wire.scenario.plugin_checks import check_settings_used
 from coheft.wire.scenario.schema import Scenario
 from coheft.wire.scenario.set_values import set_values
 

@@ -18,7 +18,6 @@ from coheft.wire.process.log import LOG
 from coheft.wire.scenario.payload import MassProperties, vector_of
 from coheft.wire.scenario.payload_extent import Extent, corners
 from coheft.wire.scenario.payload_model import PayloadModel
-from coheft.wire.scenario.payload_surface import box, capsule, cylinder
 from coheft.wire.scenario.schema import Grasp
 
 if TYPE_CHECKING:
@@ -218,29 +217,27 @@ class HeldBody:
 def _triangles(model: mujoco.MjModel, geom: int) -> Array:
     """Of one shape, in its own frame, shape (n, 3, 3) [m]."""
     import mujoco
+    import trimesh
 
-    size: Array = np.array(model.geom_size[geom])
+    make, size = trimesh.creation, np.array(model.geom_size[geom])
     match mujoco.mjtGeom(model.geom_type[geom]):
         case mujoco.mjtGeom.mjGEOM_MESH:
             mesh = model.geom_dataid[geom]
             faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
-            vertices: Array = np.array(model.mesh_vert[model.mesh_vertadr[mesh] :], dtype=np.float64)
-            corners_of: Array = vertices[faces]
-            return corners_of
-        case mujoco.mjtGeom.mjGEOM_BOX:
-            return box(size)
+            shape = trimesh.Trimesh(model.mesh_vert[model.mesh_vertadr[mesh] :], faces, process=False)
         case mujoco.mjtGeom.mjGEOM_SPHERE:
-            return capsule(size[0], 0.0)
-        case mujoco.mjtGeom.mjGEOM_CAPSULE:
-            return capsule(size[0], size[1])
-        case mujoco.mjtGeom.mjGEOM_CYLINDER:
-            return cylinder(size[0], size[1])
+            shape = make.icosphere(2, size[0])
         case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-            return capsule(1.0, 0.0) * size
-        case _:
+            shape = make.icosphere(2).apply_scale(size)
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            shape = make.capsule(2.0 * size[1], size[0], count=(8, 16))
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            shape = make.cylinder(size[0], 2.0 * size[1], sections=16)
+        case _:  # a box, or else the one around it
             middle, halves = np.array(model.geom_aabb[geom]).reshape(2, 3)
-            around: Array = box(halves) + middle
-            return around
+            shape = make.box(2.0 * halves).apply_translation(middle)
+    triangles: Array = np.array(shape.triangles, dtype=np.float64)
+    return triangles
 
 
 def _alike(one: Inertia, other: Inertia) -> bool:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
-from itertools import pairwise
 
 import numpy as np
 
@@ -14,8 +12,6 @@ MOST = 1500
 """Triangles that are kept: they travel with every answer of the server."""
 _CELLS = (128, 96, 64, 48, 32, 24, 16, 12, 8, 6, 4, 2)
 """Along the longest edge; vertices in one cell become one."""
-_SIDES = 16
-"""Of a round shape."""
 
 
 def coarse(triangles: Array) -> Array:
@@ -39,39 +35,6 @@ def _clustered(triangles: Array, cells: int) -> Array:
     _, first = np.unique(np.sort(corners[~is_flat], axis=1), axis=0, return_index=True)
     result: Array = middles[corners[~is_flat][first]]
     return result
-
-
-def box(halves: Array) -> Array:
-    """The surface of a box around the origin, half its edge lengths given, shape (12, 3, 3)."""
-    square = np.array([[1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
-    sides = [np.roll(square, axis, axis=1) for axis in range(3)]
-    faces = [*sides, *(-side[::-1] for side in sides)]
-    result: Array = np.concatenate([[face[[0, 1, 2]], face[[0, 2, 3]]] for face in faces]) * halves
-    return result
-
-
-def turned(profile: list[tuple[float, float]]) -> Array:
-    """A surface that a line of points (radius, height) leaves when it turns about the z axis, shape (k, 3, 3)."""
-    angles = np.linspace(0.0, 2.0 * math.pi, _SIDES + 1)
-    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    rings = [np.column_stack([radius * ring, np.full(_SIDES + 1, height)]) for radius, height in profile]
-    parts = []
-    for lower, upper in pairwise(rings):
-        parts.append(np.stack([lower[:-1], lower[1:], upper[1:]], axis=1))
-        parts.append(np.stack([lower[:-1], upper[1:], upper[:-1]], axis=1))
-    return np.concatenate(parts)
-
-
-def capsule(radius: float, half: float) -> Array:
-    """Of a cylinder of that half length along z, with half a ball at each end; a ball if it has none."""
-    steps = np.linspace(0.0, 0.5 * math.pi, 5)
-    bottom = [(radius * math.sin(step), -half - radius * math.cos(step)) for step in steps]
-    return turned([*bottom, *((away, -height) for away, height in reversed(bottom))])
-
-
-def cylinder(radius: float, half: float) -> Array:
-    """Of a cylinder of that half length along z."""
-    return turned([(0.0, -half), (radius, -half), (radius, half), (0.0, half)])
 
 
 def to_text(triangles: Array) -> str:
