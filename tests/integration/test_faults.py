@@ -197,7 +197,7 @@ def test_agents_work_with_a_new_server_as_with_the_old_one(clock, tmp_path):
         watcher.wait_until(lambda: len(watcher.latest) == len(team.plan.agents), "a new beginning")
         watcher.wait_until_valid()
         for name in team.plan.agents:
-            assert "the server has started again: so does this agent" in team.log(name)
+            assert "the server has restarted, so this agent restarts, too" in team.log(name)
         assert watcher.worst < 5.0
 
 
