@@ -90,7 +90,7 @@ class OwnEstimator:
             return check(returned)
         except MessageError as error:
             raise PluginError(
-                f"{self._what}: {method}{_place(bound)} returned a value that cannot be used: {error}. See docs/own.md"
+                f"{self._what}: {method}{_place(bound)} returned an unusable value: {error}. See docs/own.md"
             ) from error
 
     @property

@@ -37,7 +37,7 @@ def test_robots_begin_anew_with_another_estimator_in_mid_run(start: Callable[...
 
     status, text = run.ask("use", "best")
     assert status == 1
-    assert "refused: this run has no estimator 'best'; there are: efficient, fan2017" in text
+    assert "refused: this run has no estimator 'best'; available: efficient, fan2017" in text
     assert run.ask("use", "efficient")[0] == 1
     assert run.ask("use") == (0, "the robots use efficient; available: efficient, fan2017\n")
     status, text = run.ask("use", "fan2017")

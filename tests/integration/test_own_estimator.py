@@ -159,7 +159,7 @@ def test_one_that_says_more_than_neighbours_take_is_told_so_before_it_says_it(tm
     done = coheft(tmp_path, tmp_path, "run", "ring3", "--estimator", "talkative")
     assert done.returncode == 1, done.stderr
     place = f"step ({tmp_path / 'talkative.py'}, line 7)"
-    assert f"{place} returned a value that cannot be used: its arrays take 320.0 kB, expected at most 184.0 kB" in done.stderr
+    assert f"{place} returned an unusable value: its arrays take 320.0 kB, expected at most 184.0 kB" in done.stderr
 
 
 def test_a_motion_that_is_not_finite_is_told_with_its_robot_and_in_one_process_ends_the_run(
@@ -177,5 +177,5 @@ def test_a_motion_that_is_not_finite_is_told_with_its_robot_and_in_one_process_e
         "that an arm can do"
     ]
     scenario = msgspec.structs.replace(load_scenario(file), duration=1.0, load_changes=())
-    with pytest.raises(SimulationError, match=r"at 0\.200 s references of r2 hold numbers that are not finite"):
+    with pytest.raises(SimulationError, match=r"at 0\.200 s references of r2 contain numbers that are not finite"):
         list(run_in_process(scenario))

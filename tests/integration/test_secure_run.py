@@ -87,7 +87,7 @@ def test_only_the_operator_changes_the_load_and_the_server_tells_who_tried(secur
         team.ask(StopRequest())
         assert team.exit_status("server") == 0
         log = team.log("server")
-        assert "refused to the observer: put 0.5 kg onto the payload at" in log
+        assert "refused to the observer: add a load of 0.5 kg at" in log
         assert "done for the operator before block" in log
 
 
