@@ -173,8 +173,8 @@ def test_a_motion_that_is_not_finite_is_told_with_its_robot_and_in_one_process_e
     assert done.returncode == 3, done.stderr  # who stands still learns nothing
     said = (tmp_path / "logs" / "server.log").read_text().splitlines()
     assert [line for line in said if "refused" in line] == [
-        "refused from r2: the reference of block 10 is not finite: its arm holds still until it asks for something "
-        "that an arm can do"
+        "refused from r2: the reference of block 10 is not finite: its arm holds still until it gets a reference "
+        "that it can follow"
     ]
     scenario = msgspec.structs.replace(load_scenario(file), duration=1.0, load_changes=())
     with pytest.raises(SimulationError, match=r"at 0\.200 s references of r2 contain numbers that are not finite"):

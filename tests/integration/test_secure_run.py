@@ -111,7 +111,7 @@ def test_a_robots_certificate_shows_it_no_truth(secure, tmp_path):
                 team.wait_for_block(team.ask(StatusRequest()).block + 100)
                 if keys_folder is not None:
                     assert heard == set()
-                    assert "refused from r1: it dialled where only observer, operator may" in team.log("server")
+                    assert "refused from r1: it dialled an endpoint that only observer, oper" in team.log("server")
                 assert len(kept) == 2
 
 
@@ -185,7 +185,7 @@ def test_messages_of_an_old_run_change_nothing_in_a_new_one(secure, tmp_path):
         refusals = team.refusals("r1")
         assert len(refusals) == 20
         for line in refusals:
-            assert "refused from r2: not a NeighbourMessage: its checksum does not fit" in line
+            assert "refused from r2: not a NeighbourMessage: its checksum is wrong" in line
         team.ask(StopRequest())
         assert [team.exit_status(name) for name in team.processes] == [0] * (COUNT + 1)
 
