@@ -78,7 +78,7 @@ def test_an_agent_that_is_frozen_goes_on_where_the_others_are(tmp_path):
         team.processes["r2"].send_signal(signal.SIGCONT)
         watcher.wait_until_valid(block)
         assert watcher.worst < 5.0
-        assert "started again" not in team.log("r2")
+        assert "restarted" not in team.log("r2")
 
 
 def test_a_robot_that_lets_go_leaves_the_team_and_comes_back(tmp_path):

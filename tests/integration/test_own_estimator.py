@@ -146,8 +146,8 @@ def test_a_faulty_one_ends_the_run_at_once_with_the_place_and_is_not_started_aga
     said = " ".join((done.stdout + done.stderr).split())
     assert done.returncode == 1, said
     # That it crashed may have had other reasons; that it raised has not.
-    assert "r2 ended with status 7: out of memory, perhaps; started again (1 of 3)" in said
-    assert said.count("started again (") == 1
+    assert "r2 ended with status 7: out of memory, perhaps; restarted (1 of 3)" in said
+    assert said.count("restarted (") == 1
     assert re.search(r"the estimator 'faulty' of r2 at block \d+ \(\d+\.\d\d s\): step raised KeyError: 'r9' ", said)
     assert f"({tmp_path / 'faulty.py'}, line 15)" in said
     assert "The run is over, because r2 ended with status 2" in said
