@@ -32,8 +32,8 @@ def test_a_run_has_a_status() -> None:
 @pytest.mark.parametrize(
     ("parts", "complaint"),
     [
-        ({"robots": []}, "once each"),
-        ({"robots": ["r1", "r2", "r2"]}, "once each"),
+        ({"robots": []}, "without duplicates"),
+        ({"robots": ["r1", "r2", "r2"]}, "without duplicates"),
         ({"rotations": SCENE.rotations[:2]}, "rotations"),
         ({"rotations": 1.01 * SCENE.rotations}, "r1"),
         ({"rotations": SCENE.rotations[:, :, [1, 0, 2]]}, "r1"),

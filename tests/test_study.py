@@ -312,4 +312,4 @@ def test_what_does_not_vary_is_refused(text: str, capfd: pytest.CaptureFixture[s
 def test_several_studies_are_not_drawn(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     arguments = ["study", "ring3", "--vary", "sensors.rate=100,200", "--report", str(tmp_path / "report")]
     assert run_command_line(arguments) == EXIT_USAGE
-    assert "--json holds them all" in capfd.readouterr().err
+    assert "--json contains all" in capfd.readouterr().err

@@ -55,7 +55,7 @@ def test_robots_begin_anew_with_another_estimator_in_mid_run(start: Callable[...
     since = change["since_s"]
     said = re.findall(r"(r\d): uses the estimator 'fan2017' from (\d+\.\d\d) s on, and starts again", run.words)
     assert sorted(said) == [(name, f"{since:.2f}") for name in ("r1", "r2", "r3")]
-    assert f"At {since:g} s all robots started again with the estimator fan2017." in run.words
+    assert f"At {since:g} s all robots restarted with the estimator fan2017." in run.words
 
     scenario = msgspec.structs.replace(load_scenario("ring3"), load_changes=(), duration=told["duration_s"])
     again = in_one_process(scenario, changing_run(scenario, round(since / scenario.block_duration), "fan2017"))

@@ -279,8 +279,8 @@ def test_links_are_cut_and_mended_and_robots_let_go_and_take_hold(start: Callabl
     for command, words, log, done in (
         ("cut r1 r2", "r1 and r2 no longer receive each other's messages", "r2", "has cut the link with r1"),
         ("mend r1 r2", "r1 and r2 can receive each other's messages again", "r2", "has mended the link with r1"),
-        ("release r2", "r2 let go at", "server", "let r2 release the payload"),
-        ("grasp r2", "r2 took hold at", "server", "let r2 grasp the payload again"),
+        ("release r2", "r2 released the payload at", "server", "let r2 release the payload"),
+        ("grasp r2", "r2 grasped the payload at", "server", "let r2 grasp the payload again"),
     ):
         status, text = run.ask(*command.split())
         assert status == 0, text

@@ -242,7 +242,7 @@ def test_the_command(cut: Path, whole: Path, tmp_path: Path, capfd: pytest.Captu
         read_recording(path)
     assert run_command_line(["recover", str(path), "--overwrite"]) == EXIT_CONVERGED
     told = capfd.readouterr().out
-    assert f"lost {chunk.end - chunk.start} bytes, from byte {chunk.start} on: what was said between 0.02 s and" in told
+    assert f"lost {chunk.end - chunk.start} bytes, from byte {chunk.start} on: messages between 0.02 s and" in told
     assert len(read_recording(tmp_path / "run-recovered.mcap").news) < len(NEWS)
     path.unlink()
     assert run_command_line(["recover", str(path), "--output", str(tmp_path / "no" / "x.mcap")]) == EXIT_USAGE
