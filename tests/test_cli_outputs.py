@@ -89,7 +89,7 @@ def refused(line: str, complaint: str, capfd: pytest.CaptureFixture[str], place:
         ("faults --table folder", "--table: expected a file; found the folder 'folder'"),
         ("faults --kept none/x", "--kept: there is no folder 'none'"),
         ("faults --table x --kept x", "--table and --kept both name 'x'"),
-        ("faults --mutant foo", "there is no mutant 'foo': there are half-complete-row"),
+        ("faults --mutant foo", "there is no mutant 'foo'; available: half-complete-row"),
         ("faults --shrink", "--shrink simplifies one schedule: name it with --replay SEED"),
         ("faults --replay 3 --json x.json", "--json is for a campaign, but --replay runs a single schedule"),
         ("faults --replay 3 --seeds 5", "--seeds is for a campaign"),

@@ -215,7 +215,7 @@ def test_only_the_first_change_is_recovered_from() -> None:
 
 
 def test_accuracy_after_the_load_s_change_is_refused() -> None:
-    with pytest.raises(ScenarioError, match="the load changes at 6 s, but accuracy is to be judged at 7 s"):
+    with pytest.raises(ScenarioError, match="the load changes at 6 s, but accuracy is evaluated at 7 s"):
         plan(at=[2.0, 7.0])
 
 

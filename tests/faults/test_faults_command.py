@@ -95,7 +95,7 @@ def test_values_that_are_not_drawn_are_part_of_what_shows_it_again(
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["--set", "graph.kind=line"], "key 'graph': it is drawn with the faults"),
+        (["--set", "graph.kind=line"], "key 'graph' is drawn together with the faults"),
         (["--set", "sensors.rates=3"], "Did you mean 'rate'?"),
         (["--set", "sensors.rate=300"], "expected one of 100"),
         (["--replay", "schedule.json", "--set", "sensors.rate=200"], "holds a whole schedule: change it there"),
