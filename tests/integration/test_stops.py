@@ -108,5 +108,5 @@ def test_a_report_that_cannot_be_written_does_not_hide_that_the_recording_was_cu
     )
     assert done.returncode == 1
     assert "cannot write the report into" in done.stderr
-    assert f"{recording}: could not be written any more" in done.stderr
+    assert f"{recording}: could no longer be written" in done.stderr
     assert "Traceback" not in done.stderr
