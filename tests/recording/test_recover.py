@@ -206,7 +206,9 @@ def test_an_unfinished_recording_is_refused_with_a_hint(cut: Path) -> None:
         read_recording(cut)
 
 
-@pytest.mark.parametrize(("content", "complaint"), [(b"", "empty"), (b"{}" * 50, "not an MCAP file"), (None, "No such")])
+@pytest.mark.parametrize(
+    ("content", "complaint"), [(b"", "empty"), (b"{}" * 50, "not an MCAP file"), (None, "No such")]
+)
 def test_what_is_no_recording_is_refused(content: bytes | None, complaint: str, tmp_path: Path) -> None:
     path = tmp_path / "odd.mcap"
     if content is not None:
