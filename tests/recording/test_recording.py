@@ -275,7 +275,7 @@ def test_a_run_that_never_began_leaves_no_file(tmp_path: Path) -> None:
 
 def test_no_file_is_overwritten(tmp_path: Path) -> None:
     (tmp_path / "run.mcap").write_text("precious")
-    with pytest.raises(RecordingError, match="there already"):
+    with pytest.raises(RecordingError, match="exists already"):
         Recorder(tmp_path / "run.mcap", SCENARIO)
     assert run_command_line(["run", "ring3", "--record", str(tmp_path / "run.mcap")]) == EXIT_USAGE
     assert (tmp_path / "run.mcap").read_text() == "precious"

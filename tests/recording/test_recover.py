@@ -202,7 +202,7 @@ def test_rubbish_at_the_end_spoils_nothing(cut: Path, scratch: Path, tail: bytes
 
 
 def test_an_unfinished_recording_is_refused_with_a_hint(cut: Path) -> None:
-    with pytest.raises(RecordingError, match=f"no end.*coheft recover {cut}"):
+    with pytest.raises(RecordingError, match=f"is incomplete.*coheft recover {cut}"):
         read_recording(cut)
 
 

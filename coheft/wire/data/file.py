@@ -113,7 +113,7 @@ def _gravity(shared: Mapping[str, Array]) -> Array:
 
 
 def _parts(arrays: Mapping[str, Array]) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
-    """What is of robots, and of the truth, by name and channel; and what is of the whole."""
+    """Return the arrays of robots and of the truth, by name and channel, and those of the whole recording."""
     tables: dict[str, dict[str, Array]] = {}
     shared: dict[str, Array] = {}
     for key, array in arrays.items():

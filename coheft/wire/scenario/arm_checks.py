@@ -30,8 +30,8 @@ def check_arms(scenario: Scenario, origin: str) -> None:
     except np.linalg.LinAlgError as error:
         raise ScenarioError(
             f"{origin}: key 'robots.stiffness': found {list(robots.stiffness)}, 'robots.damping' = "
-            f"{list(robots.damping)} and a payload of {payload.mass:g} kg: no one can tell how these move; expected "
-            f"numbers less large, or less small"
+            f"{list(robots.damping)} and a payload of {payload.mass:g} kg: their motion cannot be computed; expected "
+            f"smaller or larger numbers"
         ) from error
 
 

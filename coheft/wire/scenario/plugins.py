@@ -1,7 +1,7 @@
 """Users' estimators and motions that are installed, and their names.
 
-A package offers them as entry points of the groups in ``GROUPS``. Names are read from its metadata; it is imported only
-by whoever uses it.
+A package registers them as entry points of the groups in ``GROUPS``. Names are read from its metadata; it is imported
+only where it is used.
 """
 
 from __future__ import annotations
