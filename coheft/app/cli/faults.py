@@ -214,7 +214,7 @@ def _replay(console: Console, schedule: FaultSchedule, mutant: str, *, is_shrunk
             fails = breaks_same_promise(outcome)
             simplest = shrink(schedule, fails, lambda simpler: print_schedule(console, simpler))
             if simplest == schedule:
-                console.print("the schedule cannot be simplified: anything simpler breaks none of these promises")
+                console.print("the schedule cannot be simplified: anything simpler keeps these promises")
             else:
                 schedule, outcome = simplest, try_schedule(simplest)
                 path = _new_file(schedule.seed)
